@@ -1,12 +1,12 @@
-# make run     fly the S manoeuvre and make its report      make verify       the proof: check-cases, references, loops
+# make run     run the default campaign and its report     make verify       check-cases, reference data, control loops
 # make test    lint, types, import rules, tests (5 min)     make bench        speed on this machine
-# make test-all  these, and the thorough tests (15 min)     make bench-peers  speed beside other simulators
-# make docs    the site, in docs/_build/html                make example      renew reports/example
-# make lock    renew both lock files                        make dist         build and check what a release publishes
-# make verify-others  other people's problems, beside their numbers
-# make newest-numba  a short flight with the newest numba, pre-releases included: reports, never fails
+# make test-all  make test, and the thorough tests (15 min)  make bench-peers  speed compared with other simulators
+# make docs    the site, in docs/_build/html                make example      update reports/example
+# make lock    update both lock files                       make dist         build and check the files of a release
+# make verify-others  published problems of other authors, compared with their results
+# make newest-numba  a short flight with the newest numba (including pre-releases); prints the result and never fails
 #
-# PYTHON=python3.12 make test chooses the interpreter that .venv is made with.
+# `PYTHON=python3.12 make test` selects the interpreter with which .venv is created.
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -19,7 +19,7 @@ SELF_CHECKS := tests/verification tests/kernel/test_world.py tests/control/desig
 
 .PHONY: run test test-all test-thorough docs example verify verify-others bench performance bench-peers newest-numba lock dist clean
 .DELETE_ON_ERROR:
-# Containers often set it: every start would compile all packages again, for seconds.
+# Containers often set this variable; each start would then compile all packages again, which takes seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
 run: $(INSTALLED)
@@ -50,12 +50,12 @@ test-thorough: $(DEV_INSTALLED)
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal -m thorough
 	$(BIN)/python -m benchmarks.watch
 
-# The pages' examples are flown and run; a warning is an error.
+# The examples on the pages are run; warnings are errors.
 docs: $(DEV_INSTALLED)
 	$(BIN)/python -m sphinx -b html -E -W --keep-going -q -j auto -d docs/_build/doctrees docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
-# The default campaign's report in reports/example, flown again.
+# Run the default campaign again and write its report to reports/example.
 example: $(DEV_INSTALLED)
 	$(BIN)/python studies/example.py
 
@@ -69,7 +69,8 @@ verify: $(DEV_INSTALLED)
 OTHERS := $(BIN)/python -m benchmarks.others
 RESULTS := benchmarks/results/others
 
-# Other people's problems, with docs/explanation/on-others-ground.md. AEROBENCH: the folder `code` of AeroBenchVVPython.
+# Published problems of other authors, and the page docs/explanation/on-others-ground.md. AEROBENCH is the folder `code`
+# of AeroBenchVVPython.
 verify-others: $(DEV_INSTALLED)
 	$(OTHERS).reliability --json $(RESULTS)_reliability.json
 	$(OTHERS).surrogate --json $(RESULTS)_surrogate.json
@@ -81,7 +82,7 @@ verify-others: $(DEV_INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/python -m abhv_mc_verification.bench
 
-performance: $(DEV_INSTALLED)  # BEFORE: the working tree of another version; an hour on an idle machine
+performance: $(DEV_INSTALLED)  # BEFORE: working tree of another version; takes an hour on an idle machine
 	$(BIN)/python -m benchmarks.versions $(BEFORE)
 	$(BIN)/python -m benchmarks.limit
 	$(BIN)/python -m benchmarks.parts
@@ -94,7 +95,7 @@ bench-peers: $(INSTALLED)
 newest-numba: $(INSTALLED)
 	$(BIN)/python .ci/newest_numba.py
 
-# A lock names versions for every Python that the project supports, and no index.
+# A lock file lists versions for all supported Python versions, without a package index.
 LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate pyproject.toml
 
 lock: $(INSTALLED)
@@ -102,7 +103,7 @@ lock: $(INSTALLED)
 	$(LOCK) --extra build --output-file requirements.lock
 	$(LOCK) --extra dev --constraint requirements.lock --output-file requirements-dev.lock
 
-# What a run needs, compiled by Python when it is imported and not before; what tests and pages need besides comes on top of it.
+# Packages that a run needs; Python compiles them at the first import. Packages for tests and pages are installed later.
 $(INSTALLED): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 15) else "$(PYTHON) is Python " + sys.version.split()[0] + "; 3.11 to 3.14 is needed: make PYTHON=...")'
 	$(PYTHON) -m venv .venv

@@ -30,25 +30,26 @@ HEAD = """# Does TLC track better with nearly the same control effort?
 
 ![Error against control effort of TLC and LQR on three vehicles](../images/claim_fronts.png)
 
-*Each point is a controller in the paper's S manoeuvre; a point at the lower left is better. The error is \
-the rms error relative to the controller's own command, as the median of 400 flights under the paper's \
-dispersions. The control effort is the mean of rms and travel of the three surfaces. Error and control effort \
-are relative to those of TLC with Table 1 (star). The lines are the best designs within the same margins, from \
-two searches for each controller. The bars are 95 % intervals.*
+*Each point is a controller in the paper's S manoeuvre; a point at the lower left is better. The error is the rms \
+error relative to the controller's own command; it is the median of 400 flights under the paper's dispersions. The \
+control effort is the mean of rms and travel of the three surfaces. Error and control effort are relative to the \
+values for TLC with the gains of Table 1 (star). The lines show the best designs that satisfy the same limits on \
+stability margins, from two searches for each controller. The bars are 95 % intervals.*
 
 {answer}
 
 Zhu and Shen (2014) conclude: "with nearly the same amount of control surface usage, TLC has a better performance \
 in tracking angle of attack, sideslip angle and bank angle commands". The [comparison with the paper's \
-figures](paper.md#the-claim-with-the-printed-gains) uses the printed gains on eight vehicles. On this page, TLC and \
-LQR are tuned within the same limits on three of these vehicles, each with its own S. All 20 ends of the paper's \
-figures are inside their intervals for `abhv`, and 18 ends for `seed-21` and `seed-23`.
+figures](paper.md#the-claim-with-the-printed-gains) uses the printed gains on eight vehicles. On this page, TLC \
+and LQR are tuned within the same limits on three of these vehicles, each with its own S manoeuvre. All 20 ends of \
+the simulated curves are inside the intervals read from the paper's figures for `abhv`, and 18 of the 20 ends for \
+`seed-21` and `seed-23`.
 
 ## The fronts
 
-The table has the smallest root mean square of the three relative errors within a limit on \
-control effort (exceeded by at most 3 %), the rms of aileron, elevator and rudder of the best \
-design, and in brackets the ratios in angle of attack, sideslip and bank.
+For each limit on control effort (exceeded by at most 3 %), the table gives the smallest root mean square of the \
+three relative errors, the rms deflections of aileron, elevator and rudder for the best design, and in brackets \
+the ratios in angle of attack, sideslip and bank.
 
 {fronts}
 
@@ -57,21 +58,22 @@ started from random points. {agreement}
 
 ## The search
 
-TLC and LQR have 14 free numbers each: bandwidths and dampings of TLC, and weights of LQR. Every \
-design on a line has margins of at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 \
-deg and 30 ms at the corners of the paper's box). The *wide box* also has an effectiveness of ±20 % \
-and a delay of 0 to 40 ms. In its 128 corners and in 200 new flights of 180 s, no flight terminates early \
-or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times the \
-larger error of the printed designs (2 times in the new flights).
+The search has 14 free parameters for each law: the bandwidths and dampings of TLC, or the weights of LQR. Every \
+design on a line has margins of at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and \
+30 ms at the corners of the paper's box). The *wide box* also contains a control effectiveness of ±20 % and a \
+delay of 0 to 40 ms. In the 128 corners of the wide box and in 200 new flights of 180 s, no flight terminates \
+early or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times the larger of the \
+errors of the two printed designs (2 times in the new flights).
 
-`studies/fronts.py` ran CMA-ES for each limit: {effort}. The three vehicles then had a \
-pitch damping that was 1.38, 1.50 and 1.13 times as large, and `seed-23` had 0.88 times its yaw damping \
-([why](paper-vehicles.md#pitch-and-yaw-damping)). `studies/fronts_results.py` simulates the results with new \
-seeds on the present vehicles. The change of damping changed no error by more than 1 % and no margin below its limit.
+`studies/fronts.py` ran CMA-ES for each limit: {effort}. At the time of the search, the pitch damping of the three \
+vehicles was 1.38, 1.50 and 1.13 times as large as it is now, and the yaw damping of `seed-23` was 0.88 times as \
+large ([why](paper-vehicles.md#pitch-and-yaw-damping)). `studies/fronts_results.py` simulates the resulting designs \
+with new seeds on the present vehicles. The changes of damping changed no error by more than 1 % and reduced no \
+margin below its limit.
 
 ## Printed and shipped designs
 
-The table has the results of `abhv` in the paper's box, relative to Table 1. The last column counts early \
+The table gives the results for `abhv` in the paper's box, relative to Table 1. The last column counts early \
 terminations and oscillations in the 328 flights of the wide box.
 
 {shipped}
@@ -154,15 +156,15 @@ def answer(results: dict[str, Any]) -> str:
         raise SystemExit("TLC no longer has the smaller error everywhere: rewrite the conclusion")
     return (
         "**The claim is not decided: TLC has the smaller error in all nine comparisons, by "
-        f"{min(gains):.0f} to {max(gains):.0f} %, but two searches for one controller differ by up "
+        f"{min(gains):.0f} to {max(gains):.0f} %, but two searches for the same controller differ by up "
         f"to {differences(results)}. With the mean control effort of Table 1, the error of TLC in "
         f"the three angles together is {ratio_words(results, 1.0)} times that of LQR on the three "
         f"vehicles. With 0.85 of this effort, it is {ratio_words(results, 0.85)} times, and with "
         f"0.7 of it {ratio_words(results, 0.7)} times that of LQR.** With the full effort, the "
         f"ratios are {ratio_words(results, 1.0, 0)} in angle of attack, "
         f"{ratio_words(results, 1.0, 1)} in sideslip and {ratio_words(results, 1.0, 2)} in bank. "
-        "With less effort, TLC is not better in every angle (see the table). A longer search may "
-        "change these numbers and their order."
+        "With less effort, TLC is not better for every angle (see the table). A longer search may "
+        "change these numbers and the ranking of the two controllers."
     )
 
 
@@ -210,8 +212,8 @@ def agreement(results: dict[str, Any]) -> str:
         for budget in BUDGETS
     ]
     return (
-        f"The two searches differ by up to {differences(results)}; for LQR, search 1 is worse in "
-        "nearly all rows. With search 2 alone, the ratios in the nine rows are "
+        f"The results of the two searches differ by up to {differences(results)}; for LQR, search 1 is worse in "
+        "nearly all rows. With search 2 alone, the ratios of the errors in the nine rows are "
         f"{min(ratios):.2f} to {max(ratios):.2f}."
     )
 
@@ -222,7 +224,7 @@ def effort(results: dict[str, Any]) -> str:
         sum(vehicle_results["candidates"].values()) for vehicle_results in results.values()
     )
     hours = sum(vehicle_results["hours"] for vehicle_results in results.values())
-    return f"{candidates:,} candidates in {hours:.1f} hours of a shared core"
+    return f"{candidates:,} candidates in total, in {hours:.1f} hours of a shared core"
 
 
 def main() -> None:

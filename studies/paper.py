@@ -81,16 +81,16 @@ figures. Therefore `studies/paper_vehicle.py` searched for vehicles that reprodu
 Table 1 and the LQR weights as printed, and found {number}. A conclusion is supported if it holds for all
 {number} vehicles. `studies/paper.py` writes this page.
 
-- The file `configs/control/tlc.yaml` is Table 1, with the paper's differentiators of 0.3 and 1.5 rad/s, and
-  `configs/control/lqr.yaml` has the printed weights.
-- The end of an automatically chosen axis lies within one tick of the data, so each end gives an interval
-  for the end of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10 and 11
-  (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 ends: the smallest and
-  largest value of the curves on each axis. Figure 3 and the insets of Figure 7 give limits only.
-- The S starts to the right. The paper does not state the signs of sideslip and deflections; the word
+- The file `configs/control/tlc.yaml` contains the gains of Table 1, with the paper's differentiator bandwidths of 0.3
+  and 1.5 rad/s, and `configs/control/lqr.yaml` contains the printed weights.
+- The end of an automatically chosen axis lies within one tick of the data, so each end of an axis gives an interval
+  for the corresponding end of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10
+  and 11 (one axis for both controllers) and of Figures 5 and 7 (one axis for each controller) have 20 ends: the
+  smallest and largest value of the curves on each axis. Figure 3 and the insets of Figure 7 give limits only.
+- The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; the word
   "mirrored" marks the opposite sign.
-- The bank is established within the bank time, and the lateral acceleration follows a power of the cosine,
-  the sharpness. The time in the paper is the time in abhv-mc plus 180 s.
+- In the S manoeuvre, the bank is established within the bank time, and the lateral acceleration follows a power of
+  the cosine, whose exponent is the sharpness. The time in the paper is the time in abhv-mc plus 180 s.
 
 ## Figure by figure
 
@@ -107,13 +107,13 @@ In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The ensemble
 
-Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the
-eight traits. The {number} vehicles are the largest set with this property among the candidates of about {searches}
-searches. A candidate has at least 18 of the 20 ends inside, no end outside by more than 20 % of its axis,
-and [plausible properties](paper-vehicles.md). Each member is a rigid body at both mass points, trims at
-least 0.1 deg from the nodes of the tables, and does not saturate. `studies/paper_vehicle.json` has the
-traits of each member. The pitch damping of {reduced} members was reduced afterwards, and the yaw damping of
-two members was increased ([why](paper-vehicles.md#pitch-and-yaw-damping)).
+Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits.
+The {number} vehicles are the largest set with such differences among the candidates of about {searches} searches. In
+a candidate, at least 18 of the 20 ends are inside their intervals, no end is outside by more than 20 % of its axis,
+and the properties are [plausible](paper-vehicles.md). Each member has the mass properties of a rigid body at both
+mass points, trims at least 0.1 deg from the nodes of the tables, and does not saturate. `studies/paper_vehicle.json`
+contains the traits of each member. The pitch damping of {reduced} members was
+reduced [afterwards](paper-vehicles.md#pitch-and-yaw-damping), and the yaw damping of two members was increased.
 
 {spread}
 
@@ -133,14 +133,14 @@ the transients (the ramps of the bank and 5 s after each ramp), and the control 
 TLC and LQR are stable in level flight on every member (least disk margins {disk_tlc} for TLC, {disk_lqr} for
 LQR), and no flight terminates early.
 
-In bank, the result depends on the window. During a ramp, the faster attitude loop has the smaller error:
+For the bank angle, the result depends on the time window. During a ramp, the faster attitude loop has the smaller error:
 the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with Table 1 and sqrt(2.28e5 / 3.28e3) = 8.3 rad/s with the
 printed weights. Outside the transients, the static error is decisive; it is smaller for TLC, because TLC
 inverts the model and integrates.
 
 The page on [the claim](claim.md) compares controllers that were tuned within the same limits. On a vehicle
 that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in
-bank), the printed LQR weights are unstable and Table 1 saturates, which the paper does not show.
+bank), LQR with the printed weights is unstable and TLC with Table 1 saturates, which the paper does not show.
 
 ## Prediction of one figure from the others
 
@@ -159,63 +159,70 @@ PLAUSIBILITY = """
 
 The figures alone also admit vehicles that could not be built, so each member satisfies the limits of this table
 (`studies/paper_vehicle_sides.py`). The limits of lift, drag and L/D cover all Mach numbers of the tables; all other
-limits apply at the Mach number of the S, 4.74, and no member was designed for flight far from it. The free numbers of the search are factors on GHAME's tables at a length of 8.6 m,
-a little more than that of an X-51 with its booster. The wing loading was chosen, because a common factor on mass,
-inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with
-GHAME's dependence on the Mach number, and deflections cause no drag. The tables begin at Mach 2.
+limits apply at the Mach number of the S manoeuvre, 4.74, and no member was designed for flight far from this Mach
+number. The search varies factors on GHAME's tables, for a length of 8.6 m, which is slightly more than the length of
+an X-51 with its booster. The wing loading was chosen, because a common factor on mass, inertias, coefficients and
+cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the
+Mach number, and deflections cause no drag. The tables of all members begin at Mach 2.
 
 [CLASS]
 
-Two limits have a source: Kuechemann's 4 (M + 3)/M, an L/D of 6.5 at Mach 4.74, and the wing loading, which was
-380 kg/m2 for the X-43A (Marshall et al., AIAA 2005-3332). The yaw damping of the rudder is at most Cn_r in quasi-steady
-flow. The others are engineering judgement. Both arms and the radius of pitch damping are lengths at the span and chord of `abhv`, and limited by half of its length. Quasi-steady
-lift at this radius from the centre of gravity has the vehicle's Cm_q, which is -2 CL_alpha (radius/chord)^2.
+Two limits have a source. The limit on L/D is Kuechemann's 4 (M + 3)/M, which is 6.5 at Mach 4.74, and the limits on
+the wing loading include the 380 kg/m2 of the X-43A (Marshall et al., AIAA 2005-3332). In quasi-steady flow,
+the rudder alone cannot damp yaw more than the whole vehicle. The other limits are engineering judgement. The two arms and the radius of pitch damping are lengths for the span and chord of `abhv`; none
+of them may exceed half of the vehicle's length. Quasi-steady lift at this radius from the centre of gravity would
+produce the vehicle's Cm_q, which is -2 CL_alpha (radius/chord)^2.
 
 The limits, not only the figures, determine some traits. The following traits are within a tenth of their search unit
 of a limit, with the number of members: {near}.
 
 {sides}
 
-GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} at this
-point (its best is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In Figure 11, the equivalence ratio rises from about
-0.84 in straight flight to about 1.2 at 50 deg of bank. With induced drag, this increase requires an L/D of 3 to 5, so the
-paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the members share: at Mach 4.74
-the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25, {impulse_even:.0f} s at 1 and
-{impulse_rich:.0f} s at 1.5. The increase with the equivalence ratio is a property of GHAME: the specific impulse of a real hydrogen ramjet usually
-decreases with the equivalence ratio, and fuel beyond the stoichiometric ratio does not burn. Slender lifting bodies reach an L/D of 3 ([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D
-of the members is higher, as that of waveriders. The least CD of the winged cone is that of one node, Mach 8 and -1 deg, of
-its polynomial fit.
+GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (its best
+is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In
+Figure 11, the equivalence ratio rises from about 0.84 in
+straight flight to about 1.2 at 50 deg of bank. With induced drag, such an increase of the equivalence ratio requires
+an L/D of 3 to 5, so the paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the
+members share: at Mach 4.74 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25,
+{impulse_even:.0f} s at 1 and {impulse_rich:.0f} s at 1.5. The increase with the equivalence ratio is a property of
+GHAME: the specific impulse of a real hydrogen ramjet usually decreases with the equivalence ratio, and fuel beyond
+the stoichiometric ratio does not burn. Slender lifting bodies reach an L/D of 3 ([NASA
+SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D of the members is higher, like that of waveriders. The
+smallest CD of the winged cone occurs at a single node of its polynomial fit, at Mach 8 and -1 deg.
 
 ## Pitch and yaw damping
 
-The figures do not determine pitch damping. The searches, also those of the [predictions](paper.md), ran without the
-limit of its radius; then Cm_q was reduced on {reduced} members to satisfy the limit and to differ between members, on
-`abhv` from -3.46 to {abhv_damping:.2f}. No end moved by more than 5 % of its axis, and none left its interval. The limit
-is an upper bound, which only lift at nose and tail would reach: lift that is uniform along the body has a radius of 2.5 m,
-and GHAME one of 3.1 m. The pitch damping of `abhv` is thus large, but a smaller one would change no figure.
+The figures do not determine pitch damping. The searches, including those for the [predictions](paper.md), ran without
+a limit on the radius of pitch damping; afterwards, Cm_q was reduced on {reduced} members to satisfy the limit and to
+differ between members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change moved no end of the curves by more than
+5 % of its axis, and no end out of its interval. The limit on the radius is an upper bound, which would be reached
+only if all lift acted at nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for
+GHAME. The pitch damping of `abhv` is thus large, but a smaller value would change no figure.
 
 A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
--2 CY_dr (arm/span)^2, to which other surfaces add. The searches ran without this limit, too; then the magnitude of Cn_r
-was increased by 4 % on `seed-16` and by 13 % on `seed-23`, which moved no end by more than 0.2 % of its axis.
+-2 CY_dr (arm/span)^2, to which other surfaces add. The searches ran without this limit, too; afterwards, the magnitude
+of Cn_r was increased by 4 % on `seed-16` and by 13 % on `seed-23`, which moved no end of the curves by more than 0.2 %
+of its axis.
 
 ## Control powers
 
-Derivatives are per rad, at the trim.
+The derivatives are per radian and apply at the trim.
 
 [POWERS]
 
-The deflections in the paper's figures constrain the control powers of the members for a vehicle of this size; no layout
-of surfaces was used. The aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's and the rudder
-{rudder_ratio:.0f} times, but the elevator has {elevator_ratio:.1f} times the lift. The rolling moment of the aileron
-corresponds to the lift of the elevator at {aileron_arm:.1f} spans from the axis, so no elevons could have both. Separate all-moving
-surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), could: at least {aileron_area:.0f} % of the reference area at
-the ends of the span for the aileron, and {rudder_area:.0f} % for the rudder. In a steady
-roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f} times that of GHAME, and the roll rate {roll_rate:.0f} rad/s,
-which no structure would withstand. The figures cannot decide whether the paper's vehicle had such surfaces, whether its
-tables were not those of an aircraft, or whether its size, wing loading and inertias differ from those chosen here. The
-flights use about 1 deg of aileron and 0.4 deg of rudder.
+The deflections in the paper's figures constrain the control powers of the members for a vehicle of this size; no
+layout of the surfaces was assumed. The aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's and the
+rudder {rudder_ratio:.0f} times, but the elevator produces only {elevator_ratio:.1f} times the lift of GHAME's
+elevator. The rolling moment of the aileron corresponds to the lift of the elevator at {aileron_arm:.1f} spans from
+the axis, so no elevons could provide both. Separate all-moving surfaces with the lift slope of a thin plate,
+4/sqrt(M^2 - 1), could provide both: at least {aileron_area:.0f} % of the reference area at the ends of the span for
+the aileron, and {rudder_area:.0f} % for the rudder. In a steady roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f}
+times that of GHAME, and the roll rate {roll_rate:.0f} rad/s, which no structure would withstand. The figures cannot
+decide whether the paper's vehicle had such powerful surfaces, whether its tables were not those of an aircraft, or
+whether its size, wing loading and inertias differ from those chosen here. The flights use about 1 deg of aileron and
+0.4 deg of rudder.
 
-The Cl_beta of the members is of the winged cone's order, and GHAME has almost none.
+The Cl_beta of the members is of the same order as that of the winged cone, while the Cl_beta of GHAME is nearly zero.
 """
 
 
@@ -296,7 +303,7 @@ def ends_words(judged: dict[str, Any]) -> str:
     full = [name for name, member in judged.items() if all_in(member)]
     return (
         "The following ends are outside their interval, with the number of members and the largest "
-        f"distance in percent of the axis: {listed}. All 20 ends are inside for "
+        f"distance in percent of the axis: {listed}. All 20 ends are inside their intervals for "
         f"{join(full) or 'no member'}."
     )
 
@@ -352,7 +359,7 @@ def sides_words(members: list[dict[str, Any]]) -> str:
     listed = ", ".join(
         f"{label}: {count}" for label, count in sorted(counts.items(), key=lambda item: -item[1])
     )
-    return f"Members lie on these ends of the search box: {listed or 'none'}."
+    return f"Numbers of members at a bound of the search box: {listed or 'none'}."
 
 
 def near_words(members: list[dict[str, Any]]) -> str:

@@ -198,7 +198,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         f"{bandwidth:g} rad/s at ratio {ratio:g}" for ratio, bandwidth in largest.items()
     )
     leads = "; ".join(
-        f"{head.rsplit(' ', 1)[0]} on {channel.replace('_', ' ')} ({ratio:.1f} times)"
+        f"{head.rsplit(' ', 1)[0]} error {ratio:.1f} times ({channel.replace('_', ' ')})"
         for head, (ratio, channel) in worst.items()
     )
     dampings = list(damping_rows(tuning))
@@ -215,16 +215,17 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         f"`studies/tune_tlc.py` repeats section 6 of the paper on `{vehicle}`: the S manoeuvre is "
         "simulated nominally and at four corners of the paper's dispersions. Errors are rms values "
-        "in m, m/s and deg, and travels are in deg; all are means over the five flights. Numbers "
-        "that are not listed are those of Table 1.",
+        "in m, m/s and deg, and surface travels are in deg; all values are means over the five "
+        "flights. Parameters that are not listed have the values of the paper's Table 1.",
         "",
         "## Damping, from 0.707 upwards",
         "",
         "The damping of all channels is changed in the inner loops (3 and 4) or in the outer loops "
-        "(1 and 2). The overshoot is that of the nominal bank after the first step. The swings are "
-        f"the largest number of reversals of a surface by more than {SWING:g} deg between the two "
-        f"steps; {MANY} or more count as an oscillation. The smallest inner damping without "
-        f"overshoot is {calmest:g} in these tests; Table 1 has 3.4.",
+        '(1 and 2). The column "overshoot" gives the overshoot of the nominal flight\'s bank '
+        'angle after the first step. The column "swings" gives the largest number of reversals by '
+        f"more than {SWING:g} deg that any surface makes between the two steps; {MANY} or more "
+        "reversals count as an oscillation. The smallest inner damping without overshoot is "
+        f"{calmest:g} in these tests; the value in Table 1 is 3.4.",
         "",
         *header(("loops", "damping", "overshoot", "swings")),
         *dampings,
@@ -232,20 +233,22 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "## Outer bandwidths below inner ones",
         "",
         "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. The "
-        f"command gives {len(tuning.bench.table_1.warnings()) or 'no'} warnings for Table 1. If an "
-        "inner bandwidth is reduced to the outer one, the error with the largest increase is "
-        f"{ordered[0]} that of Table 1. If the inner bandwidth is half the outer one, it is "
-        f"{ordered[1]} that of Table 1.",
+        f"command gives {len(tuning.bench.table_1.warnings()) or 'no'} warnings for the bandwidths "
+        "of Table 1. If an inner bandwidth is reduced to the outer bandwidth, the error that "
+        f"increases most becomes {ordered[0]} as large as with Table 1. If the inner bandwidth is "
+        f"half the outer bandwidth, this error becomes {ordered[1]} as large.",
         "",
         "## Differentiators: up to the onset of oscillation",
         "",
-        "The bandwidth of the differentiators of sub-loop 3 is increased from zero; that of "
-        "sub-loop 4 is larger by a ratio of 3, 4 or 5. The largest bandwidths without an "
-        f"oscillation are {swings}; sub-loop 4 is then near the {surfaces:g} rad/s of the "
-        "surfaces. The paper uses only 0.3 rad/s at ratio 5. Noise limits the bandwidth first: the "
-        "last column is the travel of all surfaces in the nominal flight with white noise of "
-        f"{NOISE:g} deg and deg/s rms on each measured angle and body rate at 100 Hz. The table is "
-        "for ratio 5:",
+        "The bandwidth of the differentiators of sub-loop 3 is increased from zero; the "
+        "bandwidth for sub-loop 4 is larger by a ratio of 3, 4 or 5. The largest bandwidths "
+        "without an "
+        f"oscillation are {swings}; the bandwidth for sub-loop 4 is then near the "
+        f"{surfaces:g} rad/s of the surface actuators. The paper uses only 0.3 rad/s for sub-loop "
+        "3, at ratio 5. Noise limits the bandwidth first: the last column is the travel of all "
+        "surfaces in the nominal flight with white noise at 100 Hz, with an rms value of "
+        f"{NOISE:g} deg on each measured angle and {NOISE:g} deg/s on each measured body rate. The "
+        "table is for ratio 5:",
         "",
         *(
             line + tail
@@ -261,8 +264,8 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "## Sensitivity to each bandwidth",
         "",
-        "Each bandwidth is changed alone, by a factor of up to 3. The largest errors relative to "
-        "Table 1 are: " + leads + ".",
+        "Each bandwidth is varied alone, by a factor of up to 3. The largest increase of each "
+        "error relative to Table 1, and the bandwidth that causes it, are: " + leads + ".",
         "",
         "![Errors over the bandwidths](../images/tuning_sensitivity.png)",
         "",

@@ -226,7 +226,7 @@ def make_table(record: dict[str, Any]) -> str:
     ]
     lines += [
         "",
-        f"Medians of {ours['repeats']} repeats in {ours['processes']} processes each, processor "
+        f"Medians of {ours['repeats']} repeats in each of {ours['processes']} processes; processor "
         f"time of one core; the last column is relative to `{YARDSTICK}` in the same round. "
         "The altitude after 60 s differs from that of abhv-mc by at most "
         + ", ".join(differences)

@@ -27,7 +27,8 @@ from typing import Any
 
 __version__ = "0.1.0"
 _MODULES = ("extend", "plots", "statistics", "topics")
-_ADDED = ("tune",)  # functions that other packages register as entry points of abhv_mc.functions
+# functions that other packages register in the entry point group abhv_mc.functions
+_ADDED = ("tune",)
 __all__ = [
     "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__",
     "compare", "extend", "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare",

@@ -157,7 +157,7 @@ class Campaign:
             raise
         weakref.finalize(
             campaign, shutil.rmtree, folder, ignore_errors=True
-        )  # The results folder contains copies of these files.
+        )  # Results folders contain copies of the files in this temporary folder.
         return campaign
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
@@ -214,7 +214,7 @@ class Campaign:
         return Results(run_campaign(request).folder)
 
     def _repr_html_(self) -> str:
-        """Return the question, controllers and dispersions as HTML for notebooks."""
+        """Return the campaign's question, controllers and dispersions as HTML for notebooks."""
         head = f"{self.name}: {self.runs} flights each. {self.question}"
         data = self._checked.document.entries
         entries = data.get("dispersions") or {}

@@ -22,7 +22,7 @@ def one_blas_thread() -> Iterator[None]:
     if os.environ.get("OPENBLAS_NUM_THREADS") == "1":
         yield
         return
-    import scipy.linalg  # noqa: F401  its BLAS must be loaded to be limited
+    import scipy.linalg  # noqa: F401  loads SciPy's BLAS, so that it can be limited
     from threadpoolctl import threadpool_limits
 
     with _lock:

@@ -14,7 +14,7 @@ class Bounds(NamedTuple):
     high: float | None = None
 
     def as_entry(self) -> dict[str, float]:
-        """Return the limits as keys of a requirement in a campaign file or requirement matrix."""
+        """Return the limits as the entries of a requirement, with the keys above and below."""
         return {
             key: value
             for key, value in zip(("above", "below"), self, strict=True)
@@ -53,12 +53,12 @@ class Bounds(NamedTuple):
 
     @property
     def limit(self) -> float:
-        """Limit for the values returned by :meth:`worse`; 0 for two limits."""
+        """Limit for the values returned by :meth:`worse`; 0 if there are two limits."""
         return 0.0 if self.both else self.sign * sum(self.as_entry().values())
 
     @property
     def size(self) -> float:
-        """Scale of distances: magnitude of the limit, or half the width between two limits."""
+        """Scale of distances to a limit: its magnitude, or half the width between two limits."""
         return (
             (self.high - self.low) / 2.0
             if self.low is not None and self.high is not None

@@ -32,7 +32,7 @@ _BROKEN = {
 }
 Pending = list[
     tuple[Path, str | None, tuple[Path, Path] | None]
-]  # (file, kind, vehicle and mission of the campaign)
+]  # (file, kind of file, and the campaign's vehicle and mission)
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file and all files that it names, each file once.
+    """Check a file and every file that it names, but no file twice.
 
     Raise InputErrors with the problems of all files.
     """

@@ -55,7 +55,7 @@ from abhv_mc.user_code.law_interface import (
 )
 from abhv_mc.user_code.module import CHANNEL, CONTROLLER, DYNAMICS, ChannelMark, ControllerMark
 from abhv_mc.user_code.small_matrices import cholesky, matmul, solve
-from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  spoken as functions
+from abhv_mc.user_code.table import Scattered as scattered  # noqa: N813  used like functions
 from abhv_mc.user_code.table import Table as table  # noqa: N813
 
 __all__ = [
@@ -141,7 +141,7 @@ def controller(
 
 
 def channel(*, unit: str) -> Callable[[F], F]:
-    """Mark a function that computes a custom channel of the same name.
+    """Mark a function that computes the custom channel of the same name.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def channel(*, unit: str) -> Callable[[F], F]:
 
 
 def measurement_filter(function: F | None = None, *, units: dict[str, str] | None = None) -> Any:
-    """Mark a function as the filter of the measurements of TLC or LQR.
+    """Mark a function as the measurement filter of TLC or LQR.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 class StoredPlans(NamedTuple):
-    """Plans stored in a results folder, which are read when they are restored."""
+    """Plans stored in a results folder, which are read only when they are needed."""
 
     root: Path  # folder with the input files of Simulator.pack
     # Convert the stored arrays of a system by a function, which raises KeyError, ValueError or
@@ -70,13 +70,13 @@ class Capabilities(NamedTuple):
 
     can_rerun: bool = True  # The simulator can compute flights, not only read them.
     is_repeatable: bool = True  # Equal inputs give bit-identical results.
-    has_margins: bool = True  # Margins can be computed in flights and in trim.
-    has_mission: bool = True  # Flights share times, a reference and a nominal flight.
+    has_margins: bool = True  # Margins can be computed for flights and at the trim.
+    has_mission: bool = True  # All flights have the same times, reference and nominal flight.
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Functions that make and run a plan; tests replace them with fast ones.
+    """Functions that make and run a plan; tests replace them with fast functions.
 
     A flight depends only on its plan and its row of inputs, not on the other flights of a block.
     """
@@ -97,7 +97,7 @@ class Simulator(Protocol):
     """Source of a campaign's flights: a program that computes them, or a table of results."""
 
     kind: str  # noun for a compared system, such as 'controller'
-    systems: tuple[str, ...]  # names; the first system must meet the requirements
+    systems: tuple[str, ...]  # names of the systems; the first system must meet the requirements
     outcomes: Outcomes  # possible outcomes of flights
     channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
     capabilities: Capabilities
@@ -114,7 +114,7 @@ class Simulator(Protocol):
         """Raise InputError if ``feature`` needs a vehicle, mission and controllers."""
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
-        """Return each custom code and its file, without running it."""
+        """Return each piece of custom code and its file, without running the code."""
 
     def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
         """Return the entries of the campaign file with paths inside a results folder.
@@ -140,10 +140,10 @@ class Simulator(Protocol):
         """Return plans for ``rows`` of inputs ``names``. Raise InputError for invalid rows."""
 
     def find_stride(self, plan: Any, output: str) -> int:
-        """Return the ticks between samples of 'histories' or 'envelopes'. Raise InputError."""
+        """Return the ticks between samples of 'histories' or 'envelopes', or raise InputError."""
 
     def find_warnings(self, plans: Mapping[str, Any]) -> list[str]:
-        """Return warnings about the mission and unattainable parts of the campaign."""
+        """Return warnings about the mission and about unattainable parts of the campaign."""
 
     def find_reference(self, plan: Any) -> dict[str, Floats]:
         """Return the reference trajectory as columns, at the rate of the histories."""
@@ -174,7 +174,7 @@ class Simulator(Protocol):
         """Return errors for dispersions that have no effect in this simulator."""
 
     def try_out(self) -> Iterator[str]:
-        """Start the simulator without a flight and yield warnings. Raise InputError if it fails."""
+        """Start the simulator without simulating; yield warnings. Raise InputError if it fails."""
 
 
 class Executor(Protocol):
@@ -212,9 +212,10 @@ class Executor(Protocol):
         """End all workers."""
 
 
-# Opens an executor for an engine and a limit on the time of 16 flights, s, or None.
+# Function that opens an executor for an engine and a time limit for 16 flights (s, or None).
 OpenExecutor = Callable[[Engine, float | None], Executor]
-# Connects to the scheduler at an address, or raises InputError, before any file is written.
+# Function that connects to the scheduler at an address, or raises InputError, before any file is
+# written.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 
@@ -252,7 +253,7 @@ class Store(Protocol):
         """Local folder of the campaign, or None if the store is remote."""
 
     def reading(self, pattern: str = "*") -> AbstractContextManager[Path]:
-        """Provide a local folder with the files that match ``pattern``. Raise InputError."""
+        """Provide a local folder with the files that match ``pattern``, or raise InputError."""
 
     def writing(self, staging: Path | None = None) -> AbstractContextManager[Path]:
         """Provide a local folder that is saved to the store; ``staging`` may name the folder."""

@@ -87,7 +87,8 @@ def write_new_campaign(
             "a campaign with the controller tlc",
         )
     craft = vehicle or campaign.vehicle
-    named = (craft, campaign.mission, *controllers.values())
+    channels = () if campaign.channels is None else (campaign.channels,)
+    named = (craft, campaign.mission, *controllers.values(), *channels)
     files = {file for path in named for file in (path, *find_references(path.resolve()))}
     targets = {file.resolve(): folder / _place(file.resolve(), craft) for file in files}
     written = [folder / "campaign.yaml"]

@@ -162,7 +162,8 @@ class Request(CheckedRequest):
     trust_code: Annotated[
         bool,
         Option(
-            "Allow custom code of the campaign to run although it has not been run here before.",
+            "Allow the campaign's custom code to run even if it has not been run on this machine "
+            "before.",
             "flag",
         ),
     ] = False
@@ -177,8 +178,8 @@ class Request(CheckedRequest):
     baseline: Annotated[
         Paths | None,
         Option(
-            "Results folder of an earlier campaign with the same samples. Its values of unknown "
-            "parameters are simulated too, and the report lists the changes.",
+            "Results folder of an earlier campaign with the same samples. The values of its "
+            "unknown parameters are simulated too, and the report lists the changes.",
             "results",
         ),
     ] = None

@@ -391,7 +391,8 @@ class Results:
         ]
         refuse_changes(self._paths, self.manifest)
         arrow_table = pa.concat_tables(tables, promote_options="default")
-        table = arrow_table.to_pandas(ignore_metadata=True)  # Metadata may rename columns.
+        # The pandas metadata of a file may rename columns.
+        table = arrow_table.to_pandas(ignore_metadata=True)
         units = {
             field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
             for field in arrow_table.schema

@@ -56,7 +56,7 @@ def find_input(name: str | Path, *kinds: str) -> Path:
     Raise :class:`abhv_mc.io.input_error.InputError` for an unknown name.
     """
     text = str(name)
-    is_file = os.path.exists(text) and not os.path.isdir(text)  # noqa: PTH110, PTH112  Path's raise for long names
+    is_file = os.path.exists(text) and not os.path.isdir(text)  # noqa: PTH110, PTH112  methods of Path raise for long names
     if is_file or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
         return Path(text)
     choices = [shipped_files(kind) for kind in kinds]

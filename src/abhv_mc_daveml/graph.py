@@ -20,7 +20,7 @@ class Uncertainty:
     """Uncertainty of a variable, described by two numbers if possible."""
 
     effect: str  # additive, multiplicative (relative), percentage or absolute
-    half_width: float | None  # None if from a table, other variables or asymmetric bounds
+    half_width: float | None  # None if given by a table, by other variables or by asymmetric bounds
     sigmas: float | None  # half-width in standard deviations; None: uniform
     correlations: tuple[tuple[str, float], ...]  # (varID, coefficient)
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 
 from abhv_mc_daveml.graph import Model, Uncertainty, Variable
-from abhv_mc_daveml.signals import quantity_of
+from abhv_mc_daveml.signals import quantity_of, sign_of
 
 _FACTORS = {
     "CL": "aero.lift",
@@ -44,8 +44,15 @@ def write_dispersions(models: Sequence[Model]) -> str:
         f"dispersions:{'' if entries else ' {}'}",
         *(f"  {name}: {json.dumps(law)}" for name, law in entries.values()),
     ]
+    # An increment has the sign of abhv-mc; a factor is the same for both signs.
+    signs = {
+        v.identifier: sign_of(quantity_of(v) or "", v) or 1 if own.effect == "additive" else 1
+        for v, own in stated
+    }
     pairs = {
         tuple(sorted((entries[v.identifier][0], entries[other][0]))): coefficient
+        * signs[v.identifier]
+        * signs[other]
         for v, own in stated
         for other, coefficient in own.correlations
         if v.identifier in entries and other in entries
@@ -64,7 +71,7 @@ def _entry(variable: Variable, own: Uncertainty) -> tuple[str, dict[str, str | f
     names = _INCREMENTS if own.effect == "additive" else _FACTORS
     if own.half_width is None or own.effect == "absolute" or quantity not in names:
         return None
-    width = own.half_width * (0.01 if own.effect == "percentage" else 1.0)
+    width = own.half_width / (100.0 if own.effect == "percentage" else 1.0)
     if own.sigmas is None:
         return names[quantity], {"distribution": "uniform", "half_width": width}
     return names[quantity], {"distribution": "normal", "sigma": width / own.sigmas}

@@ -23,13 +23,14 @@ from abhv_mc.topics.names import full_labels
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
 
-MOST_POINTS = 4000  # maximum number of single points; more are counted in cells
+# maximum number of individually plotted points; more points are counted in cells
+MOST_POINTS = 4000
 _ROWS = 10_000  # number of rows fetched at a time
 _SHARES = {
     "all": "",
     "failed": "and outcome <> 'ok'",
     "ok": "and outcome = 'ok'",
-}  # columns in addition to missed requirements
+}  # columns in addition to violated requirements
 _OWN = (
     "rank",
     "flight",
@@ -48,7 +49,7 @@ class Selection:
     controllers: tuple[str, ...]
     outcome: str
     brushes: dict[str, tuple[float, float]]  # column -> inclusive range of values
-    fit: bool = False  # fit the axes to the selected flights
+    fit: bool = False  # whether to fit the axes to the selected flights
     sort: str = "rank"  # sort key of the list
     down: bool = False  # whether the order is descending
 
@@ -111,7 +112,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             "total": total,
             "left": "",
             "histories": False,
-        }  # All flights are re-run instead.
+        }  # Flights are re-run instead of read from histories.
         yield FlightTable(
             connection,
             {column["name"]: column["ends"] for column in view["columns"]},

@@ -1,4 +1,4 @@
-// The flights beside a server that counts them.
+// View of flights whose counts are supplied by a server.
 (async () => {
   const token = encodeURIComponent(document.body.dataset.token);
   const ask = async (place, data) => {
@@ -11,7 +11,7 @@
   const view = await ask("view");
   document.getElementById("name").textContent = view.name;
   document.getElementById("folder").textContent = view.folder;
-  const counted = new Map(); // what is behind the chosen stays the same from brush to brush
+  const counted = new Map(); // cached, because the counts of all flights do not depend on the selection
   const count = (asked) => {
     if (Object.keys(asked.brushes).length || asked.fit) return ask("counts", asked);
     const key = JSON.stringify(asked);

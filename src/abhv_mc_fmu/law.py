@@ -277,7 +277,8 @@ def _wire(
         raise InputError(file, problem, "a unit with its base units") from None
     expected = find_unit(quantity) if value is None else unit_of(value)
     dimension = parse_unit(expected or "")[1]
-    compared = 4 if value is not None and not any(dimension) else 3  # Radians are often omitted.
+    # The unit radian is often omitted.
+    compared = 4 if value is not None and not any(dimension) else 3
     if expected is not None and exponents[:compared] != dimension[:compared]:
         problem = (
             f"'{name}' in {unit}"

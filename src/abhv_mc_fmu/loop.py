@@ -31,7 +31,7 @@ NAMES = {  # names available to the generated code
 class Wire(NamedTuple):
     """FMU variable and its quantity; the value in SI units is ``offset + factor * value``."""
 
-    name: str  # such as measured.altitude, gains.k, time, or a field of Command
+    name: str  # name such as measured.altitude, gains.k, time, or a field of Command
     reference: int
     factor: float
     offset: float

@@ -77,7 +77,8 @@ def fly_remote(
     """
     plan = rebuild_sent(arrays, code)
     if source and code_hash() != source:
-        return sign(make_failed(plan, None))  # The parent rejects this block before any flight.
+        # The parent process rejects this block, so no flight is computed here.
+        return sign(make_failed(plan, None))
     allow_here()
     if plan.source is not None and (problem := refuse_platform(plan.source)) is not None:
         raise UnusableError(f"a worker of the cluster has {problem}")

@@ -94,7 +94,7 @@ class Lease:
     def __init__(self, store: Objects) -> None:
         self._store, self._token = store, uuid.uuid4().hex
         self._ended = threading.Event()
-        # Error naming the process that took over the lease; afterwards nothing is written.
+        # Error naming the process that took over the lease; afterwards, no objects are written.
         self.lost: InputError | None = None
 
     def take(self) -> None:

@@ -44,7 +44,7 @@ class Remote:
                 or not fnmatch(name, pattern)
             ):
                 continue
-            if not is_inside(name):  # Names of objects can be any text.
+            if not is_inside(name):  # Names of objects can be any string.
                 problem = f"the name of the object '{name}' points outside the folder"
                 raise InputError(
                     str(self.store.address), problem, "the folder of a campaign, unchanged"
@@ -126,7 +126,7 @@ class ObjectStore:
     def reading(self, pattern: str = "*") -> Iterator[Path]:
         """Yield a temporary copy of the files whose names match ``pattern``."""
         with tempfile.TemporaryDirectory(prefix="abhv-mc-") as folder:
-            copy = Path(folder) / "copy"  # The temporary folder contains nothing else.
+            copy = Path(folder) / "copy"  # The temporary folder contains no other file.
             with _explain_store_error(self._objects.address):
                 Remote(self._objects, copy).pull(pattern)
             yield copy

@@ -150,7 +150,7 @@ class Candidate:
     """Plan of a controller with the parameters of a candidate."""
 
     plan: FlightPlan
-    steady: FlightPlan | None  # plan of steady flight, if trim exists and margins are required
+    steady: FlightPlan | None  # plan of steady flight, if a trim exists and margins are required
 
     def with_margins(self, times: Sequence[Time]) -> FlightPlan:
         """Return the plan with margins at ``times``, or without margins if there is no trim."""

@@ -93,7 +93,7 @@ def tune(
     dimension = len(start)
     points = start[None, :]
     scores = measure(points)
-    # CMA-ES needs two dimensions; a dummy dimension is added to a single one.
+    # CMA-ES needs at least two dimensions, so a dummy dimension is added if there is only one.
     bounds = np.tile([-1.0, 1.0], (max(dimension, 2), 1))
     cma: CMA | None = None
     starts, stale, best = 0, 0, 0

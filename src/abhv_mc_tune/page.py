@@ -124,8 +124,8 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
     ends = result.numbers.at_ends(result.tuning.best_point)
     if ends:
         answers.append(
-            f"At an end of their range: {', '.join(ends)}. Better values may lie outside; to "
-            "include them, give these parameters a larger factor."
+            f"At an end of their range: {', '.join(ends)}. Better values may lie outside the "
+            "ranges; to include them, give these parameters a larger factor."
         )
     if result.shown:
         answers.append(

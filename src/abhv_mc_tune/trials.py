@@ -60,7 +60,7 @@ class Trials:
     folder: Path  # folder of stored results
     identity: str  # hash of all inputs except point and parameters
     executor: FlightRunner
-    vehicles: Floats  # [vehicle, parameter] vehicles with limited margins
+    vehicles: Floats  # [vehicle, parameter] vehicles whose margins are limited
     margins_at: tuple[Time, ...]
     flights_at: tuple[Time, ...] = ()  # times of the margins of flights, if any
 
@@ -134,7 +134,7 @@ class Trials:
             for start in starts
         ]
         metrics = np.concatenate([block.metrics for block in blocks])
-        missing = len(self.columns) - metrics.shape[1]  # margins are missing without a trim
+        missing = len(self.columns) - metrics.shape[1]  # margins are missing if there is no trim
         metrics = np.hstack([metrics, np.zeros((len(metrics), missing))])
         lost = np.concatenate([block.outcome for block in blocks]) != Outcome.OK
         return np.where(lost[:, None], np.nan, metrics)

@@ -61,7 +61,7 @@ class Comparison:
     limit: float | None = None
     keeps: bool = True  # whether the result meets the limit
     floor: bool = False  # whether the limit is a lower bound
-    band: Bounds | None = None  # both limits, if values are distances outside them
+    band: Bounds | None = None  # both limits, if values are distances outside the limits
 
     @property
     def label(self) -> str:

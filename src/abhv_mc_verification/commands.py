@@ -46,7 +46,11 @@ def nesc(
 
 def ghame6(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE.csv[.gz]", help="Recorded flight of CADAC++ GHAME6.")
+        Path,
+        typer.Argument(
+            metavar="FILE.csv[.gz]",
+            help="File with a recorded flight of the CADAC++ simulation GHAME6.",
+        ),
     ],
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
@@ -128,7 +132,8 @@ def _print_rows(rows: "list[Row]") -> None:
     alone = sum(not row.judged for row in rows)
     if alone:
         say(
-            f"{alone} not judged: the tolerance is the difference of two simulators, but only one "
+            f"{alone} not judged: the tolerance is the difference between two simulators, but only "
+            "one "
             "has a file"
         )
 

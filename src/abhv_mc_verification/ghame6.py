@@ -37,7 +37,7 @@ from abhv_mc_verification.fly_recording import (
 CADAC_EARTH = Earth(
     6378137.0, 3.33528106e-3, 3.9860044e14, 4.8416685e-4 * np.sqrt(5.0), 7.292115e-5, -1.0
 )
-# Ratio of the air density in CADAC++ (column rho) to the standard at 20 km.
+# Ratio of the air density in CADAC++ (column rho) to the standard density at 20 km.
 CADAC_DENSITY = 1.0 / 1.0000134861
 FULL_MASS = 136077.0  # mass with full tanks, kg
 LONGEST_STEP = 0.01  # maximum integration step, s
@@ -51,7 +51,8 @@ RATES = [f"wbib{i}" for i in (1, 2, 3)]  # inertial body rates, rad/s
 CONTROLS = ["delax", "delrx", "delex", "throttle"]  # units deg, deg, deg, -
 COMPARED = ["alt", "dvbe", "thtvdx", "alphax", "betax"]
 
-# Differences in an independent replay (DOP853, rtol 1e-10); the tolerances are three times these.
+# Differences in an independent replay (DOP853, rtol 1e-10); the tolerances are three times these
+# differences.
 _REPLAYED = {
     "altitude": ("m", 0.03),
     "speed": ("m/s", 0.0009),

@@ -128,7 +128,7 @@ def test_rows_of_metrics_are_ranked_without_histories(folder, tmp_path):
         ("time,altitude_m\n0,1\n1,x\n", (), "a finite number"),
         ("time,altitude_m\n0,1\n1,1\n", ("--measured", "altitude_m=-1"), "a positive number"),
         ("time,altitude_m\n0,1\n1,1\n", ("--measured", "mach=1"), "'mach'"),
-        ("time,altitude_m\n9000,1\n9001,1\n", (), "no time of the simulated flights"),
+        ("time,altitude_m\n9000,1\n9001,1\n", (), "no time lies within the duration"),
         ("time,altitude_m\n0,1\n1,1\n", ("--controller", "three"), "no controller 'three'"),
     ],
 )

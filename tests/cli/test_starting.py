@@ -28,7 +28,7 @@ from abhv_mc.shipped import shipped_campaigns, shipped_configs, shipped_files, s
 from abhv_mc.topics.names import full_labels
 
 
-@pytest.mark.parametrize("name", ["s_manoeuvre", "failures", "wide"])
+@pytest.mark.parametrize("name", ["s_manoeuvre", "failures", "wide", "flexible", "navigation"])
 def test_a_new_folder_is_self_contained(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "study"
     written = write_new_campaign(folder, name)

@@ -51,6 +51,24 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("head", "cell", "expected"),
+    [
+        ("density [kg/m3],temperature [degC]", "0.1,-50", (0.1, 223.15)),
+        ("temperature [degR],pressure [kPa],density [kg/m3]", "390.6,6,0.09", (0.09, 217.0)),
+        ("density_factor,temperature_degF", "1,-58", (None, 223.15)),
+        ("density [kg/m3],unknown", "0.1,-50", (0.1, None)),
+    ],
+)
+def test_a_density_may_come_with_its_temperature(tmp_path, head, cell, expected):
+    table = read(tmp_path, f"altitude [km],{head}\n18,{cell}\n20,{cell}\n", DENSITIES)
+    standard, _, temperature, _ = atmosphere(20e3)
+    density, kelvin = expected
+    ratios = [20e3, 1.0 if density is None else density / standard]
+    ratios += [] if kelvin is None else [kelvin / temperature]
+    assert table[1] == pytest.approx(ratios, rel=1e-12)
+
+
+@pytest.mark.parametrize(
     ("text", "choices", "location", "fragment"),
     [
         ("altitude_m,wind_north_mps\n0,1\n9,1\n", WIND, (1, None), "wind_speed and wind_direction"),
@@ -59,6 +77,7 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
         ("altitude_m,density_factor\n9,1\n5,1\n7,1\n", DENSITIES, (4, 1), "that decrease"),
         ("altitude_m,density_factor\n0,1\n9,-1\n", DENSITIES, (3, 3), "a factor above zero"),
         ("altitude_m,pressure_hPa,temperature\n0,1,1\n9,1,1\n", DENSITIES, (1, 25), "one of K"),
+        ("altitude_m,density_factor,temperature_K\n0,1,9\n9,1,-1\n", DENSITIES, (3, 5), "-1 K"),
         (
             "altitude_m,density_factor\n" + "".join(f"{i},1\n" for i in range(10_001)),
             DENSITIES, (None, None), "10001",
@@ -77,12 +96,14 @@ def test_a_table_that_ends_within_the_flight_causes_a_warning(tmp_path, reposito
     table = np.array([[0.0, 5.0], [40e3, 5.0]])
     assert not find_air_warnings(tmp_path / "a.csv", table, altitude)
     for factor, fragment in (
-        (1e-3, "altitudes in km?"),
-        (0.5, "the last level is used"),
-        (1 / 0.3048, ""),
+        (1e-3, "; are its altitudes in km?"),
+        (0.5, "beyond the table's ends the last level is used"),
+        (0.3048, "beyond the table's ends the last level is used"),
+        (1e3, "; are its altitudes in m?"),
     ):
-        warnings = find_air_warnings(tmp_path / "a.csv", table * [factor, 1.0], altitude)
-        assert bool(warnings) == bool(fragment) and fragment in "".join(warnings)
+        (warning,) = find_air_warnings(tmp_path / "a.csv", table * [factor, 1.0], altitude)
+        assert warning.endswith(fragment)
+    assert not find_air_warnings(tmp_path / "a.csv", table * [1 / 0.3048, 1.0], altitude)
     lines = "".join(f"{i},5,5\n" for i in range(41))
     (tmp_path / "wind.csv").write_text(f"altitude_m,wind_north_mps,wind_east_mps\n{lines}")
     mission = (repository / "configs/mission/level.yaml").read_text()

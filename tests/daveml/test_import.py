@@ -213,7 +213,10 @@ def test_a_second_import_keeps_edits(tmp_path: Path) -> None:
     assert not third.kept and {*third.paths, tmp_path / "import.yaml"} == set(first.paths)
 
 
-def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("sign", "correlation"), [("anu", -0.5), ("and", 0.5)])
+def test_uncertainties_become_dispersions_with_correlations(
+    tmp_path: Path, sign: str, correlation: float
+) -> None:
     def stated(effect: str, law: str) -> str:
         return f'<isOutput/><uncertainty effect="{effect}">{law}</uncertainty></variableDef>'
 
@@ -231,7 +234,7 @@ def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> N
     for name, law in laws.items():
         start = text.index(f'varID="{name}"')
         text = text[:start] + text[start:].replace("<isOutput/></variableDef>", law, 1)
-    imported(tmp_path, text)
+    imported(tmp_path, text.replace('"CM" units="nd" sign="and"', f'"CM" units="nd" sign="{sign}"'))
     written = (tmp_path / "dispersions.yaml").read_text(encoding="utf-8")
     assert "represents the uncertainty of: s." in written
     assert read_document(tmp_path / "dispersions.yaml").data == {
@@ -241,7 +244,7 @@ def test_uncertainties_become_dispersions_with_correlations(tmp_path: Path) -> N
             "aero.yawing_moment": {"distribution": "uniform", "half_width": 0.2},
         },
         "correlations": [
-            {"between": ["aero.lift", "aero.pitching_moment.increment"], "normal": -0.5}
+            {"between": ["aero.lift", "aero.pitching_moment.increment"], "normal": correlation}
         ],
     }
 

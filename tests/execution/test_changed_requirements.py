@@ -57,8 +57,8 @@ def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engi
     ]
     results = abhv_mc.open_results(out)
     assert results.judgement.sure.startswith(
-        "Requirements were changed after results of 300 flights: altitude_error_max_m: below 50 "
-        "-> 1.8."
+        "Requirements were changed after the results of 300 flights were known: "
+        "altitude_error_max_m: below 50 -> 1.8."
     )
     assert run(tight, out, engine).manifest == after  # unchanged
 

@@ -13,7 +13,13 @@ import pytest
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.foreign_table import read_foreign_table, read_head, read_numbers
 from abhv_mc.io.input_error import InputError
-from abhv_mc.io.parquet_columns import column_values, distinct_texts, number_column, text_column
+from abhv_mc.io.parquet_columns import (
+    arrow_memory,
+    column_values,
+    distinct_texts,
+    number_column,
+    text_column,
+)
 from abhv_mc.io.units import LENGTH, TIME
 
 
@@ -130,6 +136,11 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
     ("text", "location", "problem"),
     [
         ("a,b\n1,2\n1,x y\n", (3, 3), "'x y' in the column 'b'"),
+        ("a  b\n1  2\n 1.5   x\n", (3, 8), "'x' in the column 'b'"),
+        ("a b\n1 2\n\t1 \tx\n", (3, 5), "'x' in the column 'b'"),
+        ("a, b\n1, 2\n1,  x\n", (3, 5), "'x' in the column 'b'"),
+        ("a\tb\n1\t2\n1\tx\n", (3, 3), "'x' in the column 'b'"),
+        ('a;b\n1;2\n"1" ; x\n', (3, 7), "'x' in the column 'b'"),
         ("a,b\n1,2\n\n1,\n", (4, 3), "'' in the column 'b'"),
         ("a;b\n1,5;2\n1.5;3\n", (2, 1), "'1,5'"),  # a decimal comma, or thousands?
         ('a,b\n"1,234",2\n', (2, 1), "'1,234'"),
@@ -155,6 +166,7 @@ def test_a_mistake_is_said_with_its_place(tmp_path, text, location, problem):
         ("time_s,altitude\n1,2\n", (1, 8), "'altitude' without a unit"),
         ("time_s,altitude_kg\n1,2\n", (1, 8), "'altitude_kg': '1 kg', a mass"),
         ("time_s,altitude [m],altitude_m\n1,2,2\n", (1, 21), "2 columns 'altitude'"),
+        ("time_s, altitude [m],  altitude_m\n1,2,2\n", (1, 24), "2 columns 'altitude'"),
         ("time_s,altitude_min\n1,2\n", (1, None), "no column altitude"),
         ("time_s,altitude_km\n1,1e6\n", (2, 3), "altitude 1e+09 m"),
     ],
@@ -223,6 +235,14 @@ def test_texts_become_a_column_and_come_back(texts):
     assert column.equals(pa.array(texts, pa.string()))
     names, which = distinct_texts(pa.chunked_array([column]))
     assert [names[i] for i in which] == texts and names == sorted(set(texts))
+
+
+def test_the_memory_of_arrow_does_not_belong_to_python():
+    content = bytes(range(256))
+    references = sys.getrefcount(content)
+    buffer = arrow_memory(content)
+    assert buffer.to_pybytes() == content
+    assert sys.getrefcount(content) == references
 
 
 def test_no_column_imports_pandas():

@@ -28,6 +28,11 @@ ERROR = {"tlc": 0.06, "lqr": 1.0, "lqr_retuned": 0.3}
 USAGE = {"tlc": 1.1, "lqr": 1.0, "lqr_retuned": 1.08}
 TICK, TICKS = 0.1, 600  # s
 
+DISPERSIONS = (
+    "{atmosphere.density: {distribution: uniform, half_width: 10 %}, "
+    "aero.lift: {distribution: uniform, half_width: 10 %}, "
+    "aero.drag: {distribution: uniform, half_width: 15 %}}"
+)
 REQUIREMENTS = (
     "{metric: altitude_error_max_m, below: 50, probability: 0.9973, consumer_risk: 0.10}",
     "{metric: speed_error_max_mps, below: 5, probability: 0.9973, consumer_risk: 0.10}",
@@ -158,6 +163,7 @@ def write_campaign(
     controllers: Sequence[str] = CONTROLLERS,
     requirements: Sequence[str] = REQUIREMENTS,
     end: float = TICKS * TICK,
+    dispersions: str = DISPERSIONS,
     **entries: str,
 ) -> Path:
     """Run a campaign in which `failing` flights with the highest density are lost at ``end`` s.
@@ -172,9 +178,7 @@ def write_campaign(
         runs=str(runs),
         seed=str(seed),
         sampling=sampling,
-        dispersions="{atmosphere.density: {distribution: uniform, half_width: 10 %},"
-        " aero.lift: {distribution: uniform, half_width: 10 %}, aero.drag: {distribution: "
-        "uniform, half_width: 15 %}}",
+        dispersions=dispersions,
         requirements=f"[{', '.join(requirements)}]",
         keep="{histories: {flights: worst 20, channels: all, rate: 10 Hz}, envelopes: {rate: 10 "
         "Hz}}",

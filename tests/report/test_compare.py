@@ -102,7 +102,7 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(
     )
     assert lost <= set(ended)
     assert "after passes: " in page
-    assert f"0 flights fail under before only, {len(lost)} under after only" in page
+    assert f"0 flights fail with before only, {len(lost)} with after only" in page
     assert (
         "<strong>No difference is shown.</strong>" in page
         and f"abhv-mc explain {after} --all" in page

@@ -7,7 +7,7 @@ from abhv_mc.topics.names import names_of
 def test_the_table_has_eight_factors_and_leaves_the_assessment_to_the_user(flown):
     results = flown(16)
     (table,) = credibility_fold(names_of(results)).items[1:]
-    rows = dict(row[:2] for row in table.plain_rows())
+    rows = dict(table.plain_rows())
     assert list(rows) == [
         "Verification",
         "Validation",
@@ -18,8 +18,7 @@ def test_the_table_has_eight_factors_and_leaves_the_assessment_to_the_user(flown
         "M&S management",
         "People qualifications",
     ]
-    assert rows["Validation"].startswith("None") and rows["People qualifications"] == ""
+    assert rows["Validation"].startswith("None") and "not" in rows["People qualifications"].lower()
     assert rows["Results uncertainty"].startswith("16 flights (random); verdicts at a consumer's")
     assert f"{len(results.dispersed)} dispersed inputs" in rows["Input pedigree"]
     assert results.manifest.campaign_hash[:12] in rows["M&S management"]
-    assert all(row[2] == "" for row in table.plain_rows())

@@ -188,6 +188,27 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
         load_vehicle(path)
 
 
+@pytest.mark.parametrize(
+    ("lift", "flow", "problem"),
+    [("air.mach * INF * 0.0", "0.0", "a coefficient"), ("0.0", "INF", "a component of force")],
+)
+def test_a_function_that_is_not_finite_is_rejected(
+    tmp_path: Path, lift: str, flow: str, problem: str
+) -> None:
+    path = write_ghame_x(tmp_path)
+    functions = f"""
+from abhv_mc.extend import Coefficients, Thrust
+INF = 1e308 * 10.0
+def coefficients(air):
+    return Coefficients(CL={lift})
+def thrust(air, throttle):
+    return Thrust(force_x=throttle, fuel_flow={flow})
+"""
+    (tmp_path / "own.py").write_text(functions, encoding="utf-8")
+    with pytest.raises(InputError, match=rf"own\.py:\d+: {problem}.* is not finite"):
+        make_flight_plan("level", str(path), "tlc")
+
+
 @pytest.mark.thorough
 def test_margins_are_those_of_the_tables(tmp_path: Path) -> None:
     plans = [

@@ -1,15 +1,15 @@
-/* A control law of one's own in C, at two rates: guidance at 10 Hz over attitude and body rates at 100 Hz, with the
- * gains of ../cascade.py.
+/* Custom control law in C with two sample rates: guidance at 10 Hz, attitude and body rates at 100 Hz. The gains are
+ * those of ../cascade.py.
  *
- * A flight calls abhv_law_step at every control tick. Everything is a double in SI and radians. Structs and functions
- * are those of abhv_law.h, `abhv_settings` is written from the YAML file beside this one.
+ * The simulation calls abhv_law_step at every control tick. All values are doubles in SI units and radians. The header
+ * abhv_law.h declares the structs and functions; `abhv_settings` is generated from the YAML file next to this file.
  */
 #include "abhv_law.h"
 
 #define GRAVITY 9.73 /* m/s2, at 20 km */
-#define EVERY 10     /* ticks from guidance to guidance: count them, sums of dt are not exact */
+#define EVERY 10     /* ticks between guidance updates; ticks are counted, because sums of dt are not exact */
 
-enum gain { /* columns of the design: the fields of Gains in the Python file that the YAML file names */
+enum gain { /* columns of the gains: the fields of Gains in the Python file that the YAML file names */
     ELEVATOR_BY_ANGLE_OF_ATTACK,
     ELEVATOR_BY_PITCH_RATE,
     AILERON_BY_BANK,
@@ -22,17 +22,17 @@ enum gain { /* columns of the design: the fields of Gains in the Python file tha
     RUDDER_BY_YAW_RATE
 };
 
-typedef struct { /* what the law keeps from tick to tick; nothing else may be kept: no statics, no globals */
+typedef struct { /* memory of the law between ticks; static and global variables must not be used */
     double altitude; /* integral of the altitude error, m s */
     double speed;    /* integral of the speed error, m */
-    double tick;     /* since the last guidance */
-    double path_cmd, alpha, bank, eta; /* what guidance asked for then */
+    double tick;     /* ticks since the last guidance update */
+    double path_cmd, alpha, bank, eta; /* commands of the last guidance update */
 } memory;
 
 size_t abhv_law_state_size(void) { return sizeof(memory); }
 
 int abhv_law_init(const abhv_settings *settings, const abhv_reference *first, void *state) {
-    (void)settings, (void)first, (void)state; /* the state holds zeros */
+    (void)settings, (void)first, (void)state; /* the state is initially zero */
     return 0;
 }
 
@@ -41,7 +41,7 @@ int abhv_law_step(const abhv_measured *measured, const abhv_reference *reference
     memory *kept = state;
     (void)time;
 
-    /* Guidance: altitude to flight path angle, that to angle of attack; heading to bank; speed to equivalence ratio. */
+    /* Guidance: altitude -> flight path angle -> angle of attack; heading -> bank; speed -> equivalence ratio. */
     if (kept->tick == 0.0) {
         double rise = measured->altitude - reference->altitude;
         double speed = measured->speed - reference->speed;
@@ -61,15 +61,15 @@ int abhv_law_step(const abhv_measured *measured, const abhv_reference *reference
     }
     kept->tick = kept->tick < EVERY - 1 ? kept->tick + 1.0 : 0.0;
 
-    /* Attitude and rates: state feedback about the coordinated turn. */
-    double turning = GRAVITY / measured->speed * kept->bank; /* rad/s, about the vertical, small angles */
+    /* Attitude and body rates: state feedback about the coordinated turn. */
+    double turning = GRAVITY / measured->speed * kept->bank; /* turn rate about the vertical for small angles, rad/s */
     double alpha_error = measured->angle_of_attack - kept->alpha;
     double bank_error = abhv_wrap(measured->bank - kept->bank);
     double pitch = measured->pitch_rate - turning * kept->bank;
     double yaw = measured->yaw_rate - turning;
     double beta = measured->sideslip, roll = measured->roll_rate;
 
-    /* The commands, kept within the vehicle's limits for you. The last three are what the report compares with. */
+    /* The simulation limits the commands to the vehicle's ranges. The report compares the flight with the last three. */
     command->elevator = reference->elevator - gains[ELEVATOR_BY_ANGLE_OF_ATTACK] * alpha_error
                         - gains[ELEVATOR_BY_PITCH_RATE] * pitch;
     command->aileron = -(gains[AILERON_BY_BANK] * bank_error + gains[AILERON_BY_SIDESLIP] * beta
@@ -81,10 +81,10 @@ int abhv_law_step(const abhv_measured *measured, const abhv_reference *reference
     command->angle_of_attack = kept->alpha;
     command->bank = kept->bank;
 
-    return 0; /* anything else ends the flight as law_failed */
+    return 0; /* any other value ends the flight with the outcome law_failed */
 }
 
-/* Optional: with both, margins and linear models know the law's memory. */
+/* Optional: these two functions give margins and linear models access to the law's memory. */
 int abhv_law_state_get(const void *state, double *values) {
     if (values) memcpy(values, state, sizeof(memory));
     return sizeof(memory) / sizeof(double);

@@ -1,8 +1,8 @@
-/* The program's own LQR as a law in C: guidance, then longitudinal and lateral attitude (Zhu and Shen 2014, 22, 23). */
+/* Built-in LQR as a control law in C: guidance, longitudinal and lateral attitude (Zhu and Shen 2014, (22), (23)). */
 #include "abhv_law.h"
 
 enum gain { /* columns of lqr_design.py: u = nominal - K (x - nominal) */
-    GUIDANCE = 0, /* angle of attack, bank, equivalence ratio, each by altitude, path, heading, speed */
+    GUIDANCE = 0, /* angle of attack, bank and equivalence ratio, each by altitude, path, heading and speed */
     ELEVATOR = 12, /* by angle of attack, pitch rate */
     AILERON = 14, /* by bank, sideslip, roll rate, yaw rate */
     RUDDER = 18,
@@ -33,7 +33,7 @@ int abhv_law_step(const abhv_measured *measured, const abhv_reference *reference
                                   settings->angle_of_attack[1]);
     double bank_cmd = abhv_clamp(reference->bank - bank, -settings->bank_limit, settings->bank_limit);
 
-    /* Rates of the coordinated turn, stability axes turned by alpha into body axes. */
+    /* Rates of the coordinated turn, rotated by alpha from stability axes to body axes. */
     double radius = gains[EARTH_RADIUS] + measured->altitude;
     double gravity_speed = gains[GRAVITATIONAL_PARAMETER] / (radius * radius * measured->speed);
     double sin_bank, cos_bank, sin_alpha, cos_alpha;

@@ -1,8 +1,8 @@
-/* A sounding rocket, straight up, that shall reach 3000 m, no less and no more: air brakes take away what is too much.
+/* Vertical flight of a sounding rocket with a target apogee of 3000 m; air brakes prevent a higher apogee.
  *
- * A program that flies: each line of standard input is a flight, such as
+ * The program reads one flight from each line of standard input, such as
  *   {"inputs": {"mass": 20.1, "drag": 0.98}, "settings": {"brakes": "timed"}, "flight": "9e3779b9"}
- * and is answered by one line of JSON with the same "flight". It may read its lines in any other way, too, such as by a library.
+ * and replies with one line of JSON that repeats "flight". A program may also use a JSON library.
  */
 #include <math.h>
 #include <stdio.h>
@@ -14,15 +14,15 @@
 #define STEP 0.02 /* s */
 #define THRUST 2100.0 /* N */
 #define BURN 3.6 /* s */
-#define BODY 0.0082 /* m2, drag area */
-#define BRAKES 0.006 /* m2, when they are open */
+#define BODY 0.0082 /* drag area of the rocket, m2 */
+#define BRAKES 0.006 /* additional drag area of the open brakes, m2 */
 
 static double number(const char *line, const char *name) {
     const char *at = strstr(line, name);
-    return at ? strtod(at + strlen(name), NULL) : NAN; /* nothing that is not a number passes as a flight */
+    return at ? strtod(at + strlen(name), NULL) : NAN; /* a missing number gives NaN, so the flight fails to run */
 }
 
-/* The law that is judged: by the clock, or where the rocket would fly too high without brakes. */
+/* Control law under test: opens the brakes on a time schedule, or if the predicted apogee is too high. */
 static int brakes_open(const char *line, double time, double height, double speed, double mass) {
     if (strstr(line, "\"brakes\": \"timed\""))
         return number(line, "\"from\":") <= time && time < number(line, "\"to\":");
@@ -49,11 +49,11 @@ int main(void) {
             time += STEP;
             load = fmax(load, fabs(force / mass) / GRAVITY);
         }
-        /* Each request ends with "flight": "TEXT"}. So does its answer: it belongs to this flight and no other. */
+        /* Each request ends with "flight": "TEXT"}, and so does the reply, which identifies the flight. */
         const char *flight = strstr(line, "\"flight\": ");
         printf("{\"apogee\": %.17g, \"apogee_miss\": %.17g, \"load_max\": %.17g, \"end_time\": %.17g, %s", height,
                fabs(height - TARGET), load, time, flight ? flight : "\"error\": \"no flight\"}\n");
-        fflush(stdout); /* each flight is answered when it is done: a later one may crash */
+        fflush(stdout); /* send each reply immediately, because a later flight may crash */
     }
     return 0;
 }

@@ -1,1 +1,1 @@
-"""Analyses of a simulated campaign: replay, explanation of failures, other distributions."""
+"""Analyses of a simulated campaign: replay, explanation of failures, re-weighting."""

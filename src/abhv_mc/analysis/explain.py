@@ -45,7 +45,7 @@ class Failure:
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
-        """Return the severity of each flight's failure [flight], -inf if it does not fail.
+        """Return the severity of each flight's failure [flight]; -inf if a flight does not fail.
 
         `metrics` has shape [flight, metric].
         """
@@ -65,11 +65,14 @@ class Explanation:
     controller: str
     flight: int
     failure: Failure
-    ended: str  # text on how the flight ended
+    ended: str  # description of how the flight ended
     samples: dict[str, float]  # all dispersions of the flight, SI units
-    causes: tuple[str, ...]  # sufficient dispersions; empty if the nominal flight fails too
-    others: tuple[tuple[str, ...], ...]  # other sets of the same size with which the flight fails
-    # If true, no smaller set fails; if false, it is only known that no single cause can be omitted.
+    # dispersions that suffice for the failure; empty if the nominal flight fails too
+    causes: tuple[str, ...]
+    # other sets of dispersions of the same size with which the flight also fails
+    others: tuple[tuple[str, ...], ...]
+    # If true, no smaller set causes the failure; if false, it is only known that no single cause
+    # can be omitted.
     smallest: bool
     tried: int  # number of flights simulated for the analysis
     rows: Floats  # values [flight, dispersion] of the nominal, the reduced and the original flight
@@ -189,7 +192,7 @@ def smallest_sets(
 def find_failure(
     root: Path, campaign: Experiment, row: FlightRows, requirement: str | None
 ) -> Failure:
-    """Return the early termination, or the first or the named missed requirement.
+    """Return the flight's early termination, or its first (or the named) missed requirement.
 
     Raise InputError if the flight did not fail in this way.
     """
@@ -199,7 +202,7 @@ def find_failure(
         raise InputError(root, problem, "a flight that was simulated")
     positions = [
         i for i, name in enumerate(row.columns) if name != END_TIME.name
-    ]  # The columns of margins follow those of the metrics.
+    ]  # The columns of the stability margins follow the columns of the metrics.
     columns = [row.columns[i] for i in positions]
     state = np.array([outcome]), row.end_time, row.values[:, positions]
     metrics = [item.metric for item in campaign.requirements]
@@ -228,7 +231,7 @@ def find_failure(
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
     """Return parameter indices, starting with the parameters whose values are most common."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
-    # The median is infinite if the failure does not occur in most flights.
+    # The median of a failure time is infinite if this failure does not occur in most flights.
     middle = np.median(drawn, axis=0)
 
     def off(some: Floats) -> Floats:

@@ -69,7 +69,7 @@ _BUDGET = 400
 
 @dataclass(frozen=True)
 class Dispersed:
-    """Dispersion that belongs to a cause, with its values in the flights, in SI units."""
+    """Dispersion that belongs to a failure cause, with the range of its values, SI units."""
 
     parameter: str
     high: bool  # whether the values in all flights are above nominal; otherwise all are below
@@ -186,7 +186,7 @@ def _group(
     *,
     explanations: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
-    """Return the groups for each kind of failure, and the indices of all flights in groups."""
+    """Return the failure groups of each kind, and the flight numbers in all groups."""
     groups = []
     for description in dict.fromkeys(failure.words for failure in failures):
         members = [k for k, failure in enumerate(failures) if failure.words == description]
@@ -211,7 +211,7 @@ def write_map(root: Path, failure_map: FailureMap) -> Path:
 
 
 def read_map(root: Path, digest: str | None) -> FailureMap | None:
-    """Return the failure map in a folder; None if the folder has none with this digest."""
+    """Return the failure map stored in a folder, or None if it does not have this digest."""
     path = CampaignFolder(root).failure_map
     if not path.is_file():
         return None

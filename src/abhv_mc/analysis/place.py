@@ -103,14 +103,20 @@ def place_flights(
             root, f"no controller '{controller}'", one_of(results.controllers, controller)
         )
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
-        expected = "one with 'sampling: random' and no unknowns"
-        raise InputError(root, "a campaign whose flights do not have one distribution", expected)
+        expected = "a campaign with 'sampling: random' and no unknowns"
+        raise InputError(
+            root,
+            "a campaign whose flights are not random draws from a single distribution",
+            expected,
+        )
     records = (*results.campaign.metrics.values(), *results.campaign.channels)
     units = {"time": "s", **{record.name: record.unit for record in records}}
     tables = [_read_table(file, units) for file in files]
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
-        raise InputError(files[timed.index(False)], "no column time", "one, as in the other files")
+        raise InputError(
+            files[timed.index(False)], "no column time", ("a column 'time', as in the other files")
+        )
     labels = [table.table.path.name for table in tables]
     sensed: tuple[str, ...] = ()
     if all(timed):
@@ -171,7 +177,7 @@ def place_flights(
 
 
 def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
-    """Read recorded columns of a file, in the campaign's units. Raise InputError if invalid."""
+    """Read recorded columns of a file in campaign units. Raise InputError if they are invalid."""
     table = read_foreign_table(file)
     columns = table.find(units)
     factors = [table.factor(column, units[name]) for name, column in columns.items()]
@@ -186,7 +192,7 @@ def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
 
 
 def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> list[str]:
-    """Return the columns of the first file that are recorded; all files must have these."""
+    """Return the first file's columns that the campaign records; every file must have them."""
     names = [name for name in tables[0].names if name in recorded]
     for table in tables:
         missing = [name for name in names or recorded[:1] if name not in table.names]
@@ -212,7 +218,9 @@ def _read_histories(
     """
     histories = _random_histories(results, controller)
     if not histories:
-        expected = "'keep: {histories: {flights: all}}', or 'every N': a random selection"
+        expected = (
+            "'keep: {histories: {flights: all}}', or 'every N', which also selects random flights"
+        )
         raise InputError(results.folder, "no histories of random flights", expected)
     channels = _shared_columns(
         tables, [name for name in next(iter(histories.values())) if name != "time"]
@@ -223,7 +231,12 @@ def _read_histories(
     times = _columns(tables[0], ["time"])[:, 0]
     times = times[(times >= 0.0) & (times <= end)]
     if not times.size:
-        raise tables[0].error(0, "time", "no time of the simulated flights", f"0 to {end:g} s")
+        raise tables[0].error(
+            0,
+            "time",
+            "no time lies within the duration of the simulated flights",
+            f"0 to {end:g} s",
+        )
     times = times[:: max(1, times.size // _MOST_TIMES)]
     sampled = ((k, _sample(history, channels, times)) for k, history in histories.items())
     simulated = {k: values for k, values in sampled if np.isfinite(values).any()}
@@ -232,7 +245,12 @@ def _read_histories(
     )
     for table, test in zip(tables, tests, strict=True):
         if not np.isfinite(test).any():
-            raise table.error(0, "time", "no time of the first test flight", "times in common")
+            raise table.error(
+                0,
+                "time",
+                "no time in common with the first test flight",
+                "a time range that overlaps that of the first test flight",
+            )
     return simulated, tests, times, channels
 
 
@@ -279,7 +297,7 @@ def _sensor_of(channel: str) -> str | None:
 
 
 def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
-    """Interpolate channels at `times` [time, channel]; NaN outside the history."""
+    """Interpolate channels at `times` [time, channel], with NaN outside the history."""
     history_times = history["time"]
     return np.column_stack(
         [np.interp(times, history_times, history[c], np.nan, np.nan) for c in channels]
@@ -287,7 +305,7 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return, by flight, the histories that were stored regardless of the outcome."""
+    """Return the histories stored regardless of the outcome, keyed by flight number."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
@@ -300,7 +318,7 @@ def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict
 def find_band(
     results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
 ) -> tuple[list[str], Band] | None:
-    """Return the channels with histories, and their simultaneous band.
+    """Return the channels that have histories, and the simultaneous band of these channels.
 
     Return None if there is no such channel or if there are too few random histories.
     """

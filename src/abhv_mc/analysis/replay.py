@@ -34,7 +34,7 @@ class Replay:
     sentence: str  # sentence that states how the flight ended
     ends: Outcomes = OUTCOMES
     channels: tuple[Signal, ...] = CHANNELS  # channels of the history in the block, if there is one
-    repeatability: Repeatability | None = None  # repeatability of a user's simulator
+    repeatability: Repeatability | None = None  # repeatability of a custom simulator
 
     @property
     def outcome(self) -> str:
@@ -60,7 +60,7 @@ def replay_flight(
     (row,) = find_rows(folder, controller, [flight])
     block = simulate(experiment, controller, row.samples, every, fly)
     values = np.append(block.metrics[0], block.end_time[0])
-    # The columns of stability margins follow those of the metrics.
+    # The columns of stability margins follow the columns of the metrics.
     stored = row.values[0][: values.size]
     repeatability = read_manifest(folder.manifest).repeatable
     if repeatability is Repeatability.ROUNDING:
@@ -94,7 +94,7 @@ def replay_flight(
 
 
 def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
-    """Return the stored rows of flights, in order. Raise InputError if one is missing."""
+    """Return the stored rows of flights in the given order. Raise InputError if one is absent."""
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
     stored: dict[int, FlightRows] = {}

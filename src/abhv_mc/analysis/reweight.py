@@ -36,7 +36,7 @@ class Change:
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Parse texts such as ``PARAMETER.KEY=VALUE`` into values by parameter and key."""
+    """Parse strings such as ``PARAMETER.KEY=VALUE`` into values by parameter and key."""
     settings: dict[str, dict[str, Any]] = {}
     for text in texts:
         key, sign, value = text.partition("=")
@@ -109,13 +109,13 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
-        problem = f"{name} with a probability in one case and always in the other"
-        return problem, "a probability below 1 in both, or in none"
+        problem = f"{name} has the key 'probability' before or after the change, but not both"
+        return problem, "the key 'probability' both before and after the change, or neither"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
             return (
-                f"{name} as a mixture with a discrete choice",
-                "continuous parts, or a new campaign",
+                f"{name} is a mixture with a discrete choice",
+                "a mixture of continuous distributions, or a new campaign",
             )
         # Each component of the new distribution must lie within one component of the old one.
         for component in _parts(new):
@@ -143,7 +143,7 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
 
 
 def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:
-    """Return the density ratio of each flight [flight], with a mean of about 1.
+    """Return the ratio of new to old density for each flight [flight], about 1 on average.
 
     `samples` has shape [flight, parameter].
     """
@@ -179,7 +179,7 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
 
 
 def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:
-    """Return the new probability of parameter values that no flight represents.
+    """Return the probability, under the new distributions, of values that no flight has.
 
     `samples` has shape [flight, parameter].
     """

@@ -25,7 +25,8 @@ class Shrunk:
     """Sets of inputs that cause the failure, most severe failure first."""
 
     sets: tuple[tuple[int, ...], ...]
-    # If true, every smaller set was tried and passes; if false, only that no input can be omitted.
+    # If true, every smaller set was tried and does not fail; if false, it is only known that no
+    # single input can be omitted.
     smallest: bool
     tried: int
 
@@ -40,7 +41,7 @@ def shrink(
     mildest_first: Sequence[NDArray[np.intp]],
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
-    """Return, for each of several failures, the smallest sets among `count` inputs.
+    """Return, for each failure, the smallest sets of inputs that cause it.
 
     The result is None for a failure that does not occur even with all inputs. `test` takes the
     failure index and the input mask [candidate, input] of each candidate, and returns severities,
@@ -91,7 +92,7 @@ def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
         spare = [i for i, bad in zip(inputs, severity, strict=True) if bad > -np.inf]
         if not spare:
             break
-        # Try to remove one, two, ... of the individually removable inputs at once, mildest first.
+        # Try to remove one, two, ... of the individually removable inputs together, mildest first.
         fewer = [tuple(k for k in inputs if k not in spare[: n + 1]) for n in range(len(spare))]
         severity = yield fewer
         tried += len(fewer)

@@ -3,6 +3,6 @@
 import os
 import sys
 
-if os.name != "posix":  # Check before any module imports fcntl.
+if os.name != "posix":  # Check the operating system before any module imports fcntl.
     print("abhv-mc needs Linux or macOS (POSIX file locks and processes)", file=sys.stderr)
     sys.exit(2)

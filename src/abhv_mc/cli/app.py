@@ -38,10 +38,10 @@ _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
-    """Mixin for help with short type names for options, and no type names for flags."""
+    """Mixin for help that shows short type names for options and no type names for flags."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, with type names of options from ``_SHORT``."""
+        """Return the command's parameters; options get the short type names of ``_SHORT``."""
         base: Any = super()
         parameters: list[Any] = base.get_params(ctx)
         for parameter in parameters:
@@ -239,10 +239,10 @@ def main() -> None:
     open_streams()
     with sigterm_as_interrupt():
         try:
-            app(prog_name="abhv-mc")  # Shell completion expects this name.
+            app(prog_name="abhv-mc")  # Shell completion expects this program name.
         except (
             BaseException
-        ) as error:  # Include SystemExit, so that every exit has a documented code.
+        ) as error:  # Also catch SystemExit, so that every exit has a documented code.
             code = flush_output(exit_code_of(error))
             if "duckdb" not in sys.modules:  # duckdb would report frozen objects as leaks.
                 gc.freeze()  # skip the last garbage collection

@@ -29,15 +29,18 @@ _TYPER_INTERRUPTED = 130
 def exit_code_of(error: BaseException) -> int | str | None:
     """Print an error to standard error and return the exit code."""
     if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
-        return ExitCode.INCOMPLETE  # The process reading the output has ended; typer would exit 1.
+        # The process reading the output has ended; typer would exit with code 1.
+        return ExitCode.INCOMPLETE
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
     if isinstance(error, OSError):
         error = _explain(error)
     code, message = ExitCode.INCOMPLETE, str(error)
     is_interrupt = isinstance(error, (SystemExit, KeyboardInterrupt))
-    if is_interrupt or message == "Query interrupted":  # DuckDB raises this message.
-        # After an interrupt in exec(), Python would end itself with SIGINT; eval() prevents this.
+    if is_interrupt or message == "Query interrupted":
+        # DuckDB raises an error with this message if it is interrupted.
+        # After an interrupt in exec(), Python would terminate itself with SIGINT; eval() clears the
+        # flag that causes this.
         eval("0")  # noqa: S307
         message = "interrupted: completed flights are kept; run the same command to resume"
     elif isinstance(error, MemoryError):
@@ -56,7 +59,8 @@ def exit_code_of(error: BaseException) -> int | str | None:
         message = f"the cluster does not respond ({reason}): completed flights are kept"
     elif isinstance(error, (InputError, Refusal)):
         code = ExitCode.BAD_INPUT
-    elif type(error).__name__ == "UnusableError":  # Importing the class would take a second.
+    elif type(error).__name__ == "UnusableError":
+        # Importing the exception class would take a second.
         pass
     elif not isinstance(error, StorageFullError):
         with contextlib.suppress(OSError):
@@ -76,7 +80,8 @@ def open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # uses the lowest free number, which the stream had
+            # open() uses the lowest free descriptor, which the stream had
+            os.open(os.devnull, os.O_RDWR)
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):

@@ -64,8 +64,8 @@ def margins(
         typer.Option(
             metavar="STATES",
             help=(
-                "Quantities to hold (altitude, speed, heading), separated by commas, if the "
-                "controller does not control them."
+                "Quantities to hold constant (altitude, speed, heading), separated by commas, if "
+                "the controller does not control them."
             ),
         ),
     ] = None,
@@ -77,7 +77,7 @@ def margins(
         bool,
         typer.Option(
             "--worst",
-            help="Search the dispersions of a campaign for the smallest margins at the trim.",
+            help="Search the dispersions of a campaign for the smallest margins at trim.",
         ),
     ] = False,
     trust_code: TrustCode = False,
@@ -175,7 +175,7 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
     show_result({"rows": results}, json, print_text)
 
 
-MOST_TIMES = 10_000  # maximum number of times of the option --at
+MOST_TIMES = 10_000  # maximum number of times in the option --at
 
 
 def _read_times(text: str) -> "list[Time]":
@@ -205,7 +205,7 @@ def _read_times(text: str) -> "list[Time]":
 def _take(
     mission: Path, vehicle: Path, controller: Path, time: "Time", bank: str, times: "list[Time]"
 ) -> "Place":
-    """Return an operating point of the nominal flight, and print its warnings.
+    """Return an operating point of the nominal flight, and print warnings about it.
 
     The bank angle applies only to the trim; at a time of the flight, the flight determines it.
     """
@@ -314,7 +314,10 @@ def linearize(
         typer.Option(
             "--at",
             metavar="POINT",
-            help="Operating point: trim, a time of the nominal flight such as 30s, or 0s:60s:1s.",
+            help=(
+                "Operating point: trim, a time of the nominal flight such as 30s, or a range of "
+                "times such as 0s:60s:1s."
+            ),
         ),
     ] = "trim",
     bank: Annotated[
@@ -326,12 +329,12 @@ def linearize(
             "--gains",
             callback=output_file,
             metavar="FILE",
-            help="File for the controller's gains over time; ends in .mat, .csv or .h.",
+            help="Output file (.mat, .csv or .h) for the controller's gains as functions of time.",
         ),
     ] = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Write linear models of plant, controller, open loop and closed loop, or gains.
+    """Write linear models of the plant, controller, open loop and closed loop, or the gains.
 
     The models use path coordinates, second-order actuators and an exact zero-order hold; the file
     contains names and units. For several times (first:last:step) each matrix is an array [time,

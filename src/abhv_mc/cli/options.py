@@ -14,7 +14,7 @@ from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 
 
 def _of_kinds(*kinds: str) -> dict[str, Any]:
-    """Return the parser, completion and help of an argument for input files of some kinds.
+    """Return the parser, completion and help for an argument that accepts certain file kinds.
 
     Shells complete the names of shipped files and paths.
     """
@@ -131,7 +131,10 @@ TrustCode = Annotated[
     bool,
     typer.Option(
         "--trust-code",
-        help="Allow custom code of the campaign to run even if it has not been run here before.",
+        help=(
+            "Allow the campaign's custom code to run even if it has not been run on this machine "
+            "before."
+        ),
     ),
 ]
 Json = Annotated[
@@ -168,7 +171,7 @@ Junit = Annotated[
 
 
 def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, ...] | None:
-    """Return the names of a comma-separated list, or None without the option.
+    """Return the names in a comma-separated option, or None if the option is absent.
 
     Raise InputError if a name is empty.
     """
@@ -181,7 +184,7 @@ def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, .
 
 
 def find_controllers(text: str | None) -> dict[str, Path]:
-    """Return controller files by name; the default is tlc and lqr.
+    """Return controller files by name; by default, the files of tlc and lqr.
 
     Raise InputError if a file is missing or two have the same name.
     """
@@ -192,7 +195,7 @@ def find_controllers(text: str | None) -> dict[str, Path]:
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:
-    """Return the value of an option in SI; a number without unit is in ``bare_unit``.
+    """Return an option's value in SI; a number without a unit is taken in ``bare_unit``.
 
     Raise InputError if the value is invalid.
     """

@@ -241,7 +241,7 @@ def print_section_table(table: "SectionTable") -> None:
         if not (rows and all(row[k].startswith("`abhv-mc ") or not row[k] for row in rows))
     ]
     printed_table = new_table([table.heads[k] for k in visible], (), table.caption or table.title)
-    notes = []  # texts of cells that span several columns
+    notes = []  # contents of cells that span several columns
     lines = iter(rows)
     for group in table.groups:
         for number, cells in enumerate(group):

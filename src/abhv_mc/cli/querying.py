@@ -241,7 +241,7 @@ def _draw(relation: "DuckDBPyRelation") -> str:
 
 
 def _write_csv(columns: list[str], rows: list[tuple[object, ...]], file: Path) -> None:
-    """Write CSV to a file or standard output; a terminal gets control characters escaped."""
+    """Write CSV to a file or standard output; for a terminal, control characters are escaped."""
     from abhv_mc.io.csv_table import csv_text
 
     text = csv_text([columns, *rows])

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from abhv_mc.report.numbers.whatif import Whatif
 
 _REPORTS = Path("reports")
-_TEXT_WIDTH = 100  # width of sentences, columns
+_TEXT_WIDTH = 100  # line width of sentences, in columns
 
 
 def report(
@@ -59,7 +59,10 @@ def report(
         bool, typer.Option("--pdf", help="Write report.pdf (A4); requires Chromium.")
     ] = False,
     brief: Annotated[
-        bool, typer.Option("--brief", help="Write brief.pdf, a two-page summary, instead.")
+        bool,
+        typer.Option(
+            "--brief", help=("Write the two-page summary brief.pdf instead of report.pdf.")
+        ),
     ] = False,
     letter: Annotated[
         bool, typer.Option("--letter", help="Use US letter paper for the PDF.")
@@ -163,8 +166,8 @@ def compare(
         typer.Option(
             metavar="METRIC=5%",
             help=(
-                "Exit with code 1 if B may be worse than A by more than this share of a metric; "
-                "repeatable."
+                "Exit with code 1 unless B is shown to be at most this much worse than A in the "
+                "metric; repeatable."
             ),
         ),
     ] = None,
@@ -212,7 +215,7 @@ def compare(
     newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
     for pair, lost in zip(paired, newly_lost, strict=False):
         say(
-            f"{lost} flights terminate early with {pair.b} and not with {pair.a}",
+            f"{lost} flights terminate early with {pair.b} but not with {pair.a}",
             file=text_stream(json),
         )
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
@@ -263,7 +266,7 @@ def place(
 
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:
-    """Parse standard deviations by channel. Raise InputError if a value is not positive."""
+    """Parse the standard deviation of each channel. Raise InputError if one is not positive."""
     noise: dict[str, float] = {}
     for setting in settings:
         channel, _, number = setting.partition("=")

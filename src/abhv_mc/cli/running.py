@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
     from abhv_mc.folder.manifest import ControllerCount, Manifest
 
-_WIDTH = 80  # maximum width of lines, columns
+_WIDTH = 80  # maximum line width, in columns
 
 
 @takes_options(Request)
@@ -138,7 +138,7 @@ def finish(
         remedy = "; run the same command to try again" if can_rerun else ""
         say(f"{count} failed to run{remedy}", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
-    if result.manifest.not_made:  # Each failure has been printed before.
+    if result.manifest.not_made:  # Each failure has already been printed.
         raise typer.Exit(ExitCode.INCOMPLETE)
     sentence, command = suggest_merge(result.folder, result.manifest)
     if sentence:
@@ -263,7 +263,7 @@ def flights(
         typer.Option(
             "--campaign",
             metavar="FILE",
-            help="Campaign file with 'inputs' and 'metrics', without a simulator.",
+            help="Campaign file that declares 'inputs' and 'metrics' but no simulator.",
         ),
     ],
     out: Annotated[
@@ -294,7 +294,8 @@ def merge(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            metavar="DIR...", help="Folders of all shards of a campaign, or of campaigns to pool."
+            metavar="DIR...",
+            help=("Results folders of all shards of a campaign, or of the campaigns to pool."),
         ),
     ],
     out: Annotated[

@@ -23,8 +23,12 @@ def worst(request: WorstRequest, json: Json = None) -> None:
     """
     announce_compiling()
     from abhv_mc.api import worst
+    from abhv_mc.flight.metrics import MARGIN_NAMES
     from abhv_mc.report.pages.worst_page import make_worst_answer
 
+    if request.metric in MARGIN_NAMES:
+        hint = f"'abhv-mc margins {request.campaign} --worst' searches margins at the trim"
+        say(f"{hint} without flights", file=sys.stderr)
     result, folder = worst(**vars(request)), Path(request.output)
     show_result(
         result.numbers(), json, lambda: print_section(make_worst_answer(result, folder).section)

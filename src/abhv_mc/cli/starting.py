@@ -40,7 +40,7 @@ def new(
         ),
     ] = "s_manoeuvre",
     law: Annotated[
-        bool, typer.Option("--law", help="Add a custom control law with comments.")
+        bool, typer.Option("--law", help="Add a commented example of a custom control law.")
     ] = False,
     language: Annotated[
         str | None,
@@ -105,7 +105,7 @@ def _begin_simulator(folder: Path, kind: str) -> None:
 
 imports = typer.Typer(
     name="import",
-    help="Import flights of another simulator, or vehicle models in standard formats.",
+    help="Import flights computed by another simulator, or vehicle models in standard formats.",
     no_args_is_help=True,
 )
 
@@ -184,7 +184,7 @@ def samples(
     out: Annotated[Path, output(output_file, "FILE.csv", "File to write.")],
     runs: Runs = None,
 ) -> None:
-    """Write the inputs of flights for another simulator, like 'validate --samples'."""
+    """Write the inputs of flights for another simulator, as 'validate --samples' does."""
     say(_write_samples(campaign, runs, out))
 
 
@@ -197,7 +197,7 @@ def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
-    """Print the cost and the chances of PASS of each campaign."""
+    """Print each campaign's cost and its chances of PASS."""
     from dataclasses import asdict
 
     from abhv_mc.campaign.file.check import read_campaign
@@ -247,7 +247,8 @@ def _print_cost(file: str, cost: "Estimate") -> None:
     )
     if cost.searched:
         say(
-            f"  search  {cost.searched} flights of each to find the worst values of the unknowns, "
+            f"  search  {cost.searched} flights of each {cost.kind} to find the worst values of "
+            "the unknowns, "
             f"{cost.search_s:.0f} s (fewer if --runs is below 256)"
         )
     rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core"
@@ -281,8 +282,8 @@ def _print_plan(planned: "Planned") -> None:
         )
     print_table(table)
     say(
-        "*  chance if the true failure probability is a fifth of the allowed one, within this "
-        "number of flights (and at exactly this number)"
+        "*  chance if the true failure probability is a fifth of the allowed probability, within "
+        "this number of flights (and at exactly this number)"
     )
     if len(planned.requirements) > 1:
         low, high = (

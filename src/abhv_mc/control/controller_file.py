@@ -35,24 +35,24 @@ Inputs = TypeVar("Inputs", bound=StrictModel)
 
 
 class TimePoint(StrictModel):
-    """Bandwidth at a time of the flight."""
+    """Bandwidth at a flight time."""
 
     time: Annotated[Time, Field(ge=0.0)] = Field(
         description="time of the point since the start of the flight"
     )
     bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency of the closed loop at that time"
+        description="natural frequency of the closed loop at the time of this point"
     )
 
 
 class PressurePoint(StrictModel):
-    """Bandwidth at a dynamic pressure of the reference."""
+    """Bandwidth at a dynamic pressure of the reference trajectory."""
 
     dynamic_pressure: Annotated[Pressure, Positive] = Field(
         description="dynamic pressure on the reference trajectory"
     )
     bandwidth: Annotated[AngularRate, Positive] = Field(
-        description="natural frequency of the closed loop at that dynamic pressure"
+        description="natural frequency of the closed loop at the dynamic pressure of this point"
     )
 
 
@@ -65,7 +65,7 @@ class Schedule(StrictModel):
     over_dynamic_pressure: list[PressurePoint] | None = Field(
         None,
         min_length=2,
-        description="points in order of increasing dynamic pressure; replaces over_time",
+        description="points in order of increasing dynamic pressure; replaces the key 'over_time'",
     )
 
     @model_validator(mode="after")
@@ -81,7 +81,7 @@ class Schedule(StrictModel):
         return self
 
     def points(self) -> list[tuple[float, float]]:
-        """Return pairs of time or dynamic pressure and bandwidth, in SI units."""
+        """Return pairs of (time or dynamic pressure, bandwidth), in SI units."""
         if self.over_time is not None:
             return [(point.time, point.bandwidth) for point in self.over_time]
         return [
@@ -266,13 +266,13 @@ class LqrController(ControllerModel):
     law: Literal["lqr"] = Field(description="kind of control law")
     rate: Annotated[Frequency, Positive] = Field(100.0, description="control ticks per second")
     guidance: Weights[GuidanceStates, GuidanceInputs] = Field(
-        description="weights of the guidance regulator, equation (22)"
+        description="weights of the guidance regulator, equation (22) of Zhu and Shen (2014)"
     )
     longitudinal: Weights[LongitudinalStates, LongitudinalInputs] = Field(
-        description="weights of the pitch regulator, equation (23)"
+        description="weights of the pitch regulator, equation (23) of Zhu and Shen (2014)"
     )
     lateral: Weights[LateralStates, LateralInputs] = Field(
-        description="weights of the roll and yaw regulator, equation (23)"
+        description="weights of the roll and yaw regulator, equation (23) of Zhu and Shen (2014)"
     )
     spacing: Annotated[Time, Field(gt=0.0)] = Field(
         1.0, description="time between the reference points at which gains are computed"

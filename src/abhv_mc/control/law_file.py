@@ -39,17 +39,25 @@ class PythonController(ControllerModel):
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
-        {}, description="values of class Settings, with units if the Python file declares them"
+        {},
+        description=(
+            "values for the fields of the class Settings, with units if the Python file declares "
+            "units"
+        ),
     )
     commands: dict[str, Any] = Field(
         {},
-        description="values of class Commands, constant or from given times on, "
-        "such as {0 s: 100 m, 5 s: 130 m}",
+        description=(
+            "values for the fields of the class Commands: constants, or values by start time such"
+            " as {0 s: 100 m, 5 s: 130 m}"
+        ),
     )
     around: File | None = Field(
         None,
-        description="controller file of TLC or LQR whose measurements the function filters, at its "
-        "rate",
+        description=(
+            "TLC or LQR controller file; the function filters the measurements for this "
+            "controller, at the rate of this controller"
+        ),
     )
 
     @model_validator(mode="after")
@@ -67,19 +75,26 @@ class CController(ControllerModel):
     law: Literal["c"] = Field(description="kind of control law")
     library: File | None = Field(None, description="shared library of the control law")
     sources: tuple[File, ...] = Field(
-        (), description="C sources of the control law, compiled by cc; replaces library"
+        (), description="C sources of the control law, compiled by cc; replaces the key 'library'"
     )
     flags: tuple[str, ...] = Field(
         ("-O2",), description="compiler flags for cc in addition to -ffp-contract=off"
     )
     design: File | None = Field(
-        None, description="gains: a Python file with design(), or a CSV file over time"
+        None,
+        description=(
+            "gains: a Python file with design(), or a CSV file of gains as a function of time"
+        ),
     )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
-        {}, description="members of the struct abhv_settings: numbers or lists, with units"
+        {},
+        description=(
+            "values of the members of the struct abhv_settings: numbers or lists of numbers, with"
+            " units"
+        ),
     )
     units: dict[str, str] = Field(
         {},
@@ -89,11 +104,16 @@ class CController(ControllerModel):
     effectors: tuple[str, ...] = Field(
         (),
         max_length=MAX_ACTUATORS,
-        description="commanded effectors of the vehicle, in the order of the struct",
+        description=(
+            "commanded effectors of the vehicle, in the order of the members of the C struct"
+        ),
     )
     onboard: bool = Field(
         False,
-        description="whether measured->onboard contains the nominal vehicle, as in Python laws",
+        description=(
+            "whether measured->onboard contains data of the nominal vehicle, as in Python control"
+            " laws"
+        ),
     )
 
     @model_validator(mode="after")
@@ -141,14 +161,19 @@ class FmuController(ControllerModel):
         "gains.NAME, time, or a constant such as true, 3 or 20 deg"
     )
     outputs: dict[str, str] = Field(
-        description="FMU output for each field of the command, such as elevator, or for an "
-        "effector of the vehicle"
+        description=(
+            "name of the FMU output that supplies each field of the command (such as elevator) or"
+            " each commanded effector of the vehicle"
+        )
     )
     params: dict[str, Any] = Field(
         {}, description="initial values of the FMU's parameters, with units if they have any"
     )
     design: File | None = Field(
-        None, description="gains: a Python file with design(), or a CSV file over time"
+        None,
+        description=(
+            "gains: a Python file with design(), or a CSV file of gains as a function of time"
+        ),
     )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
@@ -187,7 +212,7 @@ class FmuController(ControllerModel):
 
 
 def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:
-    """Parse a number or a list of numbers to SI, with the dimension of ``unit`` if given.
+    """Convert a number or list of numbers to SI; ``unit``, if given, sets the dimension.
 
     Raise Refusal if a number is invalid.
     """
@@ -246,7 +271,7 @@ def find_files(law: UserController) -> dict[str, Path]:
 def expand(
     folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
 ) -> list[Path]:
-    """Return the files that match the entries in ``files``. Raise Refusal if there is none."""
+    """Return the files that match ``patterns``. Raise Refusal if a pattern matches no file."""
     files: dict[Path, None] = {}
     for i, pattern in enumerate(patterns):
         if pattern in empty_folders:

@@ -75,7 +75,11 @@ class Phase(StrictModel):
     """Manoeuvre with an optional name."""
 
     name: str | None = Field(
-        None, description="name for the key 'phase' of a metric, which selects this time window"
+        None,
+        description=(
+            "name of the manoeuvre; the key 'phase' of a metric can select its time window by "
+            "this name"
+        ),
     )
 
 
@@ -122,7 +126,10 @@ class SManoeuvre(Phase):
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
         0.0,
-        description="duration of the bank ramp at each end, at most half the length",
+        description=(
+            "duration of the bank ramp at each end of the manoeuvre, at most half the manoeuvre's"
+            " length"
+        ),
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
         1.0,
@@ -254,7 +261,7 @@ class AirTable(StrictModel):
 
     file: File = Field(description="CSV file of the table, relative to the mission file")
     columns: dict[str, str] = Field(
-        {}, description="headers of the table's columns, such as {altitude: HGHT}"
+        {}, description="column headers in the table by quantity, such as {altitude: HGHT}"
     )
 
 
@@ -328,10 +335,15 @@ class Mission(StrictModel):
     density: Annotated[
         Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("given")],
         _BY_NAME,
-    ] = Field("standard", description="air density of the nominal flight: standard, or a table")
+    ] = Field(
+        "standard",
+        description="air density of the nominal flight: standard atmosphere, or a table",
+    )
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description="reference of the measured quantities; default: the vehicle file's",
+        description=(
+            "reference for the measured quantities; default: the reference in the vehicle file"
+        ),
     )
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
         0.01, description="time step of the integrator"

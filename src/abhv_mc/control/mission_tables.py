@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.foreign_table import read_foreign_table, read_numbers, take_numbers
+from abhv_mc.io.foreign_table import Column, read_foreign_table, read_numbers, take_numbers
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, LENGTH, PRESSURE, SPEED, TIME
 from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, atmosphere
@@ -52,13 +52,15 @@ _KELVIN = {
     **dict.fromkeys(("K", "kelvin"), (1.0, 0.0)),
     **dict.fromkeys(("C", "degC", "°C", "deg C"), (1.0, 273.15)),
     **dict.fromkeys(("F", "degF", "°F", "deg F"), (5.0 / 9.0, 459.67 * 5.0 / 9.0)),
+    **dict.fromkeys(("R", "degR", "°R", "deg R"), (5.0 / 9.0, 0.0)),
 }
+_HIGHEST = 1e6  # m; altitudes above it are in a wrong unit
 
 
 def read_air_table(
     path: Path, choices: Sequence[tuple[str, ...]], heads: Mapping[str, str]
 ) -> Floats:
-    """Return altitude and the columns of the first available choice [level, column].
+    """Return the altitude and the first available choice of columns [level, column].
 
     Altitudes may increase or decrease in the file; they increase in the result. Wind is the air's
     velocity towards north and east. Density is a factor on the standard density, followed by a
@@ -67,6 +69,10 @@ def read_air_table(
     """
     table = read_foreign_table(path)
     columns = table.find(("altitude", *AIR), heads)
+    for index, head in enumerate(table.heads):
+        stem, _, unit = head.rpartition("_")
+        if stem == "temperature" and unit in _KELVIN:
+            columns.setdefault(stem, Column(index, unit))
     for name, head in heads.items():
         if name not in columns:
             raise table.error(None, None, f"no column '{head}'", f"the header of '{name}'")
@@ -74,6 +80,8 @@ def read_air_table(
     if names is None:
         expected = ", or ".join(" and ".join(choice) for choice in choices)
         raise table.error(None, None, "a table without the required columns", expected)
+    if names in DENSITIES[:2] and "temperature" in columns:
+        names = (*names, "temperature")
     factor, offset = 1.0, 0.0
     if "temperature" in names:
         column = columns["temperature"]
@@ -88,31 +96,35 @@ def read_air_table(
     altitude, *values = numbers.values.T
     if not 2 <= len(altitude) <= _MAX_ROWS:
         raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS}")
-    warmth: list[Floats] = []
+    standard = np.array([atmosphere(height) for height in altitude.tolist()])
     if "temperature" in names:
         kelvin = values[1] * factor + offset
-        values = [values[0] / (GAS_CONSTANT * kelvin)]
-        warmth = [kelvin / [atmosphere(height)[2] for height in altitude.tolist()]]
+        for row in np.flatnonzero(kelvin <= 0.0)[:1]:
+            problem = f"a temperature of {kelvin[row]:g} K"
+            raise numbers.error(int(row), "temperature", problem, "a temperature above 0 K")
+        values[1] = kelvin / standard[:, 2]
+        if names in DENSITIES:
+            values[0] = values[0] / (GAS_CONSTANT * kelvin)
     if names == WIND[1]:
         values = [-values[0] * np.cos(values[1]), -values[0] * np.sin(values[1])]
-    elif names in DENSITIES:
-        if names != DENSITIES[0]:
-            values = [values[0] / [atmosphere(height)[0] for height in altitude.tolist()]]
+    elif names not in WIND:
+        if names[0] != "density_factor":
+            values[0] = values[0] / standard[:, 0]
         for row in np.flatnonzero((values[0] <= 0.0) | ~np.isfinite(values[0]))[:1]:
             problem = f"a density of {values[0][row]:g} times the standard atmosphere's"
             raise numbers.error(int(row), names[0], problem, "a factor above zero")
     order = np.argsort(altitude)
-    return np.column_stack([altitude, *values, *warmth])[order]
+    return np.column_stack([altitude, *values])[order]
 
 
 def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
-    """Return a warning if a flight at these altitudes leaves a table [level, column]."""
+    """Return a warning if a flight leaves a table [level, column], or the table leaves the air."""
     low, high, lowest, highest = *table[[0, -1], 0], altitude.min(), altitude.max()
-    if low <= lowest and highest <= high:
+    if low <= lowest and highest <= high <= _HIGHEST:
         return []
     hint = ""
     for unit, factor in (("km", 1e3), ("ft", 0.3048), ("m", 1e-3)):
-        if low * factor <= lowest and highest <= high * factor:
+        if low * factor <= lowest and highest <= high * factor <= _HIGHEST:
             hint = f"; are its altitudes in {unit}?"
             break
     return [

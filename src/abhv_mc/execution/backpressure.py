@@ -25,7 +25,7 @@ def work_ahead(
     def call(arguments: tuple[Any, ...]) -> T:
         slots.acquire()
         if closed.is_set():
-            slots.release()  # Then the next waiting thread can end, too.
+            slots.release()  # Release the slot, so that the next waiting thread can also end.
             raise RuntimeError("the results are no longer needed")
         return work(*arguments)
 

@@ -9,7 +9,8 @@ from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Fly, Recorded
 
-BATCH_FLIGHTS = 256  # flights per call: enough to fill all lanes, but few to lose in a crash
+# flights per call: enough to fill all lanes, but few enough that a crash loses little work
+BATCH_FLIGHTS = 256
 
 
 def fly_in_batches(
@@ -19,7 +20,7 @@ def fly_in_batches(
     recorded: "Recorded",
     begin: Callable[[], None] = lambda: None,
 ) -> FlightBlock:
-    """Simulate all rows in batches, with a call of ``begin`` before each batch."""
+    """Simulate all rows in batches, calling ``begin`` before each batch."""
     blocks = []
     for first in range(0, max(1, len(parameters)), BATCH_FLIGHTS):
         begin()

@@ -10,7 +10,8 @@ from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
 _WORK = 10.0  # computing time of a block of a custom simulator, s
-# Flights of a block without histories: ten seconds of work, which a killed worker loses.
+# Maximum number of flights in a block without histories: ten seconds of work, which is lost if the
+# worker is killed.
 _MOST_FLIGHTS = 8192
 
 
@@ -78,7 +79,7 @@ def cut_blocks(
 def _uniform_ranges(
     rows: Mask, envelope: Mask, size: int, cut: int, unrecorded: tuple[int, int] | None
 ) -> Iterator[tuple[int, int]]:
-    """Yield (first, stop) of ranges of flights that lack the same data."""
+    """Yield (first, stop) for each range of flights that lack the same data."""
     first_unrecorded, unrecorded_size = unrecorded or (len(rows), size)
     state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
     changes = np.flatnonzero(np.diff(state)) + 1

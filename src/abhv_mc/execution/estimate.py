@@ -38,7 +38,8 @@ class Estimate:
     rows_bytes: int
     histories_bytes: int
     searched: int  # flights per controller in the search for the worst values of unknowns
-    kept: int  # flights per controller with histories, except 'failed'
+    # flights per controller whose histories are stored, without those selected by 'failed'
+    kept: int
     envelope_bytes: int  # disk space of envelope data during the run
     warnings: tuple[str, ...]  # warnings about the mission
 

@@ -46,7 +46,7 @@ class FlightRunner:
 
 @contextlib.contextmanager
 def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield a pool of threads, whose flights are not awaited after an interrupt.
+    """Yield a thread pool that does not wait for its flights after an interrupt.
 
     The executor of the flights ends them.
     """
@@ -61,7 +61,7 @@ def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
 
 @contextlib.contextmanager
 def connect(address: str | None) -> Iterator[OpenExecutor | None]:
-    """Yield the function that opens executors on a scheduler, or None without an address.
+    """Yield the function that opens executors on a scheduler, or None if no address is given.
 
     The scheme of the address selects the package. Raise InputError if no package is installed.
     """
@@ -119,7 +119,7 @@ def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
         if engine.close is not None:  # The simulator records each lost flight itself.
             try:
                 return executor.fly(plan, parameters, recorded)
-            except FlightLostError as error:  # The machine, not a flight, is the cause.
+            except FlightLostError as error:  # The machine, not a flight, caused this error.
                 raise UnusableError(str(error)) from None
 
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:

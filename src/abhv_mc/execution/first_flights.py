@@ -25,7 +25,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability
 
-_LONG = 1.0  # If a flight takes longer, s, only one flight is repeated in each process.
+_LONG = 1.0  # time of a flight, s, above which only one flight is repeated in each process
 _CHECKED = 8  # number of rows of inputs that are checked
 _PAIRS = 4  # maximum number of pairs of processes
 
@@ -38,7 +38,7 @@ class FirstFlights(NamedTuple):
 
 
 class _Repeats(NamedTuple):
-    """Flights of one system in a new process: all rows, then repeated rows in reverse."""
+    """Flights of one system in a new process: all rows, then repeated rows in reverse order."""
 
     rows: Floats
     first: FlightBlock
@@ -122,7 +122,7 @@ def _checked(campaign: Experiment, process: int = 1) -> Experiment:
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
-    """Simulate ``rows`` in pairs of new processes in parallel.
+    """Simulate each row in two new processes; several pairs of processes run in parallel.
 
     Return the flights by system, with adjacent processes of a pair, and warnings about undeclared
     files that native code reads.
@@ -144,7 +144,8 @@ def _fly_twice(
         again = {name: simulate(own, name, repeated, None, executor.fly) for name in own.systems}
         progress.add(len(own_rows) * len(own.systems))
         native.update(campaign.simulator.find_undeclared_reads(plan, started))
-        if executor.workers == 1:  # A licence may allow only one process at a time.
+        if executor.workers == 1:
+            # The licence of a simulator may allow only one process at a time.
             _end_processes(campaign)
         return {name: _Repeats(own_rows, first[name], again[name]) for name in own.systems}
 
@@ -187,15 +188,16 @@ def _judge_repeats(
 
 
 def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield each row of inputs with its values in two processes."""
+    """Yield each row of inputs with its results in two processes."""
     yield from zip(a.rows, outcome_and_metrics(a.first), outcome_and_metrics(b.first), strict=True)
-    if len(a.again.outcome) == len(b.again.outcome):  # The numbers differ if one process was slow.
+    if len(a.again.outcome) == len(b.again.outcome):
+        # The numbers of repeated flights differ if one process was slow.
         again = outcome_and_metrics(a.again), outcome_and_metrics(b.again)
         yield from zip(a.again_rows, *again, strict=True)
 
 
 def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield each repeated row of inputs with its first and second values in one process."""
+    """Yield each repeated row of inputs with its first and second results in one process."""
     first, again = outcome_and_metrics(repeats.first), outcome_and_metrics(repeats.again)
     first = first[::-1] if len(again) == len(first) else first[: len(again)]
     yield from zip(repeats.again_rows, first, again, strict=True)

@@ -26,7 +26,7 @@ class RequirementCount:
 
     requirement: Requirement
     binds: bool  # whether the requirement applies to the controller
-    missed: Mask  # [flight] whether the requirement is missed
+    missed: Mask  # [flight] whether the flight violates the requirement
     flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
     ended_early: NDArray[np.int64]  # [point] flights that failed only by early termination
     measured: NDArray[np.int64]  # [point] flights whose metric violates the limits

@@ -30,8 +30,8 @@ class FlightTable:
 
     path: Path  # path of the table of inputs
     samples: Floats  # [flight, input], equal for all systems
-    lines: Ints  # [flight] line of the inputs in the file
-    factors: Floats  # [input] from units of the file to units of the campaign
+    lines: Ints  # [flight] line number of the inputs in the file
+    factors: Floats  # [input] conversion factors from units of the file to units of the campaign
     blocks: tuple[FlightRows, ...]
 
 

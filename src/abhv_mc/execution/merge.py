@@ -41,7 +41,7 @@ def merge_campaign(
     else:
         campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
-    check_user_code(campaign, trust_code)  # Flights are run again for histories.
+    check_user_code(campaign, trust_code)  # Flights whose histories are stored are run again.
     target = CampaignFolder(out)
     with hold_lock(target.lock):
         (join_shards if sharded else pool_campaigns)(folders, out)

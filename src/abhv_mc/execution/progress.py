@@ -7,7 +7,8 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
-_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0  # intervals of plain lines and of updates of the clock, s
+# intervals between plain progress lines and between updates of the clock, s
+_PLAIN_INTERVAL, _CLOCK = 10.0, 1.0
 _printed = [time.monotonic()]  # time of the last plain line of any task, s
 
 

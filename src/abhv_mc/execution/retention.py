@@ -69,7 +69,7 @@ def list_histories(
     campaign: Experiment,
     all_counts: Mapping[str, FlightCounts],
 ) -> list[HistoryFile]:
-    """Return the history files of a campaign with complete flights."""
+    """Return the history files that a campaign stores when its flights are complete."""
     keep = campaign.model.keep.histories
     files: list[HistoryFile] = []
     if not campaign.channels:
@@ -120,7 +120,8 @@ def write_kept_histories(
     landed = work_ahead(workers, rerun, ((file,) for file in missing))
     with Progress("histories", total) as progress, closing(landed):
         for file, block in landed:
-            lost = block.outcome == Outcome.FAILED_TO_RUN  # The flight was computed the first time.
+            # These flights were completed before and failed only in this repetition.
+            lost = block.outcome == Outcome.FAILED_TO_RUN
             failed += [
                 f"no history of flight {file.flights[row]} of {file.controller}"
                 f" ({block.reasons.get(row, 'it failed to run')})"

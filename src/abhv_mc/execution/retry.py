@@ -25,8 +25,8 @@ if TYPE_CHECKING:  # Worker processes do not import these modules.
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # flights in the first smaller pieces, and flights per time limit
-_reported: set[str] = set()  # messages on losses that were already reported
+PIECE = 16  # flights in the first pieces of a divided block, and flights per time limit
+_reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)
 
@@ -44,14 +44,14 @@ class UnusableError(Exception):
 
 
 def time_limit(flights: int, piece_limit: float) -> float:
-    """Return the time limit of ``flights``, s; up to PIECE flights have ``piece_limit``."""
+    """Return the time limit of ``flights``, s; ``piece_limit`` applies to up to PIECE flights."""
     return piece_limit * math.ceil(flights / PIECE)
 
 
 def fly_with_retries(
     attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded"
 ) -> FlightBlock:
-    """Compute the flights of ``parameters`` with ``attempt``, with retries after a loss.
+    """Compute the flights of ``parameters`` with ``attempt``, and retry lost flights.
 
     After a loss, the block is computed in smaller pieces. Flights that are lost on their own have
     the outcome ``failed_to_run``. Raise UnusableError if none of PIECE or more flights can be
@@ -99,7 +99,7 @@ def _fly(
             _reported.add(str(error))
             print(
                 f"{plan.controller}: {len(parameters)} flights were lost ({error}) and are"
-                " computed again in smaller pieces",
+                " computed again in smaller blocks",
                 file=sys.stderr,
                 flush=True,
             )

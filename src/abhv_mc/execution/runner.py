@@ -214,7 +214,7 @@ class _Run:
         return no_envelopes or (is_complete and self.products.envelopes.is_current(self.files))
 
     def _fly(self) -> None:
-        """Run the missing flights, stepwise if the campaign stops when proven."""
+        """Run the missing flights; if the campaign stops when proven, run them in steps."""
         self.recording = None
         if self.campaign.has_bands:
             self.cells = self._make_cells()
@@ -229,7 +229,7 @@ class _Run:
             self._fly_missing(missing)
 
     def _time_flights(self) -> None:
-        """Set the block size by the computing time of a flight, if the simulator measures it."""
+        """Set the block size from the computing time of a flight, if the simulator measures it."""
         plans = [system.plan for system in self.campaign.systems.values()]
         if (seconds := self.simulator.time_of_flight(plans)) is None:
             return
@@ -362,7 +362,8 @@ class _Run:
         if self.sharded:
             self._join_files()
             return
-        # Files to be replaced are removed from the manifest first, in case of a kill.
+        # Files that will be replaced are first removed from the manifest, in case the process is
+        # killed.
         histories = self._list_histories()
         products = (file.product for file in histories)
         current = {product.path for product in products if product.is_current(self.files)}
@@ -375,7 +376,7 @@ class _Run:
                 np.concatenate([collector.times for collector in self.collectors.values()])
             )
             tables = {name: self.collectors[name].table(times) for name in self.plans}
-            # The blocks of a custom simulator have times beyond the end of their flights.
+            # The blocks of a custom simulator contain times after the end of their flights.
             if self.cells.times is None:
                 flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
                 times, tables = (

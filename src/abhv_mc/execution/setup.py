@@ -125,7 +125,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
 def _read_plans(
     root: Path | None, campaign: Experiment, inputs: FolderInputs, trust_code: bool
 ) -> Mapping[str, Plan]:
-    """Read the plans stored in the folder ``root``, if not None.
+    """Read the plans stored in the folder ``root``, unless ``root`` is None.
 
     Raise InputError if the plans were made from other inputs.
     """
@@ -184,7 +184,9 @@ def _resume(
     _check_same(flown, before, requested, inputs, request)
     added = [name for name in requested.controllers if name not in before.systems]
     if added and requested.unknowns.names:
-        problem = f"the folder's points of the unknowns were selected without {', '.join(added)}"
+        problem = (
+            f"the values of the unknowns in this folder were selected without {', '.join(added)}"
+        )
         raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)
@@ -193,7 +195,7 @@ def _resume(
         next(iter(before.systems)),
         *map(before.data.get, JUDGING),
     ]
-    # The campaign file is unlisted if an extension of the folder was killed.
+    # The manifest does not list the campaign file if a run that extended the folder was killed.
     changed = added or longer or is_rejudged or not files.knows(folder.campaign)
     products = Products(folder, merged.systems, requested.runs)
     nominal = products.nominal, products.reference

@@ -23,14 +23,15 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Fly
 
-_LEAST, _MOST, _SHARE = 4, 64, 50  # re-run one of 50 flights, within limits
+# one of 50 stored flights is re-run, but at least 4 and at most 64
+_LEAST, _MOST, _SHARE = 4, 64, 50
 
 
 class StoredFlights:
-    """Rows of the flights of each system that are re-run."""
+    """Rows of the flights of each system that this check re-runs."""
 
     def __init__(self, campaign: Experiment, shard: tuple[int, int]) -> None:
-        """Choose flights of a shard at random; an extension of a campaign chooses others."""
+        """Choose random flights of a shard; extending a campaign changes the choice."""
         first, stop = shard
         self._campaign = campaign
         count = min(stop - first, max(_LEAST, min(_MOST, (stop - first) // _SHARE)))

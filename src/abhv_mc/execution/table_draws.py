@@ -62,7 +62,7 @@ def check_draws(
 
 
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
-    """Return a column of values with their largest rounding errors [flight]."""
+    """Return a column of values [flight] with the largest rounding error of each value."""
     atoms = find_atoms(marginal)
     return Column(
         values=values,
@@ -106,7 +106,8 @@ def _contradictions(
     for pair in findings.correlations:
         a, b = (names[j] for j in pair.columns)
         problem = (
-            f"the rank correlation of '{a}' and '{b}' of {pair.found:.3g}, stated {pair.stated:.3g}"
+            f"the rank correlation of '{a}' and '{b}' is {pair.found:.3g}, but {pair.stated:.3g} "
+            "is stated"
         )
         yield problem, f"'correlations' that match the table ({_MISSING}), or {_ESTIMATES}", 1
     if equal := findings.equal:

@@ -83,7 +83,7 @@ def import_tables(
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:
-    """Return the campaign with `independent: no`, in which requirements get estimates."""
+    """Return the campaign with `independent: no`, so that requirements get only estimates."""
     data = campaign.document.entries
     document = replace(campaign.document, data={**data, "independent": False})
     model = campaign.model.model_copy(update={"independent": False})

@@ -40,7 +40,7 @@ def simulate_table(
     channel_index = {
         channel.name: i
         for i, channel in enumerate(experiment.channels)
-        if simulator.capabilities.has_mission  # The flights have common times.
+        if simulator.capabilities.has_mission  # The histories of all flights have the same times.
     }
     systems = experiment.controllers if controllers is None else tuple(controllers)
     for kind, requested, choices in (

@@ -86,7 +86,7 @@ def with_points(campaign: Experiment, points: object) -> Experiment:
 def _evaluate(
     campaign: Experiment, name: str, executor: FlightRunner, progress: Progress, points: Floats
 ) -> Trial:
-    """Simulate the flights of the search at ``points`` [point, unknown]."""
+    """Simulate the search flights at ``points`` [point, unknown]."""
     rows = campaign.search_rows(
         search_size(campaign.runs_at_point), campaign.unknowns.values(points)
     )

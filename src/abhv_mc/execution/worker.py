@@ -80,11 +80,12 @@ def compute(
 
 
 def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> float:
-    """Return the limit on processor time (s) for 16 flights, from the nominal flight.
+    """Return the limit on processor time (s) for 16 flights, derived from the nominal flight.
 
     ``clock`` returns the elapsed processor time.
     """
-    for _ in range(2):  # The first flight may load or compile code, which does not count.
+    for _ in range(2):
+        # The first flight may load or compile code, which does not count as flight time.
         start = clock()
         fly(plan, nominal_parameters(), None)
         if (limit := _TIMES * PIECE * (clock() - start)) < _LEAST:

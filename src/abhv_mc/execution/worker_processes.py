@@ -28,13 +28,13 @@ from abhv_mc.flight.user_law import must_run_in_child
 from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
-# Give up after 20 + workers consecutive failed starts; a crash counts as four starts.
+# Give up after 20 + workers consecutive failed starts; a crash counts as four failed starts.
 _FAILED_STARTS = 20
 _CRASH = 4
 _PAUSE = 0.05  # pause before a start, multiplied by the number of failed starts, s
 _COMPILE_LIMIT = 600.0  # time to start a process and load or compile a flight, s
 _RESPONSE_LIMIT = 60.0  # time for a ready process to begin the next block, s
-# Limit on wall time: the larger of seconds and a multiple of processor time.
+# Limit on wall time: the larger of 600 s and 20 times the limit on processor time.
 _ASLEEP, _WALL = 600.0, 20.0
 _start_lock = threading.Lock()
 
@@ -242,7 +242,7 @@ class WorkerPool:
 
 @contextlib.contextmanager
 def _starting_processes() -> Iterator[None]:
-    """Make new processes of multiprocessing ignore Ctrl-C and use the parent's sys.path.
+    """Make new multiprocessing workers ignore Ctrl-C and use the parent's sys.path.
 
     Ctrl-C reaches all processes of the terminal, and the parent handles it. The script of the
     caller is not run again. The fork server and its helper are started with ``python -c``, which

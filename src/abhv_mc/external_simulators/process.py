@@ -45,7 +45,7 @@ class Process:
 
     def __init__(self, plan: UserPlan) -> None:
         """Start the process. Raise OSError or LostFlightError if it fails to start."""
-        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  it lives as long as the process
+        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  the file lives as long as the process
         fcntl.fcntl(
             self._errors, fcntl.F_SETFL, os.O_APPEND
         )  # The file may be truncated while it is written.
@@ -53,7 +53,7 @@ class Process:
             with _starting:
                 self.folder = make_working_folder(plan)
                 try:
-                    started: Any = subprocess.Popen(  # noqa: S603  what the user's campaign names
+                    started: Any = subprocess.Popen(  # noqa: S603  program named in the user's campaign
                         plan.argv(self.folder.path),
                         cwd=self.folder.path,
                         stdin=subprocess.PIPE,
@@ -80,9 +80,10 @@ class Process:
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
         self.flights = 0  # number of completed flights
-        self.unproven = 0  # replies since the last check that do not repeat the request's text
+        # replies since the last check that do not repeat the string of their request
+        self.unproven = 0
         self.first_time = 0.0  # time from the start to the first reply, s
-        self.longest = 0.0  # longest time to any later reply, s
+        self.longest = 0.0  # longest time to a reply after the first, s
         if plan.python:
             error = self._answer(plan.start_limit, "loaded").get("error")
             if error is not None:
@@ -135,7 +136,7 @@ class Process:
         return answer
 
     def _make_text(self) -> str:
-        """Return an arbitrary text that is unique in this process."""
+        """Return an arbitrary string that is unique in this process."""
         self._next_flight += 1
         return f"{self._next_flight * 2654435761 & 0xFFFFFFFF:08x}"
 
@@ -213,7 +214,7 @@ class Process:
         return [f"'{self._without_folder(text):.200}'" for text in last]
 
     def _describe_end(self) -> str:
-        """Return a description of how the process ended, with its last line on standard error."""
+        """Return a description of how the process ended, including its last line on stderr."""
         try:
             code = self._process.wait(_ENDING)
         except subprocess.TimeoutExpired:
@@ -223,7 +224,7 @@ class Process:
         return ", ".join([describe_exit(code), *self._quote_last_error()])
 
     def _without_folder(self, text: str) -> str:
-        """Return a text in which file names are relative to the folder of the process."""
+        """Return the text with its file names made relative to the folder of the process."""
         return text.replace(f"{self.folder.path}{os.sep}", "")
 
     def take_errors(self) -> str:
@@ -251,7 +252,7 @@ class Process:
         self._excerpt = text if is_short else text[:_EXCERPT] + b"\n...\n" + text[-_EXCERPT:]
 
     def end(self) -> None:
-        """End the process group and delete its folder, only once because IDs are reused."""
+        """End the process group and delete its folder; do so only once, because IDs are reused."""
         if self._ended:
             return
         self._ended = True

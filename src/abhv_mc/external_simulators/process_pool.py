@@ -46,7 +46,7 @@ class ProcessPool:
             self.all.discard(process)
 
     def close(self) -> None:
-        """End all processes, whose current flights fail."""
+        """End all processes; their current flights fail."""
         self.closed = True
         if self.owner == os.getpid():
             for process in list(self.all):

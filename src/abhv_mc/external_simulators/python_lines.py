@@ -16,7 +16,7 @@ _GUARD = Path(__file__).parents[1] / "user_code" / "read_guard.py"
 
 
 def main(python: str, source: str, campaign: str, *declared: str) -> None:
-    """Process requests from standard input until its end.
+    """Process requests from standard input until the end of the input.
 
     ``python`` and ``declared`` are in the working folder; ``source`` is the folder of the simulator
     and ``campaign`` the folder of the campaign file.
@@ -71,7 +71,7 @@ def _plain(value: Any) -> Any:
 
 
 def _words(error: BaseException, python: str) -> str:
-    """Return the text of an exception, with the last line reached in the simulator's file."""
+    """Return the message of an exception, and the last line reached in the simulator's file."""
     location, trace = "", error.__traceback__
     while trace is not None:
         if Path(trace.tb_frame.f_code.co_filename).name == Path(python).name:

@@ -27,8 +27,8 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted
 
 _BY_ORDER = (
-    "replies of the program are matched to requests by order, unless each reply repeats the value "
-    "of the key 'flight'"
+    "replies of the program are matched to requests in the order of arrival, unless each reply "
+    "repeats the value of the key 'flight'"
 )
 
 
@@ -56,7 +56,7 @@ class ExternalSimulator:
         raise self.experiment.document.error((), problem, expected)
 
     def find_simulator(self) -> tuple[Simulator, Path]:
-        """Return settings and folder of the simulator. Raise InputError if it is missing."""
+        """Return the settings and folder of the simulator. Raise InputError if it is missing."""
         document = self.experiment.document
         if self.model.simulator is None:
             expected = "the key 'simulator'; use abhv-mc import flights TABLE for existing results"
@@ -192,7 +192,7 @@ class ExternalSimulator:
 
 
 class ImportedTable(ExternalSimulator):
-    """Simulator interface of flights that another simulator computed."""
+    """Simulator interface for flights that another simulator computed."""
 
     origin = "a table"
     capabilities = ExternalSimulator.capabilities._replace(can_rerun=False)

@@ -21,12 +21,13 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
 
-_AHEAD = 1e-3  # Shorter flights (s) are requested ahead of replies.
+_AHEAD = 1e-3  # computing time of a flight, s, below which flights are requested ahead of replies
 _SLACK = 0.02  # time of a silence check in addition to twice the longest reply time, s
-_SHORT_PROOF = 0.25  # time of a silence check after few flights, s
-_PROOF = 20  # flights of a process before checks take the full time
-_RARE = 300  # number of pieces between two surplus lines for which flights are checked one by one
-_START_TIMES, _START_SLACK = 10.0, 10.0  # limits on the start: multiple of earlier starts, and s
+_SHORT_PROOF = 0.25  # duration of a silence check after few flights, s
+_PROOF = 20  # flights of a process before its silence checks take the full time
+_RARE = 300  # minimum number of pieces between two surplus lines, on average
+# limits on the start time: multiple of earlier start times, and seconds
+_START_TIMES, _START_SLACK = 10.0, 10.0
 
 
 class _Record:
@@ -117,7 +118,7 @@ class _Flights:
         flights, surplus = plan.seen
         self.record.flights = max(self.record.flights, flights)
         self.record.surplus = max(self.record.surplus, surplus)
-        self.waited = 0.0  # time of process starts and silence checks, s
+        self.waited = 0.0  # time spent on process starts and silence checks, s
         self.is_ahead = 0.0 < self.record.seconds < _AHEAD
 
     def run(self) -> None:
@@ -129,7 +130,7 @@ class _Flights:
             self.record.seconds = max(0.0, time.monotonic() - begun - self.waited) / number
 
     def _run_pieces(self, first: int, stop: int, largest: int | None = None) -> None:
-        """Simulate flights in checked pieces, smaller after surplus output."""
+        """Simulate flights in checked batches, which are smaller after surplus output."""
         while first < stop:
             size = largest or stop - first
             if self.record.surplus:
@@ -175,7 +176,8 @@ class _Flights:
                 self._end(process)
                 if not unproven:
                     self._lose(done, str(lost))
-                elif self._run_alone(done) and done > begun:  # This flight is not the cause.
+                elif self._run_alone(done) and done > begun:
+                    # This flight did not cause the surplus line.
                     self.record.surplus += 1
                     self.events["repeated"] += done - begun
                     for flight in range(begun, done):
@@ -229,7 +231,7 @@ class _Flights:
         if self.plan.python:
             return 0.0  # Python simulators report when they are loaded.
         if self.record.is_stuck:
-            return 0.0  # Waiting for the limit in each flight would take hours.
+            return 0.0  # Waiting for the time limit in each flight would take hours.
         before, limit = self.record.start, self.plan.start_limit
         return limit if before is None else min(limit, _START_TIMES * before + _START_SLACK)
 

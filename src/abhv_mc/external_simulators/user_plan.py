@@ -44,7 +44,8 @@ class UserPlan:
     campaign_folder: str = ""  # folder of the campaign file
     check: int = 0  # number of a process used only for checks, or 0
     is_proven: bool = False  # whether each block ends with a silence check
-    seen: tuple[int, int] = (0, 0)  # flights and surplus lines observed by other processes
+    # numbers of flights and surplus lines observed by other processes
+    seen: tuple[int, int] = (0, 0)
 
     @property
     def process(self) -> tuple[object, ...]:

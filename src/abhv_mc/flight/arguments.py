@@ -42,7 +42,8 @@ _COLUMNS = {  # numbers of gains and of settings, by control law
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
 }  # A custom law may have any number of gains and settings.
-# Kernel code of a flight that reached the end of its mission; it truncates to OK.
+# Outcome code in the kernel for a flight that reached the end of its mission; the code truncates to
+# OK.
 _FLOWN = 0.5
 
 

@@ -121,7 +121,7 @@ def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory
 
 
 def describe_last_tick(process: int | None) -> str:
-    """Return a clause on the last tick of a flight in a crashed process, or ''."""
+    """Return a clause that names the last tick of a flight in a crashed process, or ''."""
     description = ""
     for path in laws_folder().glob(f"flying_{process}_*"):
         content = path.read_bytes()

@@ -170,7 +170,7 @@ def compile_expression(text: str, sources: Mapping[str, SourceRow]) -> "Expressi
         RecursionError,
         MemoryError,
         OverflowError,
-    ):  # The last three are due to deep nesting or long numbers.
+    ):  # The last three exceptions are caused by deep nesting or long numbers.
         raise Refusal(describe(text), "a channel or an expression of channels") from None
     is_nonnegative_source = isinstance(body, ast.Name) and sources[body.id].nonnegative
     is_magnitude = (

@@ -101,7 +101,7 @@ def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push:
 
 def _no_equilibrium(code: VehicleCode, problem: str) -> InputError:
     expected = "'start:' in the vehicle file for states without equilibrium"
-    return InputError(_file_of(code), problem, expected, function_line(code))
+    return InputError(_file_of(code), problem, expected, function_line(code.dynamics))
 
 
 def _file_of(code: VehicleCode) -> str:
@@ -133,7 +133,7 @@ def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
         _file_of(code),
         f"the state '{state.name}' has no equilibrium at the start of the mission",
         f"{state.name}: {{unit: {state.unit}, start: ...}} in the vehicle file",
-        function_line(code),
+        function_line(code.dynamics),
     )
 
 
@@ -147,7 +147,7 @@ def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push:
     if bad.size == 0:
         return
     problem = f"the {names[bad[0]]} is not finite at the start"
-    raise InputError(_file_of(code), problem, "finite numbers", function_line(code))
+    raise InputError(_file_of(code), problem, "finite numbers", function_line(code.dynamics))
 
 
 def _check_step(
@@ -166,7 +166,7 @@ def _check_step(
     if fastest * step > _REJECTED:
         expected = f"'step:' in the mission of at most {longest_step}"
         problem = f"the custom dynamics have {phrase}"
-        raise InputError(_file_of(code), problem, expected, function_line(code))
+        raise InputError(_file_of(code), problem, expected, function_line(code.dynamics))
     if fastest * step <= _NOTED:
         return []
     return [
@@ -213,7 +213,7 @@ class _StartPoint:
         )
         q0, q1, q2, q3 = x[s.Q0 : s.Q3 + 1].tolist()
         gravity = rotate_meridional(q0, q1, q2, q3, local_gravity[0], local_gravity[1])
-        # Forces required for the trim in addition to the push.
+        # Forces that the trim requires in addition to the force in `push`.
         force_x = trim.forward * math.cos(alpha) + trim.upward * math.sin(alpha) - push[0]
         force_z = trim.forward * math.sin(alpha) - trim.upward * math.cos(alpha) - push[1]
         variables = make_variables(

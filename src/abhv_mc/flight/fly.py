@@ -37,7 +37,7 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """Return the compiled flight; for a lean plan it may be a cached full flight."""
+    """Return the compiled flight function; a lean plan may get the cached full version."""
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 
@@ -98,7 +98,7 @@ def fly(
 def fly_until(
     plan: FlightPlan, parameters: Floats, tick: int, start: SavedFlights | None = None
 ) -> SavedFlights:
-    """Simulate up to a control tick and return the memory of each flight.
+    """Simulate flights up to a control tick and return the memory of each flight.
 
     Flights continue from ``start`` if it is given.
 
@@ -139,9 +139,7 @@ def fly_in_memory(
         parameters[:, : _NOT_LEAN.size][:, _NOT_LEAN],
         nominal_parameters(len(parameters))[:, _NOT_LEAN],
     ):
-        raise ValueError(
-            "the parameters disperse a quantity that the lean flight of the plan omits"
-        )
+        raise ValueError("the parameters disperse a quantity that this plan does not simulate")
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     width = memory.Z.shape[1]
     in_rows = memory_in_rows or start is not None

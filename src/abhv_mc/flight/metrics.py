@@ -24,7 +24,7 @@ Group = Literal["tracking", "usage", "loads", "stability", "user"]
 NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
-# Suffixes of names that differ from the letters of the unit.
+# Name suffixes that differ from the letters of the unit.
 _ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
 
 
@@ -43,7 +43,7 @@ class Metric(Signal):
     settled: bool = False  # exclude 5 s after each step of the reference
     empty: float = math.nan  # value if a flight ends before the window
     never_negative: bool = False
-    leads: bool = False  # listed first in reports without requirements
+    leads: bool = False  # whether the metric is listed first in reports without requirements
     customary: float = 0.0  # customary lower limit of a stability margin
     plateaus: tuple[float, ...] = ()  # values that many flights may share
     # Finding stated in the report for flights with large values.
@@ -79,7 +79,7 @@ class Metric(Signal):
         return f"{text}, outside the transients" if self.settled else text
 
     def as_texts(self) -> dict[str, str]:
-        """Return the texts that a report shows."""
+        """Return the strings that a report shows for the metric."""
         keys = ("label", "label_with_unit", "phrase", "unit", "doc", "group", "bad")
         return {key: getattr(self, key) for key in keys}
 
@@ -350,7 +350,7 @@ NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 
 def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
-    """Pack declared metrics as text [metric, field] for plan files."""
+    """Pack declared metrics as strings [metric, field] for plan files."""
     rows = [[_as_text(getattr(metric, name)) for name in _TEXT] for metric in metrics]
     return np.array(rows, dtype=np.str_) if rows else NO_METRICS
 

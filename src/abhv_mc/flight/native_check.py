@@ -24,7 +24,7 @@ _LONGEST = 600.0  # time limit including compilation, s
 
 
 def check_native(plan: FlightPlan) -> None:
-    """Check that two flights have the same bits alone, together and in swapped order.
+    """Check that two flights are bit-identical when run alone, together and in swapped order.
 
     Each version of the law's files is checked once. Raise InputError if the flights differ or the
     law fails.
@@ -59,7 +59,7 @@ def check_states(plan: FlightPlan) -> None:
 
 
 def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
-    """Run a check in the child process, once for each version of a law that passes."""
+    """Run a check in the child process, only once for each version of a law that passes."""
     key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[
         :24
     ]

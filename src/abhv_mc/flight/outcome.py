@@ -58,7 +58,7 @@ class Outcomes:
         return tuple(map(self.codes.__getitem__, numbers.tolist()))
 
 
-# These outcomes count like LAW_FAILED but have no metrics.
+# These outcomes count like LAW_FAILED but their flights have no metrics.
 LAW_LOST = (
     Outcome.LAW_CRASHED,
     Outcome.LAW_HUNG,
@@ -66,7 +66,7 @@ LAW_LOST = (
 
 
 def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """Return the outcome of a single flight that ended its process twice.
+    """Return the outcome of a flight that crashed or hung its process twice when run alone.
 
     The control law is the cause if it is native code.
     """
@@ -178,7 +178,7 @@ _DEG = 180.0 / math.pi
 
 
 def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Limit:
-    """Return a limit of :class:`LoadBounds`; ``factor`` converts it to the source's unit."""
+    """Return the limit for a field of :class:`LoadBounds`, multiplied by ``factor``."""
     return Limit(outcome, source, lambda limits: (-math.inf, factor * getattr(limits.loads, name)))
 
 

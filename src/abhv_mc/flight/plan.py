@@ -65,7 +65,7 @@ SENSOR_TIMES = (
 
 
 def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str] | None:
-    """Return texts on an invalid sensor delay, lag or interval and its range, or None.
+    """Return an invalid sensor delay, lag or interval and its valid range, or None.
 
     ``parameters`` is [flight, parameter], ``tick`` the control period in s.
     """
@@ -106,7 +106,7 @@ class FlightPlan:
     # [channel, 2] name and unit of custom channels
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)
     period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
-    # built-in law, "tlc" or "lqr", whose measurement custom code filters
+    # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
     # dispersed settings of control laws; they follow the vehicle's settings
     law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
@@ -115,12 +115,12 @@ class FlightPlan:
     )  # settings of a custom measurement filter
     source_hash: str = ""  # hash of the custom law's source; "" for built-in laws
     channels_hash: str = ""  # hash of the custom channels' source
-    # The fields from here on are sent to workers but not stored.
+    # The following fields are sent to workers but not stored.
     source: UserSource | None = field(default=None, metadata={"stored": False})
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
     # code with the digest in vehicle.foreign
     vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})
-    # use a smaller kernel with bit-identical results, see lean_for
+    # whether to use a smaller kernel with bit-identical results, see lean_for
     lean: bool = field(default=False, metadata={"stored": False})
 
     def lean_for(self, names: Collection[str]) -> "Self":
@@ -178,8 +178,8 @@ class FlightBlock:
     times: Floats  # [time] times of the history, s
     # [flight, time, state]; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
-    # [time, channel] extremes over flights and control ticks between the adjacent times; NaN
-    # without flights, None unless requested.
+    # [time, channel] extremes over flights and control ticks between the adjacent times; NaN if
+    # there are no flights, None unless requested.
     low: Singles | None = None
     high: Singles | None = None
     flown_by: tuple[Flyer, ...] = ()  # processes that computed the block, if it is signed
@@ -193,7 +193,7 @@ class FlightBlock:
 
     @property
     def reason_texts(self) -> tuple[str, ...]:
-        """Reason of each flight or ''; empty if no flight has a reason."""
+        """Reason why each flight failed to run, or ''; empty if no flight has a reason."""
         if not self.reasons:
             return ()
         return tuple(self.reasons.get(row, "") for row in range(len(self.outcome)))
@@ -207,7 +207,7 @@ class FlightBlock:
 
 
 def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
-    """Concatenate blocks, without full states."""
+    """Concatenate blocks of flights; full states are omitted."""
     arrays = {
         name: np.concatenate([getattr(block, name) for block in blocks])
         for name in ("outcome", "end_time", "metrics", "history")

@@ -64,8 +64,9 @@ from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.user_code.vehicle_functions import find_code, load_vehicle
+from abhv_mc.user_code.vehicle_functions import check_finite, find_code, load_vehicle
 from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.pack import table_range
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
@@ -76,13 +77,14 @@ _find_warnings = cache_results(
 _LEAST_FUEL = 1e-9  # fuel mass at which the tank counts as empty, kg
 _SPEED_FACTOR = 2.0  # default speed limit relative to the largest reference speed
 _OUTSIDE = 1.0  # minimum time outside the tables that causes a warning, s
-_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle that is a node of few tables
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle of attack that is a node in few tables
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
     """Read three input files and return the plan. Raise InputError if a file is invalid."""
     packed_vehicle = load_vehicle(vehicle)
     parsed_mission = read_mission(mission)
+    _check_functions(packed_vehicle, parsed_mission)
     law, user_code = read_law(controller)
     glides = packed_vehicle.constants.equivalence_ratio_max == 0.0
     if packed_vehicle.constants.surface_limit == 0.0 or (glides and user_code is None):
@@ -146,7 +148,10 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
             if around is None
             else "'around' is given for a control law"
         )
-        expected = "'around:' with a controller file of TLC or LQR, only with @measurement_filter"
+        expected = (
+            "'around:' with a TLC or LQR controller file if, and only if, the function is "
+            "decorated with @measurement_filter"
+        )
         raise document.error(("file",) if around is None else ("around",), problem, expected)
     if around is not None:
         law = law.model_copy(update={"rate": around.rate})
@@ -155,7 +160,7 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
 
 
 def read_around(law: PythonController) -> TlcController | LqrController | None:
-    """Read the controller whose measurements a law filters, or None for other laws.
+    """Read the controller whose measurements a law filters; return None for other laws.
 
     Raise InputError if the controller is not built in.
     """
@@ -204,6 +209,20 @@ def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
         ).moment
 
     return bool(np.linalg.cond(slope(moment, np.full(3, _ALPHA_OF_AUTHORITY))) < 1e12)
+
+
+def _check_functions(vehicle: Vehicle, mission: Mission) -> None:
+    """Raise InputError if a vehicle function is not finite at the start of the mission."""
+    start = mission.start
+    air = make_environment(mission.make_earth(), start.altitude, start.latitude, mission.make_air())
+    variables = make_variables(
+        vehicle,
+        altitude=[start.altitude],
+        mach=start.speed / air.sound_speed,
+        angle_of_attack=_ALPHA_OF_AUTHORITY,
+        equivalence_ratio=vehicle.constants.equivalence_ratio_min,
+    )
+    check_finite(vehicle, variables, air.density, start.speed)
 
 
 def make_plan(
@@ -381,7 +400,7 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
     if start.bank:
-        # Bank about the velocity, (cos alpha, 0, sin alpha) in body axes.
+        # Bank about the velocity vector, which is (cos alpha, 0, sin alpha) in body axes.
         half = 0.5 * start.bank
         turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
         attitude = multiply(*attitude, *turned)

@@ -15,7 +15,8 @@ class Repeatability(StrEnum):
 
     EXACT = "yes"
     ROUNDING = "rounding"
-    DECLARED = "no, independent noise"  # `repeatable: no`, consistent with the flights
+    # the campaign states `repeatable: no`, and the flights agree
+    DECLARED = "no, independent noise"
     NOISE = "no"
     SHARED = "no, noise that processes share"
 
@@ -36,13 +37,18 @@ _SENTENCES = {
     Repeatability.ROUNDING: "The first flights gave the same numbers in two new processes up to "
     f"rounding (at most {ROUNDING:g} of the value); re-run flights are compared with that "
     "tolerance.",
-    Repeatability.DECLARED: "The simulator draws noise (`repeatable: no`) that is stated to be "
-    "independent between flights and processes, which the first flights do not contradict. Re-run "
-    "flights, including re-runs for histories, have different noise.",
-    Repeatability.NOISE: "The simulator returns different numbers for the same inputs. It is "
-    "unknown whether its flights are independent of each other: workers may share one stream of "
-    "random numbers. No verdict is given. Seed its noise from an input with `seed: true`, or state "
-    "by `simulator: {repeatable: no}` that the noise is independent between flights and processes.",
+    Repeatability.DECLARED: (
+        "The simulator draws noise (`repeatable: no`) that is stated to be independent between "
+        "flights and processes; the first flights do not contradict this statement. Re-run "
+        "flights, including re-runs for histories, have different noise."
+    ),
+    Repeatability.NOISE: (
+        "The simulator returns different numbers for the same inputs. It is unknown whether its "
+        "flights are independent of each other: workers may share one stream of random numbers. "
+        "No verdict is given. Seed the noise from an input with `seed: true`, or state with "
+        "`simulator: {repeatable: no}` that the noise is independent between flights and "
+        "processes."
+    ),
     Repeatability.SHARED: "The simulator is stated to draw independent noise (`repeatable: no`), "
     "but new processes draw the same noise: flights of different workers are copies. No verdict is "
     "given. Seed its noise from an input with `seed: true`.",
@@ -50,7 +56,7 @@ _SENTENCES = {
 
 
 def weakest(values: Iterable[Repeatability | None]) -> Repeatability | None:
-    """Return the value that takes precedence, or None without values."""
+    """Return the value that takes precedence, or None if there are no values."""
     order = list(Repeatability)
     return max((value for value in values if value is not None), key=order.index, default=None)
 

@@ -39,7 +39,8 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
     """Yield the addresses of a vehicle's functions for ``width`` lanes, or zeros."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    functions: tuple[Any, ...] = (None, None, None)  # kept alive while the kernel uses them
+    # functions that are kept alive while the kernel uses them
+    functions: tuple[Any, ...] = (None, None, None)
     if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
             raise ValueError(
@@ -65,7 +66,7 @@ def open_law(
     settings of the law. Raise ValueError if a source is missing, as in a stored plan.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
-    runner: Any = None  # kept alive while the kernel uses the law
+    runner: Any = None  # object that is kept alive while the kernel uses the law
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
@@ -207,7 +208,7 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
-    """Return the InputError for the linearization of a law whose memory is unknown."""
+    """Return the InputError for linearizing a law whose memory is unknown."""
     problems = {
         "c": "the memory of the control law is unknown",
         "fmu": "the memory of the FMU cannot be set completely",

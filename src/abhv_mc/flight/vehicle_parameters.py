@@ -44,7 +44,7 @@ def read_vehicle_parameters(
 
 
 def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> Parameters:
-    """Return the parameters, with dispersable settings of Python laws as ``law.NAME``.
+    """Return the parameters, including dispersable settings of Python laws as ``law.NAME``.
 
     The nominal values are the values in the controller files. No law is run. Raise InputError for
     settings that cannot be dispersed.

@@ -67,7 +67,7 @@ class ControllerFlights:
 
 
 def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
-    """Return the severity [flight] by a metric of all flights, or of ``rows``.
+    """Return the severity [flight] of all flights, or of ``rows``, according to a metric.
 
     Larger values are worse; early terminations are worst (see `abhv_mc.statistics`).
     """
@@ -91,7 +91,7 @@ def metric_sign(record: Metric) -> float:
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
-    """Return the rows in ``a`` and in ``b`` of their common flights, in the same order."""
+    """Return the rows of the common flights in ``a`` and in ``b``, in the same order."""
     _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
     return rows_a, rows_b
 
@@ -139,7 +139,7 @@ def read_flights(
     columns: Collection[str] | None = None,
     ends: Outcomes = OUTCOMES,
 ) -> dict[str, ControllerFlights]:
-    """Read the flights of each (or each ``allowed``) controller from a folder.
+    """Read the flights of all controllers, or of the ``allowed`` controllers, from a folder.
 
     Controllers without a computed flight are omitted. ``records`` are the metrics of the campaign;
     ``columns`` are the values to read, by default all. Raise InputError if there is no flight.
@@ -154,7 +154,7 @@ def read_flights(
     metrics = [name for name in metrics if columns is None or name in columns]
     collectors: dict[str, _Collector] = {}
     expected = ["flight", "controller", "outcome", *metrics]
-    if REASON in schema.names:  # Folders of earlier versions have no reasons.
+    if REASON in schema.names:  # Folders of earlier versions contain no reasons for failed flights.
         expected.append(REASON)
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
         flight = column_values(table["flight"]).astype(np.int64)
@@ -183,7 +183,7 @@ def read_flights(
 
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Return the metric columns: floats, not inputs, without a dot in the name."""
+    """Return the names of metric columns: floats, not inputs, no dot in the name."""
     floats = [
         field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
     ]
@@ -211,7 +211,7 @@ class Ranking:
         return self.row[self.controller == self.controllers.index(name)]
 
     def ranks_of(self, name: str) -> NDArray[np.intp]:
-        """Return the rank among all flights of each row [flight] of a controller."""
+        """Return each row's rank among the flights of all controllers, for one controller."""
         return np.flatnonzero(self.controller == self.controllers.index(name))[
             np.argsort(self.rows_of(name))
         ]

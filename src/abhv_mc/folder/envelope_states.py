@@ -38,7 +38,7 @@ class Cells:
     columns: tuple[int, ...]  # columns of the plan's channels
     every: int  # control ticks between recorded times
     times: Floats | None = None  # times of all blocks; None: each block ends with its last flight
-    points: int = 1  # flight k has point k % points of the unknowns
+    points: int = 1  # number of points of the unknowns; flight k uses point k % points
 
     @property
     def recording(self) -> Recording:

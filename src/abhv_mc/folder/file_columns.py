@@ -71,7 +71,7 @@ class FileColumns(_Columns):
     """Columns [row] of a Parquet file; each access reads the file."""
 
     def __init__(self, path: Path, expected: str, without: Sequence[str]) -> None:
-        """Open the file without columns ``without``. Raise InputError if it is invalid."""
+        """Open the file without the columns ``without``. Raise InputError if it is invalid."""
         self._path, self._expected = path, expected
         with _open(path, expected) as file:
             super().__init__(name for name in file.schema_arrow.names if name not in without)

@@ -31,7 +31,7 @@ END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 VALUES = (*METRICS, END_TIME)  # columns after samples and custom metrics
 _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
-REASON = "reason"  # column of reasons for failing to run; not part of the digest
+REASON = "reason"  # column with reasons why flights failed to run; not part of the digest
 _LONGEST = 300  # maximum number of characters of a reason
 INPUT = b"input"  # metadata key of input columns without a dot in the name
 _DIGEST = b"abhv_mc.digest"
@@ -232,7 +232,7 @@ def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
 
 
 def parse_block_name(path: Path) -> tuple[str, int, int]:
-    """Return controller, first and stop from the name of a block file."""
+    """Return the controller and the range (first, stop) of flights in a block file's name."""
     controller, _, stop = path.stem.rpartition("-")
     controller, _, first = controller.rpartition("-")
     if not (controller and first.isdecimal() and stop.isdecimal() and (first + stop).isascii()):
@@ -254,7 +254,7 @@ def write_block(folder: Path, rows: FlightRows, schema: pa.Schema) -> Digest:
 
 
 def _plain_text(reason: str) -> str:
-    """Return a reason as one line of valid text of limited length."""
+    """Return a reason as one line of valid Unicode, limited in length."""
     return " ".join(reason.encode(errors="replace").decode().split())[:_LONGEST]
 
 

@@ -27,7 +27,7 @@ from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.samples import SampleReader
 
 ROWS = 1 << 20  # maximum number of rows of a merged file
-MANY = 64  # number of files of a controller that are not merged
+MANY = 64  # maximum number of files of a controller that are left unmerged
 _GROUP = 1 << 16  # number of rows in a row group
 
 

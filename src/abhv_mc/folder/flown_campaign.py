@@ -61,7 +61,8 @@ class FlownCampaign:
     reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
     nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
-    requirement_changes: tuple[RequirementChange, ...] = ()  # after results had been seen
+    # changes that were made after results had been seen
+    requirement_changes: tuple[RequirementChange, ...] = ()
 
     def refuse_changes(self) -> None:
         """Raise InputError if a run has changed the folder since it was read.
@@ -113,7 +114,7 @@ class FlownCampaign:
 
     @property
     def _excluded(self) -> tuple[str, ...]:
-        """Columns that are not metrics, and margins unless all flights have margins.
+        """Columns other than metrics; also margins, unless all flights have margins.
 
         Margins computed for only some flights are shown only in the section on stability.
         """
@@ -167,7 +168,7 @@ def _read_nominal(path: Path) -> dict[str, dict[str, Floats]]:
 
 
 def read_flown(root: Path, requirements: RequirementSource | None = None) -> FlownCampaign:
-    """Read a results folder; ``requirements`` may replace those of the folder.
+    """Read a results folder; ``requirements`` may replace the folder's requirements.
 
     Raise InputError if a file is missing or invalid, or if the requirements are invalid.
     """
@@ -207,7 +208,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
 
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return stored histories of a controller: flight -> "time" and channels -> [time]."""
+    """Return stored histories of a controller: "time" and channels [time] for each flight."""
     histories: dict[int, dict[str, Floats]] = {}
     for path in _history_files(root, controller):
         columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))

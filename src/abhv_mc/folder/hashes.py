@@ -54,7 +54,7 @@ class FileHashes:
         return dict(sorted(self._known.items()))
 
     def forget(self, *paths: Path) -> None:
-        """Remove files that the run has deleted or will replace from the list."""
+        """Remove from the list files that the run has deleted or will replace."""
         for path in paths:
             self._known.pop(self._name(path), None)
 

@@ -220,7 +220,7 @@ def hash_file(path: Path) -> str:
 def write_bytes(
     path: Path, content: bytes, durable: bool = False, executable: bool = False
 ) -> None:
-    """Write a file atomically; ``executable`` sets the permission for all readers."""
+    """Write a file atomically; ``executable`` lets everyone who may read the file run it."""
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(content)
@@ -237,7 +237,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def append_log(path: Path, head: str, text: str) -> None:
-    """Append a heading and a text to a log, unless the log is full."""
+    """Append a heading and a message to a log, unless the log is full."""
     with explain_os_error(path, writing=True), path.open("a", encoding="utf-8") as file:
         if file.tell() < _LARGEST_LOG:
             file.write(f"== {head}\n{text.rstrip()}\n")

@@ -27,7 +27,7 @@ _SETTLE = 0.2  # time for another process to restore a wrongly moved lease, s
 
 
 class _HeldError(Exception):
-    """Error: another process holds the lock; with its description and a remedy."""
+    """Error: another process holds the lock; the message describes it and gives a remedy."""
 
     def __init__(self, holder: str, remedy: str = "the process to end") -> None:
         super().__init__(holder, remedy)
@@ -113,7 +113,7 @@ def _names(folder: Path) -> set[str]:
 
 
 def _remove_unused(path: Path, before: set[str], created: list[Path]) -> None:
-    """Delete the lock file, and folders created for it that are empty."""
+    """Delete the lock file and the empty folders that were created for it."""
     with contextlib.suppress(OSError):
         if _names(path.parent) == {*before, path.name}:
             path.unlink()
@@ -223,7 +223,7 @@ def _start_of(process: int) -> str | None:
         state, *values = fields.rpartition(")")[2].split()
         return (
             None if state in "ZX" else values[18]
-        )  # Field 22 is the start time; a zombie has ended.
+        )  # Field 22 of /proc/PID/stat is the start time; a zombie process has ended.
     except OSError:
         pass
     try:

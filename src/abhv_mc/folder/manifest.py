@@ -89,7 +89,7 @@ class RequirementSet:
     """Set of requirements by which the flights were judged."""
 
     file: str  # name of the file in the folder
-    time: str | None  # time when the set was defined
+    time: str | None  # time when the set of requirements was defined
     flights: int  # flights per controller run before that time
 
 
@@ -114,10 +114,9 @@ class Manifest:
     requirements: tuple[
         RequirementVerdict, ...
     ] = ()  # verdicts for controllers that must meet the requirements
-    requirements_shown: tuple[RequirementVerdict, ...] = ()  # verdicts for all other controllers
-    requirement_sets: tuple[
-        RequirementSet, ...
-    ] = ()  # in chronological order, if there are several
+    # verdicts for controllers that need not meet the requirements
+    requirements_shown: tuple[RequirementVerdict, ...] = ()
+    requirement_sets: tuple[RequirementSet, ...] = ()  # sets of requirements in chronological order
     versions: Mapping[str, str] = field(default_factory=dict)
     compiler: str | None = None
     commit: str | None = None
@@ -130,7 +129,8 @@ class Manifest:
     shard: tuple[int, int] | None = None  # (i, n) if the folder contains shard i of n
     merged_from: tuple[str, ...] | None = None  # digests of the merged campaigns
     pooled: tuple[Pooled, ...] | None = None
-    file_runs: int | None = None  # flights per point in the campaign file, if larger
+    # number of flights per point in the campaign file, if it is larger
+    file_runs: int | None = None
     stopped_at: int | None = None  # number of flights at which a campaign stopped when proven
     search: Mapping[str, Any] | None = None  # settings of a search
     result: Mapping[str, Any] | None = None  # result of a search
@@ -201,7 +201,7 @@ def _hash(content: dict[str, Any]) -> str:
 def note_flyers(
     entries: Iterable[FlownBy], flyers: tuple[Flyer, ...], controller: str, first: int, stop: int
 ) -> tuple[FlownBy, ...]:
-    """Return the entries after ``flyers`` computed flights ``first`` to ``stop - 1``.
+    """Return the entries with flights ``first`` to ``stop - 1`` recorded for ``flyers``.
 
     These flights are removed from the entries of other processes.
     """

@@ -49,7 +49,7 @@ def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownF
 def begin_folder(
     folder: CampaignFolder, inputs: FolderInputs, plans: Mapping[str, Plan], stack: ExitStack
 ) -> FileHashes:
-    """Delete the campaign in a locked folder, and write inputs and plans of a new one.
+    """Delete the campaign in a locked folder; write the inputs and plans of a new campaign.
 
     The caller writes the manifest when all listed files exist; until then the folder is not read as
     a campaign.
@@ -78,7 +78,7 @@ def grow_folder(
     *,
     longer: bool,
 ) -> Manifest:
-    """Extend a campaign by flights (``longer``) or controllers, or change their order.
+    """Add flights (``longer``) or controllers to a campaign, or reorder its controllers.
 
     ``inputs`` are the inputs of the requested campaign, ``merged`` and ``products`` those of the
     extended folder. Return the new manifest. A file to be replaced is first removed from the

@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def write_plan(path: Path, plan: Any) -> None:
-    """Write the arrays of numbers and texts of a plan to a file."""
+    """Write a plan's arrays of numbers and strings to a file."""
     content = io.BytesIO()
     # np.savez_compressed would take three times as long.
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:

@@ -40,7 +40,7 @@ def _read_key(path: Path) -> str | None:
 
 
 class Products:
-    """Products of a campaign of ``runs`` flights per controller, except histories."""
+    """Products of a campaign with ``runs`` flights per controller, except histories."""
 
     def __init__(self, folder: CampaignFolder, controllers: Iterable[str], runs: int) -> None:
         names = " ".join(sorted(controllers))

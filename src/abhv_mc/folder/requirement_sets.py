@@ -27,7 +27,7 @@ class RequirementChange:
 
     time: str  # empty if only a report uses the changed requirements
     flights: int  # flights per controller run before that time
-    changes: tuple[str, ...]  # texts such as 'speed_error_max_mps: below 5 -> 3'
+    changes: tuple[str, ...]  # descriptions such as 'speed_error_max_mps: below 5 -> 3'
 
 
 def add_requirement_set(
@@ -74,7 +74,7 @@ def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
 def mark_later_choices(
     folder: CampaignFolder, manifest: Manifest, campaign: Experiment, is_stored: bool = True
 ) -> tuple[Experiment, tuple[RequirementChange, ...]]:
-    """Mark the late requirements of a campaign; return it with all late changes.
+    """Mark the late requirements of a campaign; return the campaign with all late changes.
 
     A requirement is late if it was set after results had been seen. ``is_stored`` is true if the
     folder contains the requirements; otherwise only a report uses them.

@@ -75,7 +75,7 @@ class SampleReader:
         self._lock = threading.Lock()
 
     def rows(self, first: int, stop: int) -> Floats:
-        """Return values [flight, parameter] of the flights ``first`` to ``stop - 1``."""
+        """Return values [flight, parameter] for the flights ``first`` to ``stop - 1``."""
         pieces = []
         while first < stop:
             group = first // ROW_GROUP

@@ -29,7 +29,7 @@ class Status:
 
 
 def read_status(root: Path, store: Store, name: str = "") -> Status:
-    """Return the status of the folder ``name`` of a store; ``root`` has its manifest.
+    """Return the status of the folder ``name`` in a store; ``root`` contains its manifest.
 
     If the manifest says ``running`` but the lock is free, the run was killed and the state is
     ``interrupted``. Raise InputError for the folder of a search.

@@ -1,4 +1,4 @@
-"""Stability margins in the trim at the start of the mission (``margins.json``)."""
+"""Stability margins of the trimmed vehicle at the mission's start (``margins.json``)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,13 +24,15 @@ class LoopMargins:
     delay_margin_ms: float | None = None
     sensitivity_peak: float | None = None
     crossover_rad_s: float | None = None
-    disk_margin: float | None = None  # this and the next two fields are only for ``all``
+    # this and the next two fields are only used for the loop ``all``
+    disk_margin: float | None = None
     disk_gain_db: float | None = None
     disk_phase_deg: float | None = None
     reason: str | None = None  # reason why there is no loop
-    # Whether the smallest margins include the loop; effector loops only if commanded directly.
+    # Whether the smallest margins include the loop; effector loops are included only if they are
+    # commanded directly.
     counts: bool = True
-    # Unstable poles of ``all`` as real and imaginary parts, 1/s.
+    # Unstable poles of the loop ``all`` as real and imaginary parts, 1/s.
     poles: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -67,7 +69,7 @@ _FILE = TypeAdapter(SteadyMargins)
 
 
 def read_steady_margins(path: Path) -> SteadyMargins:
-    """Read margins, empty if the file is missing. Raise InputError if it is invalid."""
+    """Read margins, or none if the file is missing. Raise InputError if it is invalid."""
     if not path.is_file():
         return SteadyMargins()
     try:

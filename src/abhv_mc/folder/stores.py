@@ -34,7 +34,7 @@ class LocalStore:
         yield self.local
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return the process that writes to the folder as text, and the folder's size in bytes."""
+        """Return the process that writes to the folder, or None, and the folder's size in bytes."""
         root = self.local / name
         return lock_holder(CampaignFolder(root).lock), _size(root)
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _HIDDEN = "..."
-_KEYS: dict[str, str] = {}  # "user:key" texts by bucket
+_KEYS: dict[str, str] = {}  # credentials of the form "user:key", by bucket
 
 
 @dataclass(frozen=True)
 class Address:
-    """Address of object storage; as text, it shows ``...`` instead of a key."""
+    """Address of object storage; its text form shows ``...`` instead of a key."""
 
     text: str
 

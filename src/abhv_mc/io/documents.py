@@ -123,7 +123,7 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     yaml.default_flow_style = None  # Innermost lists and mappings are written on one line.
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.allow_unicode = False  # Some line separators are not ASCII characters.
-    yaml.width = sys.maxsize  # ruamel changes some long texts when it folds them.
+    yaml.width = sys.maxsize  # ruamel changes some long strings when it folds them.
     text = StringIO()
     text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     yaml.dump(to_jsonable_python(data, fallback=of_numpy), text)

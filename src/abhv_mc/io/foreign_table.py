@@ -63,12 +63,13 @@ class ForeignTable:
 
     path: Path
     heads: tuple[str, ...]
-    # units in the row below the headings; empty texts if there is no such row
+    # units in the row below the headings; empty strings if there is no such row
     units: tuple[str, ...]
     data: "pa.Table"  # columns in the order of the headings
     lines: Sequence[int]  # [row] number (from 1) of the line in the file, or of the row in Parquet
     head_line: int = 1
     texts: Sequence[str] = ()  # [row] original line of the file
+    head_text: str = ""  # original line of the headings
     separator: str = ","
 
     def __len__(self) -> int:
@@ -77,15 +78,10 @@ class ForeignTable:
     def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
         """Return the InputError for a cell; row None is the heading, column None the whole line."""
         line = self.head_line if row is None else self.lines[row]
-        cells: Sequence[str] = self.heads
-        if row is not None:
-            cells = split_line(self.texts[row], self.separator) if self.texts else ()
-        before = (
-            None
-            if column is None or not cells
-            else 1 + sum(len(cell) + 1 for cell in cells[:column])
-        )
-        return InputError(self.path, problem, expected, line, before)
+        text = self.head_text if row is None else self.texts[row] if self.texts else ""
+        starts = _cell_starts(text, self.separator)
+        start = None if column is None or not text else 1 + starts[column]
+        return InputError(self.path, problem, expected, line, start)
 
     def find(
         self, names: Collection[str], heads: Mapping[str, str] | None = None
@@ -121,7 +117,7 @@ class ForeignTable:
         return None
 
     def factor(self, column: Column, unit: str) -> float:
-        """Return the factor from a column's unit to ``unit``. Raise InputError if there is none."""
+        """Return the factor from a column's unit to ``unit``. Raise InputError if none exists."""
         if column.unit in ("", unit):
             return 1.0
         try:
@@ -169,13 +165,13 @@ class ForeignTable:
         return self.error(row, column, problem, "a finite number")
 
     def words(self, column: int) -> list[str]:
-        """Return a column as text [row], with empty texts for empty cells."""
+        """Return a column as strings [row], with empty strings for empty cells."""
         cells = _plain(self.data.column(column)).to_pylist()
         return ["" if cell is None else str(cell) for cell in cells]
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column decoded from dictionaries, with booleans as numbers and stripped text."""
+    """Return a column without dictionary encoding; booleans are numbers, text is stripped."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -218,7 +214,7 @@ def split_head(head: str) -> tuple[str, str]:
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
-    """Return the name and the unit in a heading, or empty texts.
+    """Return the name and the unit in a heading, or empty strings.
 
     ``names`` are the possible names.
     """
@@ -253,13 +249,15 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             import pyarrow as pa
             import pyarrow.parquet as pq
 
-            data = pq.read_table(pa.BufferReader(content))
+            from abhv_mc.io.parquet_columns import arrow_memory
+
+            data = pq.read_table(pa.BufferReader(arrow_memory(content)))
             heads = tuple(map(str, data.column_names))
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
-            # In such a table, characters cannot be located by column.
-            return replace(table, texts=())
+            # In a spreadsheet, characters cannot be located by column.
+            return replace(table, texts=(), head_text="")
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
         if text.lstrip()[:1] == "{":
@@ -315,6 +313,8 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 
+    from abhv_mc.io.parquet_columns import arrow_memory
+
     lines: dict[int, str] = {}
     comments: list[tuple[int, str]] = []
     start = 0  # first line of a quoted cell that spans several lines
@@ -365,7 +365,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
         body = lines_with_tabs.getvalue()
     names = [str(i) for i in range(len(heads))]
     data = arrow_csv.read_csv(
-        pa.BufferReader(body.encode()),
+        pa.BufferReader(arrow_memory(body.encode())),
         arrow_csv.ReadOptions(column_names=names),
         arrow_csv.ParseOptions(
             delimiter=delimiter, newlines_in_values='"' in text, ignore_empty_lines=False
@@ -380,12 +380,13 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
         lines=numbers,
         head_line=head_line,
         texts=texts,
+        head_text=head,
         separator=separator,
     )
 
 
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
-    """Read matrices as a table with one row per cell.
+    """Read matrices as a table with one row for each cell of the matrices.
 
     The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. With a third axis,
     each block begins with a line such as 'altitude_m = 1000'.
@@ -466,6 +467,15 @@ def split_line(line: str, separator: str) -> list[str]:
     ]
 
 
+def _cell_starts(line: str, separator: str) -> list[int]:
+    """Return the position of the first character of each cell in a line."""
+    gap = r"[ \t]+" if separator == _BLANKS else f" *{separator} *"
+    text = line.lstrip(" \t" if separator == _BLANKS else " ")
+    indent = len(line) - len(text)
+    gaps = (match for match in re.finditer(f'"[^"]*"|({gap})', text) if match[1])
+    return [indent, *(indent + match.end() for match in gaps)]
+
+
 @dataclass(frozen=True)
 class NumberTable:
     """Columns of a file as finite numbers."""
@@ -483,7 +493,7 @@ class NumberTable:
         return self.table.error(row, self.columns[name].position, problem, expected)
 
     def check_rising(self, name: str, unit: str, or_falling: bool = False) -> None:
-        """Raise InputError at the first number of a column that is not above the previous one."""
+        """Raise InputError at the first number of a column that does not exceed its predecessor."""
         values = self.values[:, self.names.index(name)]
         falls = or_falling and values[0] > values[-1]
         for row in np.flatnonzero(np.diff(-values if falls else values) <= 0.0)[:1] + 1:

@@ -11,6 +11,15 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 
+def arrow_memory(content: bytes) -> pa.Buffer:
+    """Copy bytes to memory that belongs to Arrow, to read a table from it."""
+    # Threads of Arrow may free a table's source while the interpreter exits. If the memory belonged
+    # to Python, the process would abort (apache/arrow issue 34314).
+    stream = pa.BufferOutputStream()
+    stream.write(content)
+    return stream.getvalue()
+
+
 def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
     """Return the numbers of a column as a copy, with NaN for nulls."""
     if column.null_count or not column.num_chunks:
@@ -19,7 +28,7 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
-    """Return the sorted distinct texts in a column, and the index of each row's text [row]."""
+    """Return the sorted distinct strings in a column, and each row's index among them [row]."""
     encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
     texts, inverse = np.unique(
         np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True
@@ -34,7 +43,7 @@ def number_column(values: NDArray[Any]) -> pa.Array:
 
 
 def text_column(texts: Sequence[str]) -> pa.Array:
-    """Convert texts [row] to a column."""
+    """Convert strings [row] to a column."""
     encoded = [text.encode() for text in texts]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.Array.from_buffers(

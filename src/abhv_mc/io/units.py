@@ -218,7 +218,7 @@ def parse_in_unit(value: str | float, unit: str) -> float:
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """Convert a quantity to ``unit``, which may be any text. Raise Refusal if impossible.
+    """Convert a quantity to ``unit``, an arbitrary unit name. Raise Refusal if impossible.
 
     A plain number is in ``unit``; other units are converted if both units are known.
     """
@@ -238,7 +238,7 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
 
 
 def format_quantity(value: float, dimension: Dimension) -> str | float:
-    """Return a text that :func:`parse_quantity` converts back to the same float.
+    """Return a string that :func:`parse_quantity` converts back to the same float.
 
     A quantity without dimension becomes a plain number.
     """
@@ -271,7 +271,7 @@ def _schema(dimension: Dimension) -> WithJsonSchema:
     return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 
-# Field types: text with a unit in files and in model_dump(mode="json"), a float in SI in models.
+# Field types: string with a unit in files and in model_dump(mode="json"), a float in SI in models.
 # Limits are in SI, as in Annotated[Length, Gt(0.0)].
 Length = Annotated[float, _parser(LENGTH), _writer(LENGTH), _schema(LENGTH)]
 Area = Annotated[float, _parser(AREA), _writer(AREA), _schema(AREA)]

@@ -38,12 +38,12 @@ class Node:
 
     @cached_property
     def text(self) -> str:
-        """Folded text of the element."""
+        """Text of the element as one line, without quotes and control characters."""
         return fold(self.raw)
 
     @property
     def lines(self) -> list[str]:
-        """Nonblank lines of the text, each folded."""
+        """Nonblank lines of the text, without quotes and control characters."""
         return [line for line in map(fold, self.raw.splitlines()) if line]
 
     def first(self, name: str) -> "Node | None":
@@ -125,7 +125,7 @@ class _Reader:
         node = Node(self._path, plain, bare, *location)
         if self._open:
             self._open[-1].children.append(node)
-            # A space keeps the two numbers in a text such as 1<sep/>3 apart.
+            # A space separates the two numbers in content such as 1<sep/>3.
             self._open[-1].raw += " "
         else:
             self._root = node

@@ -28,7 +28,7 @@ def source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-# The hash is that of this process; later edits apply to the next process.
+# The hash is computed once in each process; later edits of the source apply to the next process.
 _SOURCE = source_hash()
 
 

@@ -67,7 +67,8 @@ def choose_target(interface: str) -> Level | None:
     """Set numba's target; return the level of the wheel's kernels if they are used."""
     import numba
 
-    # Level 2 of LLVM compiles an eighth faster than level 3, and flights are as fast.
+    # LLVM's optimization level 2 compiles an eighth faster than level 3, and flights run equally
+    # fast.
     numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
     numba.config.CACHE_LOCATOR_CLASSES = ""  # type: ignore[attr-defined]  # else CACHE_DIR may mean nothing
     level, _ = find_level(interface)

@@ -37,7 +37,7 @@ from abhv_mc.kernel.compiler_target import PUBLIC, choose_interface, choose_targ
 from abhv_mc.kernel.prebuilt import unpack
 
 F = TypeVar("F", bound=Callable[..., Any])
-# maximum number of array arguments for noalias: above a vehicle's, below a plan's
+# maximum number of array arguments for noalias: more than a vehicle has, fewer than a plan has
 _MOST_ARRAYS = 40
 
 # True if numba compiles nothing and all functions are plain Python, to count operations.
@@ -290,9 +290,8 @@ def _make_private() -> tuple[Any, Any]:
             }
             super().__init__(function, targetoptions=options, pipeline_class=InlinedCompiler)
 
-        def get_call_template(
-            self, args: Any, kws: Any
-        ) -> Any:  # The code is shared by all constants, each of which is a type to numba.
+        def get_call_template(self, args: Any, kws: Any) -> Any:
+            # All constants share this code, although each constant is a separate type for numba.
             return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
         @functools.cached_property

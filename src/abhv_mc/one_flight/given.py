@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from abhv_mc.kernel.plant.vehicle import Vehicle
 
 Input = str | Path | Mapping[str, Any] | Callable[..., Any]
-Quantity = float | str  # number in SI (angles in rad), or text with a unit
+Quantity = float | str  # number in SI (angles in rad), or a string with a unit
 
 
 def make_document(kind: str, source: Input) -> Document:

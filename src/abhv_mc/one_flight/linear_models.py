@@ -180,7 +180,7 @@ def take_point(
             )
         taken = flown_points(plan, parameters, time)
         if taken.faults[0] not in ("", AT_LIMIT):
-            expected = f"a time before the end of the flight of {name}, with derivatives"
+            expected = f"a time before the flight of {name} ends, at which derivatives exist"
             raise InputError("at", f"{time:g} s: {taken.faults[0]}", expected)
         if taken.faults[0]:
             warnings.append(
@@ -189,7 +189,7 @@ def take_point(
     check_rows(plan, parameters)
     warnings += [f"{name}: {message}" for message in near_nodes(plan, taken.points)]
     warnings += [
-        f"{name}: linearized with {mode}, which small changes do not affect"
+        f"{name}: linearized with the memory value {mode}, which small changes do not affect"
         for mode in find_period(plan).modes
     ]
     return Place(plan, taken.points, warnings)

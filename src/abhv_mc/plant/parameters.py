@@ -62,7 +62,9 @@ class Parameter:
             and value.rstrip().endswith("%")
         ):
             if self.nominal == 0.0:
-                raise Refusal(f"'{value}' of a nominal value of 0", f"a quantity in {self.unit}")
+                raise Refusal(
+                    f"'{value}' is relative to a nominal value of 0", f"a quantity in {self.unit}"
+                )
             return parse_in_any_unit(value, "-") * abs(self.nominal)
         return parse_in_any_unit(value, self.unit)
 
@@ -253,14 +255,14 @@ _TABLE: tuple[Parameter, ...] = (
         "wind.turbulence_seed",
         "-",
         0.5,
-        "turbulence realization of a flight, 0..1: draw uniformly",
+        "number from 0 to 1 that selects the turbulence of a flight; to be drawn uniformly",
         seed=True,
     ),
     Parameter(
         "sensor.noise_seed",
         "-",
         0.5,
-        "sensor noise realization of a flight, 0..1: draw uniformly",
+        "number from 0 to 1 that selects the sensor noise of a flight; to be drawn uniformly",
         seed=True,
     ),
     _error(
@@ -308,7 +310,11 @@ _TABLE: tuple[Parameter, ...] = (
         )
         for axis, noun in _GUST_AXES.items()
     ),
-    _error("wind.turbulence_rotary", "-", "rotary gusts p, q, r of Dryden turbulence: 1 on, 0 off"),
+    _error(
+        "wind.turbulence_rotary",
+        "-",
+        "rotary gusts p, q, r of Dryden turbulence: 1 switches them on, 0 off",
+    ),
 )
 
 _ENTRIES = {entry.name: entry for entry in _TABLE}

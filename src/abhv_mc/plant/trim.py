@@ -162,7 +162,8 @@ def _root(
 
     def once(
         x: float,
-        # Brent's method would evaluate the ends again, most of the work in nested searches.
+        # Brent's method would evaluate the ends of the interval again, which is most of the work in
+        # nested searches.
     ) -> float:
         return end_values[x] if x in end_values else function(x)
 

@@ -85,7 +85,8 @@ class RareFound:
             )
         if self.includes_unwarned:
             return (
-                "; the upper end is that of the levels, as failures without warning are below "
+                "; the upper end is that of the level estimates, because failures without warning "
+                "are below "
                 f"{high:.1e}"
             )
         if len(self.space.names) <= MOST_LOOKED:

@@ -60,7 +60,8 @@ from abhv_mc.search.space import Space, make_space
 from abhv_mc.user_code.trust import trust
 
 _DRAWN = 3  # number of worst flights whose time histories a page shows
-# minimum distance between such flights, as a share of the simulated range (rms over parameters)
+# minimum distance between the plotted flights, as a share of the simulated range (rms over
+# parameters)
 DRAWN_APART = 0.1
 _DRAWN_STEP = 0.1  # time step of the histories, s
 

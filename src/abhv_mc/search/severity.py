@@ -20,7 +20,7 @@ FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 class Severity:
     """Severity of flights by one metric: larger is worse; NaN if a flight failed to run."""
 
-    # metric, the direction in which it is bad, and the limits of a requirement
+    # metric, undesired direction, and limits of a requirement
     criterion: Criterion
     duration: float  # duration of a flight that does not terminate early, s
     early_is_worse: bool = True

@@ -131,8 +131,8 @@ class Space:
             accepted, tried = np.concatenate([accepted, drawn[inside]]), tried + len(drawn)
             if tried >= _TRIED and len(accepted) < _FEWEST_INSIDE:
                 share = f"{len(accepted)} of {tried} random flights"
-                problem = f"a box with {share} of its {len(self.names)} dispersions inside"
-                raise InputError("--box", problem, "a larger one")
+                problem = f"a box that contains only {share} in all {len(self.names)} dispersions"
+                raise InputError("--box", problem, "a larger box")
         return accepted[:number]
 
     def rows(self, values: Floats) -> Floats:

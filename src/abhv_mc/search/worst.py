@@ -56,7 +56,7 @@ class WorstFound:
     bounds: Floats  # range of each parameter [parameter, 2]
     probabilities: dict[
         str, float
-    ]  # probabilities of parameters that occur occasionally; in the search they always occur
+    ]  # probabilities of parameters that act only in some flights; in the search they always act
     flights: FlightRows  # flights of the search, followed by random flights
     searched: int  # number of flights of the search
     worst: int  # number of the worst flight
@@ -67,7 +67,7 @@ class WorstFound:
     drawn: DrawnFlights | None
     known: Parameters
     requirements: tuple[Requirement, ...] = ()  # requirements on the metric
-    random: int = 0  # number of random flights, which re-seeded copies of the worst flight follow
+    random: int = 0  # number of random flights; copies of the worst flight with other seeds follow
 
     @property
     def other_seeds(self) -> tuple[int, int, tuple[float, float, float] | None] | None:

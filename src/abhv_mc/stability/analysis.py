@@ -24,7 +24,7 @@ from abhv_mc.stability.steady import trim_points
 
 FREQUENCIES = 200
 GROWTH = 1e-5  # growth rate below which a pole counts as neutral because of rounding errors, 1/s
-_TOGETHER = 64  # number of flights analysed together; the states of each take 1 MB
+_TOGETHER = 64  # number of flights analysed together; the states of one flight take 1 MB
 
 # values of the margin metrics if no perturbation destabilizes a loop
 NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
@@ -45,7 +45,8 @@ class Stability(NamedTuple):
     cut: Ints  # [system, input] reason why an input has no loop (see linear_model), else 0
     inputs: tuple[str, ...]
     apart: "Stability | None" = (
-        # stability of loops at single effectors, if requested and if the controller commands axes
+        # stability of loops at individual effectors, if requested and if the controller commands
+        # axes
         None
     )
 

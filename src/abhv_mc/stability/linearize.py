@@ -37,7 +37,8 @@ _N_PATH = len(path.COORDINATES)
 _MEASURED = _N_PATH + 1
 _WHOLE = 1e-7  # largest distance to an integer at which a measurement slope is rounded to it
 _AT_ONCE = 1e5  # bandwidth, rad/s, that represents an ideal actuator (damping 1, 0.02 ms delay)
-_FELT = 1e-8  # slope of a rate with respect to a control below which it is a rounding error
+# magnitude below which the slope of a rate with respect to a control is a rounding error
+_FELT = 1e-8
 
 
 def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
@@ -48,7 +49,8 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     """
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
-    # Forces act on path coordinates and custom states, between which are the actuator states.
+    # Forces act on the path coordinates and the custom states; the actuator states are between
+    # them.
     rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
     moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
     driven = slice(_N_PATH, _N_PATH + k)
@@ -139,7 +141,7 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
-        if kind == FIRST_ORDER:  # The rate follows almost instantly.
+        if kind == FIRST_ORDER:  # The rate of a first-order actuator follows almost instantly.
             A[:, 2 * i, 2 * i], B[:, 2 * i, i] = -w, w
             A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE * w, -_AT_ONCE
             B[:, 2 * i + 1, i] = _AT_ONCE * w

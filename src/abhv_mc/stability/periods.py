@@ -72,7 +72,8 @@ def _find_period(plan: FlightPlan) -> Period:
     sensed, _ = begin(plan, fly_until(plan, nominal_parameters(), 0))
     start = np.hstack([sensed[0, s.MEASURED : s.MEASURED + n], law_at(plan, sensed, 0)[0]])
     settling = max(round(_SETTLING / plan.timing.tick), 1)
-    # Controllers: undisturbed, permanently disturbed, and one for each disturbed quantity.
+    # Copies of the controller: one undisturbed, one permanently disturbed, and one for each
+    # disturbed quantity.
     steps = np.append(measured_steps(n), np.full(len(names), _STEP))
     change = np.vstack([np.zeros((2, steps.size)), np.diag(steps)])
     follow = np.maximum(np.arange(len(change)) == 1, 0).astype(np.int64)

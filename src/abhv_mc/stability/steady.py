@@ -41,7 +41,8 @@ from abhv_mc.user_code.design import DesignModel
 _ITERATIONS = 25
 _AT_REST = 1e-12  # largest change of the controller's memory in a tick at a trim
 _STILL = 1e-10  # step of the memory below which the iteration has converged
-# change per tick that shows the lack of an equilibrium: integration of 6e-4 deg of sideslip
+# change per tick that shows the lack of an equilibrium; it corresponds to the integration of 6e-4
+# deg of sideslip
 _GROWS = 1e-7
 # weight of the equilibrium relative to the weight of the controls, if they are incompatible
 _RESTING = 1e5

@@ -20,9 +20,9 @@ FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # smallest absolute coefficient of a driver
 _FEWEST_SPARE = 10  # minimum difference between the numbers of flights and inputs
 _PARTNERS = 0.3  # rank correlation from which an input counts as related to a driver
-_TWINS = 0.9  # rank correlation from which a regression cannot distinguish two inputs
+_TWINS = 0.9  # rank correlation above which a regression cannot distinguish two inputs
 _RESAMPLES = 300
-# maximum number of resampled flights; standard errors are scaled by the square root of the number
+# maximum number of resampled flights; the standard errors are scaled to the number of all flights
 _MOST_RESAMPLED = 1000
 
 

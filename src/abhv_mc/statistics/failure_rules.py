@@ -33,7 +33,7 @@ _COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
     np.uint8
 )  # index of the decile bin that contains each fine bin
 _CLEAR = 2.0  # score, in standard deviations, below which both ends of an input are not tested
-_DIFFERED = 6  # number of inputs whose differences are tested: those most related to failures
+_DIFFERED = 6  # number of inputs, those most related to failures, whose differences are tested
 _MOST_RULES = 20
 _CHUNK = 4096
 _NEAR = 0.05  # largest shift of a threshold from its quantile, as a share of the flights
@@ -149,7 +149,8 @@ def _differences(
     """
     flights, failures = failed.size, int(failed.sum())
     best: dict[frozenset[int], float] = {}
-    # A difference must be more significant than the corner, not only than one condition of it.
+    # A rule for a difference must be more significant than the whole corner, not only than one of
+    # its conditions.
     complete = [
         _Candidate(c.conditions, ((*c.tables[0][:2], flights, failures),), c.tried)
         for c in candidates

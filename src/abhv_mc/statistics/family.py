@@ -56,7 +56,7 @@ def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     """
     rejected = holm([verdict.p_value for verdict in verdicts], risk)
     joint_verdicts = []
-    note = f"PASS alone, but not with a chance of at most {100.0 * risk:g} % of any false PASS"
+    note = f"PASS on its own, but not with a chance of at most {100.0 * risk:g} % of any false PASS"
     note += f" among {len(verdicts)} verdicts"
     for verdict, is_rejected in zip(verdicts, rejected, strict=True):
         share = min(verdict.consumer_risk, risk / len(verdicts))

@@ -16,7 +16,7 @@ from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_one_sided
 from abhv_mc.statistics.family import holm
 from abhv_mc.statistics.winner import worse_tails
 
-# risk of each test; the two tail quantiles share one risk, and the requirements another
+# risk of each test; the two tail quantiles share one risk, and the requirements share another
 RISK = 0.05
 
 
@@ -35,7 +35,7 @@ class Gate:
         bool
     )
     loses_more: bool
-    misses_more: tuple[int, ...]  # indices of requirements that `b` misses more often
+    misses_more: tuple[int, ...]  # indices of requirements that `b` violates more often
     at: str = ""  # values of the unknowns at the worst point, as text
 
     shown: bool = field(init=False)  # whether `b` passes the gate

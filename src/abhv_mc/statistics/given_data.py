@@ -23,7 +23,7 @@ LEAST_SHARE = 0.1  # smallest share of the variance for which an input is named
 FEWEST_FLIGHTS = 200
 _CELL = 12  # approximate number of flights in each cell of a pair's grid
 _MOST_CELLS = 8  # maximum number of grid cells along each input
-_PARTNERS = 0.3  # rank correlation from which two inputs cannot be distinguished
+_PARTNERS = 0.3  # rank correlation above which two inputs cannot be distinguished
 
 
 @dataclass(frozen=True)

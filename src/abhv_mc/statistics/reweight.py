@@ -33,9 +33,10 @@ def effective_size(weights: Floats) -> float:
 class Unseen:
     """Probability, under the new distributions, of values that no flight represents."""
 
-    # largest such probability for a single parameter
+    # largest probability, over the parameters, of a value that no flight represents
     single: float
-    # probability that any parameter has such a value, except near the outermost flights
+    # probability that any parameter has a value that no flight represents, except near the
+    # outermost flights
     joint: float
 
 
@@ -140,7 +141,7 @@ def weighted_quantile(
     n = _effective_at(ascending <= value, probability, mass)
     tail = (1.0 - confidence) / 2.0
     low = -np.inf
-    # As with order statistics, the quantile has no bound if flights are too few.
+    # As with order statistics, the quantile has no bound if there are too few flights.
     if (1.0 - probability) ** n <= tail:
         below = 1.0  # If too few flights lie below the quantile, all of them count.
         if 1.0 - probability**n > tail:

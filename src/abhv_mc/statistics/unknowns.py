@@ -24,11 +24,13 @@ MOST_UNKNOWNS = 64
 _HALTON = 32
 # search steps per requirement: near the worst point, and near the worst point that is not a corner
 _STEPS = 64
-# initial step, in half widths of the box, and its factor after each miss
+# initial step, in half widths of the box, and the factor on the step after each step without
+# improvement
 _FIRST_STEP, _SHRINK = 0.5, 0.95
-# largest number of unknowns for which all corners are judged, and for which all are tried
+# largest numbers of unknowns for which all corners are judged, and for which all corners are tried
 _ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7
-_SHOWING = 2  # expected failures at which a search finds the point with about an even chance
+# expected number of failures at which a search finds the point with a probability of about one half
+_SHOWING = 2
 
 
 class Trial(NamedTuple):
@@ -60,7 +62,7 @@ class JudgedPoints(NamedTuple):
 
     points: Floats  # coordinates [point, unknown]
     shared: int
-    most_failures: tuple[MostFailures, ...]  # Each further point is judged for one requirement.
+    most_failures: tuple[MostFailures, ...]  # Each additional point is judged for one requirement.
 
 
 def corners(unknowns: int) -> Floats:

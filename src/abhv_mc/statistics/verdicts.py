@@ -177,8 +177,8 @@ def verdict_words(verdict: Verdict, flies: bool = True) -> str:
     )
     if verdict.uncomputed:
         counts += (
-            f", {verdict.uncomputed} of them not computed (failures for a PASS, successes for a "
-            "FAIL)"
+            f", {verdict.uncomputed} of them not computed (counted as failures for a PASS, as "
+            "successes for a FAIL)"
         )
     phrases = [counts, verdict.note]
     if verdict.status == "NOT SHOWN":
@@ -196,7 +196,7 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
         action = action if flies else f"import a table of {extension.flights} flights"
         return f"{action}: PASS with a chance of {about(extension.chance)}"
     if verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
-        return "more of its flights failed than the requirement allows"
+        return "more flights failed than the requirement allows"
     chance = about(predict_pass(verdict, least))
     most = MOST_TIMES * verdict.flights
     return (

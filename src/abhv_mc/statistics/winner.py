@@ -29,7 +29,7 @@ TAILS = (0.95, 0.9973)  # levels of the quantiles in which a winner must not be 
 class Decision:
     """Result of comparing `a` and `b` in one metric on the same flights."""
 
-    # controller with the smaller value on most of the flights that differ; '' if not significant
+    # controller with the smaller value in most of the flights that differ; '' if not significant
     closer: Side
     # levels of the quantiles in which `closer` is significantly worse
     worse: tuple[float, ...] = ()
@@ -60,7 +60,7 @@ def decide(
         return Decision("")
     if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
-    # From here on, `a` is better on more flights.
+    # From here on, `a` is better in more flights.
     tails, uncompared = worse_tails(a, b, confidence)
     lost = compare_failures(lost_a, lost_b)
     loses_more = lost.only_a > lost.only_b and lost.p_value <= risk

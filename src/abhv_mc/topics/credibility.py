@@ -7,18 +7,16 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
 
 _TEXT = (
-    "Credibility factors of NASA-STD-7009. The middle column is the evidence in this folder; the "
-    "empty column is for the user's assessment and further evidence."
+    "Evidence in this folder for the credibility factors of NASA-STD-7009. The assessment and "
+    "further evidence are the user's."
 )
 
 
 def credibility_fold(names: Names) -> Fold:
     """Return the table of the eight credibility factors."""
-    rows = tuple(
-        (Cell(name, head=True), Cell(evidence), Cell("")) for name, evidence in _factors(names)
-    )
+    rows = tuple((Cell(name, head=True), Cell(evidence)) for name, evidence in _factors(names))
     title = "Credibility (NASA-STD-7009)"
-    heads = ("Factor", "Evidence in this folder", "Assessment")
+    heads = ("Factor", "Evidence in this folder")
     return Fold(title, (Text(_TEXT), Table(title, heads, (rows,), numbers=False)))
 
 
@@ -37,12 +35,13 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     yield "Verification", verified
     yield "Validation", f"None. `abhv-mc place FLIGHT.csv {names.folder}` compares test flights."
     drawn, unknown = len(names.results.dispersed), len(campaign.unknowns.names)
-    pedigree = f"{drawn} dispersed {'input' if drawn == 1 else 'inputs'}"
+    files = len(manifest.inputs)
+    pedigree = f"{drawn} dispersed input{'' if drawn == 1 else 's'}"
     if unknown:
         pedigree += f", {unknown} unknown, judged at {len(campaign.unknowns.points)} points"
     yield (
         "Input pedigree",
-        f"{pedigree}; {len(manifest.inputs)} input files with their SHA-256. Sources of the "
+        f"{pedigree}; {files} input file{'' if files == 1 else 's'} with SHA-256. Sources of the "
         "distributions are not recorded.",
     )
     required = names.requirements
@@ -63,4 +62,4 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     if required:
         management += f"; {count_of(traced, len(required))} requirements traced to a source"
     yield "M&S management", f"{management}. Every file has a SHA-256 in the manifest."
-    yield "People qualifications", ""
+    yield "People qualifications", "Not recorded."

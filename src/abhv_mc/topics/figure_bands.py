@@ -42,7 +42,8 @@ class EnvelopePanel:
         str, Floats
     ]  # bands [time]: min, q0.135, q5, q50, q95, q99.865, max, also q50_most if there are unknowns
     reference: tuple[Floats, Floats] | None = None
-    flights: Sequence[tuple[Floats, Floats]] = ()  # curves (x, y) of single flights, worst first
+    # curves (x, y) of individual flights, worst first
+    flights: Sequence[tuple[Floats, Floats]] = ()
     levels: Sequence[float] = ()  # limits of requirements
 
 

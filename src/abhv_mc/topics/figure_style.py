@@ -55,7 +55,7 @@ _RC: dict[Any, Any] = {
     "font.size": SMALLEST,
     "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # A fixed title position saves matplotlib a search for one.
+    "axes.titley": 1.0,  # With a fixed title position, matplotlib does not search for one.
     "axes.labelsize": SMALLEST,
     "axes.edgecolor": INK,
     "axes.linewidth": 0.6,
@@ -96,7 +96,8 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """Return an empty figure, whose layout avoids overlaps; sizes are in inches."""
-    # The layout depends on the text size, which depends on the resolution: use the final one.
+    # The layout depends on the text size, which depends on the resolution, so the final resolution
+    # is used.
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure

@@ -57,7 +57,7 @@ def _places(interval: Interval) -> int | None:
     largest = max(map(abs, (value, *ends)))
     leading = -math.floor(math.log10(largest)) if largest else 0
     decimals = min(max(_decimals(error), leading), leading + 3)
-    # A nonzero end should not be printed as zero.
+    # A nonzero end of an interval should not be printed as zero.
     return decimals + any(end and round(end, decimals) == 0.0 for end in ends)
 
 

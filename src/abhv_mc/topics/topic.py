@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 M = TypeVar("M")
-Drawn: TypeAlias = "tuple[FigureText, Figure]"  # texts of a figure, and the figure
+# name, title and caption of a figure, and the figure
+Drawn: TypeAlias = "tuple[FigureText, Figure]"
 
 
 def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:

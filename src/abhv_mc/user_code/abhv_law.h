@@ -1,7 +1,8 @@
-/* The interface of a control law in C. Doubles, SI and radians; all memory of a flight lies in `state`.
+/* Interface of a control law in C. All values are doubles in SI units and radians.
  *
- * A law sees one flight at one control tick. It keeps nothing between calls but what it puts into its state: many
- * flights are flown side by side, in any order. Every function returns 0; anything else ends the flight as law_failed.
+ * Each call computes one flight at one control tick. The law keeps its memory only in `state`, because many flights
+ * are simulated at the same time and in any order. The functions return 0; any other value ends the flight with the
+ * outcome law_failed.
  */
 #ifndef ABHV_LAW_H
 #define ABHV_LAW_H
@@ -10,55 +11,56 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "abhv_settings.h" /* struct abhv_settings, written from the controller file's settings */
+#include "abhv_settings.h" /* struct abhv_settings, generated from the settings in the controller file */
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-@ONBOARD@typedef struct { /* what the sensors say */
+@ONBOARD@typedef struct { /* measured quantities */
 @MEASURED@
 } abhv_measured;
 
-typedef struct { /* the mission's reference at the tick, and the nominal along it */
+typedef struct { /* reference of the mission and nominal quantities along it, at this tick */
 @REFERENCE@
 } abhv_reference;
 
-typedef struct { /* the last three are what metrics compare with: left alone, they are the reference's */
+typedef struct { /* metrics compare the flight with the last three values; by default, these are the reference's */
 @COMMAND@
-    double effectors[@MOST@]; /* rad, in the order of the controller file; left alone, they follow the axes */
+    double effectors[@MOST@]; /* rad, in the order of the controller file; effectors not set follow the axis commands */
 } abhv_command;
 
 size_t abhv_law_state_size(void);
-int abhv_law_init(const abhv_settings *settings, const abhv_reference *first, void *state); /* state holds zeros */
+int abhv_law_init(const abhv_settings *settings, const abhv_reference *first, void *state); /* state is initially zero */
 int abhv_law_step(const abhv_measured *measured, const abhv_reference *reference, const double *gains,
                   const abhv_settings *settings, double time, double dt, void *state, abhv_command *command);
 
-/* Optional, both or none: then margins and linear models know the law's memory. The first returns how many numbers
- * the memory has, and writes them where `values` is not NULL. Together they must hold all that step() remembers. */
+/* Optional functions for margins and linear models; define both or neither. abhv_law_state_get returns the number of
+ * values in the memory, and writes the values if `values` is not NULL. They must include everything that
+ * abhv_law_step remembers. */
 int abhv_law_state_get(const void *state, double *values);
 int abhv_law_state_set(void *state, const double *values);
 
-/* What this header was when the law was built with it: a library of another interface is refused. */
+/* ID of the interface with which the law was built. A library with another interface is rejected. */
 __attribute__((weak, visibility("default"))) const char abhv_law_interface[] = "@INTERFACE@ " ABHV_SETTINGS;
 
 #ifdef __cplusplus
 }
 #endif
 
-/* Functions with the bits of the compiled flight, where the compiler contracts nothing (-ffp-contract=off). */
+/* These functions give the same bits as the compiled simulation if the law is built with -ffp-contract=off. */
 
 static inline double abhv_clamp(double x, double low, double high) {
     x = x < low ? low : x;
     return x > high ? high : x;
 }
 
-static inline double abhv_wrap(double angle) { /* into [-pi, pi], from [-3 pi, 3 pi] */
+static inline double abhv_wrap(double angle) { /* angle in [-pi, pi]; the argument must lie in [-3 pi, 3 pi] */
     angle = angle > 3.141592653589793 ? angle - 2.0 * 3.141592653589793 : angle;
     return angle < -3.141592653589793 ? angle + 2.0 * 3.141592653589793 : angle;
 }
 
-static inline void abhv_sincos(double x, double *sin_x, double *cos_x) { /* up to 1048576 rad, NaN beyond */
+static inline void abhv_sincos(double x, double *sin_x, double *cos_x) { /* valid up to 1048576 rad; NaN beyond this limit */
     double rounded = x * 0.6366197723675814 + 6755399441055744.0;
     double n = rounded - 6755399441055744.0;
     int64_t bits;

@@ -38,7 +38,7 @@ class LostError(Exception):
 
 def allow_here() -> None:
     """Allow this process to run custom native code."""
-    global _may_run  # noqa: PLW0603  what this process is for
+    global _may_run  # noqa: PLW0603  marks the role of this process
     _may_run = True
 
 
@@ -59,7 +59,7 @@ def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = 
     A process that may crash calls the function directly. Raise LostError if the child ends or takes
     longer than ``limit`` s.
     """
-    global _child  # noqa: PLW0603  one for all calls
+    global _child  # noqa: PLW0603  one child for all calls
     if _may_run:
         return function(*arguments)
     with _lock:
@@ -104,7 +104,7 @@ class _Child:
         self._pid = os.getpid()
         self._connection, theirs = multiprocessing.Pipe()
         with theirs:
-            self._process = subprocess.Popen(  # noqa: S603  Python itself
+            self._process = subprocess.Popen(  # noqa: S603  runs Python itself
                 [sys.executable, "-P", "-c", _START, str(theirs.fileno()), str(_ROOT)],
                 stdin=subprocess.PIPE,  # The child exits when this pipe closes.
                 pass_fds=[theirs.fileno()],
@@ -136,7 +136,7 @@ class _Child:
             self._process.kill()
 
     def end(self) -> None:
-        if self._pid != os.getpid():  # copied by a fork of this process
+        if self._pid != os.getpid():  # The object was copied by a fork of this process.
             return
         self.kill()
         self._process.wait()

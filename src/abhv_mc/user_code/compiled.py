@@ -161,7 +161,14 @@ def loop_text(width: int, once: list[str], inside: list[str]) -> str:
     return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
 
 
-def build(module: Module, function: str, text: str, names: dict[str, Any], salt: str = "") -> Any:
+def build(
+    module: Module,
+    function: str,
+    text: str,
+    names: dict[str, Any],
+    salt: str = "",
+    expected: str = WANTED,
+) -> Any:
     """Compile generated source text that calls ``function`` and return its ``loop``.
 
     Raise InputError with the line that numba names, or else the line of the function.
@@ -169,7 +176,7 @@ def build(module: Module, function: str, text: str, names: dict[str, Any], salt:
     try:
         return build_loop(f"{module.source.hash} {salt}", text, names)
     except Uncompilable as error:
-        raise _explain(module, error, module.texts[function].lineno) from None
+        raise _explain(module, error, module.texts[function].lineno, expected) from None
 
 
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
@@ -189,7 +196,7 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     home.__dict__.update(names, __name__=home.__name__, __file__=str(path))
     exec(
         compile(text, str(path), "exec", dont_inherit=True), home.__dict__
-    )  # The text is generated and calls custom functions.
+    )  # abhv-mc generated this source text, which calls custom functions.
     with compilation_lock(path.parent.parent, f"{path.stem}.loop"):
         return compile_pointer(home.__dict__["loop"])
 
@@ -366,7 +373,7 @@ def _make_loop(
     return loop_text(width, before, lines)
 
 
-def _explain(module: Module, error: Uncompilable, first_line: int) -> InputError:
+def _explain(module: Module, error: Uncompilable, first_line: int, expected: str) -> InputError:
     """Return a shortened numba message as an InputError at the user's line or ``first_line``."""
     source = module.source
     line: int | None = error.line if error.file == source.file else None
@@ -377,8 +384,8 @@ def _explain(module: Module, error: Uncompilable, first_line: int) -> InputError
     message_lines = [text.strip() for text in error.message.splitlines()]
     useful = [text for text in message_lines if text and not _NOISE.match(text)]
     if "Unknown attribute 'aileron'" in error.message or "wrong tuple length" in error.message:
-        expected = "return Command(...), or Command(...), Memory(...) for a law with memory"
         problem = "the law does not return a Command"
-        return InputError(source.file, problem, expected, line or first_line)
+        returned = "return Command(...), or Command(...), Memory(...) for a law with memory"
+        return InputError(source.file, problem, returned, line or first_line)
     problem = f"the code does not compile ({'; '.join(useful[:3]):.300})"
-    return InputError(source.file, problem, WANTED, line or first_line)
+    return InputError(source.file, problem, expected, line or first_line)

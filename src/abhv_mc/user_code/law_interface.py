@@ -25,7 +25,7 @@ class Command(NamedTuple):
     angle_of_attack: float = NOT_GIVEN
     bank: float = NOT_GIVEN
     throttle: float = NOT_GIVEN
-    effectors: Any = ()  # rad by effector name, bypassing the control mix
+    effectors: Any = ()  # deflections in rad by effector name, which bypass the control mix
 
 
 COMMAND_FIELDS = Command._fields[:-2]  # outputs of laws in C and FMUs

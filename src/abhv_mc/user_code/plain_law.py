@@ -52,7 +52,7 @@ class PlainLaw:
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
         self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
-        self._memories: dict[int, Any] = {}  # by the index in the flight's lane
+        self._memories: dict[int, Any] = {}  # memories by the index in the flight's lane
         self._callback = _SOCKET(self._call)
 
     @property
@@ -112,7 +112,9 @@ class PlainLaw:
                 memory = self._law.memory()
             with in_its_folder(self._law.source), watching(self._law.source):
                 return self._fly_lane(block, lane, memory, shared_values)
-        except BaseException:  # Also SystemExit: the compiled caller would continue the flight.
+        except BaseException:
+            # Also catch SystemExit, because the compiled caller would otherwise continue the
+            # flight.
             block[FAULT, lane] = LAW_FAILED
             block[list(COMMAND_ROWS), lane] = 0.0
             if self._law.source.hash not in _told:

@@ -47,7 +47,7 @@ class ReadGuard:
         self.studies = tuple(map(_as_folder, studies))
         self.packages = {_as_folder(path) for path in packages}
         self.system = tuple(map(_as_folder, system))
-        self.home = _as_folder(os.path.expanduser("~"))  # noqa: PTH111  Path's raises without a home
+        self.home = _as_folder(os.path.expanduser("~"))  # noqa: PTH111  Path raises an error without a home
         own = _as_folder(own) if own else ""
         shared = any(study.startswith(own) for study in self.studies)
         self.own = "" if shared else own
@@ -76,7 +76,7 @@ class ReadGuard:
             return
         name = arguments[1] if event == "import" else arguments[0]
         if isinstance(name, int) or not isinstance(name, str | bytes | os.PathLike):
-            return  # the number of an open file, or no file
+            return  # The argument is the number of an open file, or no file.
         path = os.fsdecode(name)
         if event == "sqlite3.connect":
             path = path.removeprefix("file:").partition("?")[0]

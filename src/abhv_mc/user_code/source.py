@@ -60,7 +60,7 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
         ValueError,
         MemoryError,
         RecursionError,
-    ) as error:  # The last three are due to zero bytes or deep nesting.
+    ) as error:  # The last three exceptions are caused by zero bytes or deep nesting.
         location = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
         raise InputError(
             source.file, f"'{getattr(error, 'msg', error)}'", "Python", *location

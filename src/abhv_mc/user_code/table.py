@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from abhv_mc.io.input_error import Refusal, one_of
 from abhv_mc.kernel.jit import scalar
 
-_INSIDE = -1e-12  # least barycentric coordinate inside, due to rounding
+_INSIDE = -1e-12  # smallest barycentric coordinate that counts as inside, because of rounding
 ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 
 

@@ -32,7 +32,13 @@ from abhv_mc.user_code.module import DYNAMICS, Module, refuse_in_words, run_modu
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
-from abhv_mc.vehicle.vehicle_code import N_THRUST, FunctionCode, VehicleCode, register
+from abhv_mc.vehicle.vehicle_code import (
+    N_THRUST,
+    FunctionCode,
+    VehicleCode,
+    evaluate_functions,
+    register,
+)
 
 WIDTH = 32  # points evaluated per call outside flights
 WANTED = "floats, named tuples and functions of them"
@@ -127,11 +133,14 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
                 kinds["settings"] = namedtuple("Settings", dict(function_code.settings))
                 kinds |= {"states": _states(code), "motion": Motion}
                 values: dict[str, float | None] = {name: None for name, _ in function_code.settings}
-                check_fields(module, function, {name: kinds[name] for name in arguments})
-                _try_out(module, function, code, [kinds[name] for name in arguments])
             else:
                 kinds["settings"] = module.names.get("Settings")
                 values = _settings(module, function_code)
+            check_fields(
+                module, function, {name: kinds[name] for name in arguments if kinds.get(name)}
+            )
+            if key == "dynamics":
+                _try_out(module, function, code, [kinds[name] for name in arguments])
             names = compiled_names(module)
             names |= {f"_{name}": kind for name, kind in kinds.items()}
             names |= {"_function": names[function], "_sincos": sincos}
@@ -145,7 +154,7 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
         body.append(f"made = _function({', '.join(arguments)})")
         body += _WRITERS[key](width, code, module)
         text = loop_text(width, [f"nominal = tick == {NOMINAL}"], body)
-        loops[key] = build(module, function, text, names)
+        loops[key] = build(module, function, text, names, expected=WANTED)
     return Functions(**loops)
 
 
@@ -158,6 +167,7 @@ def _find_marked(module: Module) -> str:
             module.source.file,
             problem,
             "exactly one; import the decorator with 'from abhv_mc.extend import dynamics'",
+            module.texts[list(marked)[1]].lineno if marked else None,
         )
     return next(iter(marked))
 
@@ -190,7 +200,12 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
     if type(effect) is not Effect:
         problem = f"the custom dynamics return {type(effect).__name__}"
         raise InputError(module.source.file, problem, "return Effect(rates=(...), ...)", line)
-    _check_count(module, code, len(effect.rates) if isinstance(effect.rates, tuple) else 1, line)
+    are_numbers = isinstance(effect.rates, tuple) and all(
+        isinstance(rate, int | float) for rate in effect.rates
+    )
+    if not are_numbers:
+        raise InputError(module.source.file, f"rates={effect.rates!r}", _rates_of(code), line)
+    _check_count(module, code, len(effect.rates), line)
     for name in ("force", "moment"):
         value = getattr(effect, name)
         if not isinstance(value, tuple) or len(value) != 3:
@@ -200,19 +215,43 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
 def _check_count(module: Module, code: VehicleCode, count: int, line: int) -> None:
     """Raise InputError unless ``count`` is the number of states."""
     if count != len(code.states):
-        names = ", ".join(state.name for state in code.states)
         problem = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
-        raise InputError(
-            module.source.file, problem, f"a tuple with one rate for each state: {names}", line
-        )
+        raise InputError(module.source.file, problem, _rates_of(code), line)
 
 
-def function_line(code: VehicleCode) -> int | None:
-    """Return the line at which a vehicle's custom dynamics are defined."""
-    if code.dynamics is None:
+def _rates_of(code: VehicleCode) -> str:
+    """Return a description of the rates that custom dynamics must return."""
+    names = ", ".join(state.name for state in code.states)
+    return f"a tuple with one rate for each state: {names}"
+
+
+def function_line(function_code: FunctionCode | None) -> int | None:
+    """Return the line at which a vehicle's function is defined."""
+    if function_code is None:
         return None
-    module = run_module(UserSource(code.dynamics.text, code.dynamics.file))
-    return int(module.texts[_find_marked(module)].lineno)
+    module = run_module(UserSource(function_code.text, function_code.file))
+    return int(module.texts[function_code.function or _find_marked(module)].lineno)
+
+
+def check_finite(vehicle: Vehicle, variables: Floats, density: float, speed: float) -> None:
+    """Raise InputError if coefficients or thrust of a vehicle's functions are not finite.
+
+    ``variables`` [variable, 1] are those of one point, with its air density (kg/m3) and speed
+    (m/s).
+    """
+    code = find_code(vehicle)
+    if code is None:
+        return
+    coefficients, thrust = evaluate_functions(vehicle, variables, density, speed)
+    for function_code, values, quantity in (
+        (code.aerodynamics, coefficients, "a coefficient"),
+        (code.propulsion, thrust, "a component of force, moment or fuel flow"),
+    ):
+        if function_code is not None and not np.isfinite(values).all():
+            problem = f"{quantity} is not finite at the start of the mission"
+            raise InputError(
+                function_code.file, problem, "finite numbers", function_line(function_code)
+            )
 
 
 @functools.cache

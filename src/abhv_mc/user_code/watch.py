@@ -81,7 +81,7 @@ def _allowed() -> frozenset[str]:
     """Return folders that custom code may read: interpreter, installed packages, caches."""
     caches = (
         str(code_folder(compiler())),
-        os.path.expanduser("~/.cache"),  # noqa: PTH111  Path's raises without a home
+        os.path.expanduser("~/.cache"),  # noqa: PTH111  Path raises an error without a home
         str(cache_root()),
     )
     ours = (str(Path(abhv_mc.__file__).parents[1] / name) for name in PACKAGES)
@@ -94,7 +94,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     watch = _watched.get()
     if watch is None or watch.refused is not None:
         return
-    _watched.set(None)  # The program itself opens further files.
+    _watched.set(None)  # The program itself opens other files.
     try:
         _check(watch, event, arguments)
     finally:

@@ -52,13 +52,17 @@ class Actuator(StrictModel):
 
     bandwidth: Annotated[AngularRate, Positive] | None = Field(
         default=None,
-        description="natural frequency, or 1 / time constant of a first-order actuator",
+        description=(
+            "natural frequency of a second-order actuator, or 1 / time constant of a first-order "
+            "one"
+        ),
     )
     damping: Annotated[float, Positive] | None = Field(
         default=None, description="damping ratio of a second-order actuator"
     )
     ideal: bool = Field(
-        False, description="whether the actuator is ideal, equivalent to kind: ideal"
+        False,
+        description="whether the actuator is ideal; 'ideal: true' is equivalent to 'kind: ideal'",
     )
 
     def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
@@ -121,14 +125,17 @@ class PythonFunction(StrictModel):
 
     python: File = Field(description="Python file, relative to the vehicle file")
     settings: dict[str, Any] = Field(
-        default_factory=dict, description="values of class Settings in the Python file"
+        default_factory=dict,
+        description="values for the fields of the class Settings in the Python file",
     )
 
 
 class ThrustLine(StrictModel):
     """Thrust line relative to the moment reference."""
 
-    inclination: Angle = Field(default=0.0, description="angle of the thrust above body x")
+    inclination: Angle = Field(
+        default=0.0, description=("angle of the thrust direction above the body x axis")
+    )
     offset: Length = Field(
         default=0.0,
         description=(
@@ -153,13 +160,16 @@ class Unstart(StrictModel):
     )
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
         default=math.inf,
-        description="time within all ranges until the inlet restarts; default: no restart",
+        description=(
+            "time for which all conditions must hold before the inlet restarts; default: no restart"
+        ),
     )
     drag_increment: float = Field(
-        default=0.0, description="increment of the drag coefficient while unstarted"
+        default=0.0, description="increment of the drag coefficient while the inlet is unstarted"
     )
     pitching_moment_increment: float = Field(
-        default=0.0, description="increment of the pitching moment coefficient while unstarted"
+        default=0.0,
+        description="increment of the pitching moment coefficient while the inlet is unstarted",
     )
 
     @model_validator(mode="after")
@@ -196,7 +206,7 @@ class Engine(StrictModel):
     """Engine of a vehicle with several engines that may fail separately."""
 
     share: Annotated[Fraction, Positive] | None = Field(
-        None, description="share of the total thrust; default: equal shares"
+        None, description="share of this engine in the total thrust; default: equal shares"
     )
     x: Length = Field(
         0.0, description="distance of the engine forward of the thrust line's reference point"
@@ -216,7 +226,7 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
         default=None,
-        description="flow conditions in which the inlet stays started; default: any",
+        description="flow conditions under which the inlet stays started; default: all conditions",
     )
     engines: dict[str, Engine] = Field(
         default_factory=dict,

@@ -57,7 +57,7 @@ class MassPoint(StrictModel):
     """Mass properties at one mass; centre of gravity is relative to the moment reference."""
 
     mass: Annotated[Mass, Positive] = Field(
-        description="mass of the vehicle for which these properties hold"
+        description="vehicle mass at which these mass properties hold"
     )
     inertia_xx: Annotated[Inertia, Positive] = Field(
         description="moment of inertia about body x (forward)"
@@ -128,7 +128,9 @@ class MassModel(MassPoints):
     )
     file: File | None = Field(
         default=None,
-        description="CSV file with the points, in columns mass_kg, inertia_xx_kg_m2, ...",
+        description=(
+            "CSV file with one row for each point and the columns mass_kg, inertia_xx_kg_m2, ..."
+        ),
     )
 
     @model_validator(mode="after")
@@ -187,14 +189,25 @@ class Term(StrictModel):
         default=None,
         description="variable that multiplies the table, such as elevator or pitch_rate",
     )
-    scale: float = Field(default=1.0, description="number that multiplies the table")
+    scale: float = Field(default=1.0, description="factor that multiplies the values of the table")
 
 
 class ReferencePoint(StrictModel):
     """Reference point of a function's moments, relative to the moment reference."""
 
-    x: Length = Field(0.0, description="distance of the point forward of the moment reference")
-    z: Length = Field(0.0, description="distance of the point below the moment reference")
+    x: Length = Field(
+        0.0,
+        description=(
+            "distance of the reference point of the function's moments forward of the moment "
+            "reference"
+        ),
+    )
+    z: Length = Field(
+        0.0,
+        description=(
+            "distance of the reference point of the function's moments below the moment reference"
+        ),
+    )
 
 
 class AerodynamicsFunction(PythonFunction):
@@ -296,7 +309,7 @@ class VehicleDocument(StrictModel):
     )
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description="reference of the measured quantities, which a mission may override",
+        description="reference for the measured quantities; a mission may override it",
     )
     limits: FlightLimits | None = Field(
         default=None, description="limits that end a flight; default: no limits"

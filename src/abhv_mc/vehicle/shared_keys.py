@@ -32,10 +32,11 @@ class Oscillation(StrictModel):
     """Maximum oscillation (ripple) of each angle; a larger one ends a flight."""
 
     bank: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum peak-to-peak cycle of the bank error"
+        None, description="maximum peak-to-peak amplitude of oscillations of the bank error"
     )
     angle_of_attack: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum peak-to-peak cycle of the angle-of-attack error"
+        None,
+        description="maximum peak-to-peak amplitude of oscillations of the angle-of-attack error",
     )
     sideslip: Annotated[Angle, Positive] | None = Field(
         None, description="maximum peak-to-peak amplitude of oscillations of the sideslip"
@@ -116,15 +117,17 @@ class SensingKeys(StrictModel):
     """Reference of measured quantities: the air, or the Earth ("inertial")."""
 
     angle_of_attack: Against | None = Field(
-        None, description="reference of the measured angle of attack: air, or inertial (default)"
+        None, description="reference for the measured angle of attack: air, or inertial (default)"
     )
     sideslip: Against | None = Field(
-        None, description="reference of the measured sideslip: air, or inertial (default)"
+        None, description="reference for the measured sideslip: air, or inertial (default)"
     )
     airspeed: Against | None = Field(
         None,
-        description="reference of the measured speed: air, or inertial (default), which is "
-        "relative to the Earth",
+        description=(
+            "reference for the measured speed: air, or inertial (default: speed relative to the "
+            "Earth)"
+        ),
     )
 
 

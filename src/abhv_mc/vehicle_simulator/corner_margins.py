@@ -14,10 +14,11 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.vehicle_simulator.margin_plans import make_steady
 
+# maximum number of parameters for which all corners are used; otherwise, number of random corners
 _ALL_CORNERS, _SOME = (
     6,
     64,
-)  # maximum number of parameters for all corners; number of random corners
+)
 _DIGITS = 6
 
 

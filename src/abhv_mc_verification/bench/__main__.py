@@ -69,6 +69,6 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
 
 
 if __name__ == "__main__":
-    # As in the command line, before numpy is loaded.
+    # Set before numpy is loaded, as in the command line.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     typer.run(bench)

@@ -19,8 +19,10 @@ from abhv_mc.report.numbers.judgement import (
 )
 from abhv_mc.report.numbers.judgement_record import read_judgement
 from abhv_mc.report.numbers.pass_chances import plan_campaign
+from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.family import hold_family
 from abhv_mc.statistics.verdicts import judge
+from abhv_mc.topics.formatting import fixed, percent
 from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
@@ -178,6 +180,63 @@ def test_fewer_flights_than_the_file_asks_for_are_said_first(tmp_path):
     enough = replace(manifest, file_runs=60)
     judgement = judge_campaign(Models(replace(models.results, manifest=enough)))
     assert "flights run" not in judgement.answer
+
+
+UNKNOWN = {
+    "dispersions": "{atmosphere.density: {distribution: uniform, half_width: 10 %}}",
+    "unknowns": "{aero.drag: {low: -15 %, high: 15 %}}",
+    "points": "{at: {aero.drag: [0.85, 1.0, 1.15]}}",
+}
+
+
+@pytest.mark.parametrize(
+    ("limit", "probability", "command", "number"),
+    [
+        (1e6, 0.98, f"--runs {flights_to_pass(0, 0.98, 0.1)}", str(flights_to_pass(0, 0.98, 0.1))),
+        (1e6, 0.5, "", ""),
+        (1e-9, 0.9, "explain DIR --all", ""),
+    ],
+)
+def test_a_campaign_with_unknowns_has_a_next_step(tmp_path, limit, probability, command, number):
+    """Regression: no next step was named, not even a sufficient number of flights."""
+    requirements = [REQUIRED.format(limit=limit, probability=probability)]
+    judgement, models = judged(tmp_path / "c", requirements, runs=60, **UNKNOWN)
+    assert models.results.campaign.unknowns.names == ("aero.drag",)
+    assert judgement.next.command.endswith(command) and number in judgement.next.why
+    assert bool(judgement.next.command) == bool(command)
+    assert ("each point" in judgement.next.why) == bool(number)
+
+
+def test_unsearched_worst_values_need_a_new_folder_not_more_flights(tmp_path):
+    requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
+    _, models = judged(tmp_path / "c", requirements, runs=60, **UNKNOWN)
+    unknowns = replace(models.results.campaign.unknowns, unsearched=frozenset({0}))
+    campaign = replace(models.results.campaign, unknowns=unknowns)
+    judgement = judge_campaign(Models(replace(models.results, campaign=campaign)))
+    assert judgement.met == "not shown" and "new folder" in judgement.next.why
+    assert "--runs" not in judgement.next.command
+
+
+@pytest.mark.parametrize(("probability", "flights"), [(0.9973, 981), (0.999999, None)])
+def test_far_too_few_flights_name_the_least_number(tmp_path, probability, flights):
+    """Regression: the next step said only how many flights are not enough."""
+    requirements = [REQUIRED.format(limit=1e6, probability=probability)]
+    judgement, models = judged(tmp_path / "c", requirements, runs=32)
+    (verdict,) = [item.controllers["tlc"] for item in models[VERDICTS].requirements]
+    least = flights_to_pass(verdict.failures, probability, verdict.consumer_risk)
+    assert flights in (least, None)
+    assert fixed(least, 0) in judgement.next.why
+    assert judgement.next.command.endswith(f"--runs {flights}" if flights else "")
+    assert bool(judgement.next.command) == bool(flights)
+
+
+def test_a_missed_requirement_has_its_share_of_failures(tmp_path):
+    """Regression: readers had to divide the failures by the flights."""
+    judgement, _ = judged(
+        tmp_path / "c", [REQUIRED.format(limit=1e-9, probability=0.9)], controllers=["tlc"]
+    )
+    share = f"60 of 60 flights, {percent(1.0)}; {percent(0.1)} allowed"
+    assert share in judgement.answer
 
 
 TWO = "[{metric: altitude_error_max_m, below: 50, probability: 0.9973}, \

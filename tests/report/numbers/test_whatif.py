@@ -109,7 +109,7 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
 @pytest.mark.parametrize(("settings", "message"), [
     (["atmosphere.density.half_width=12%"], "expected a distribution within 0.9"),
     (["atmosphere.density.half_width=0.4%"], "an effective number of at least 750"),
-    (["aero.lift.sigma=9%"], "beyond all 1500 flights; expected at most 1 %"),
+    (["aero.lift.sigma=9%"], "the range of the 1500 flights; expected at most 1 %"),
     (["aero.lift=9%"], "expected aero.lift.sigma=VALUE"),
     (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
     (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"],

@@ -146,3 +146,14 @@ def test_only_the_pages_own_scripts_may_run(report_page):
         hashlib.sha256(re.search(r"<script>(.*?)</script>", report_page, re.S)[1].encode()).digest()
     )
     assert f"'sha256-{digest.decode()}'" in scripts and scripts.count("sha256-") == 2
+
+
+@pytest.mark.parametrize(("limit", "is_beyond"), [(1e-9, True), (1e6, False)])
+def test_the_arrow_of_values_beyond_the_chart_is_explained(tmp_path, limit, is_beyond):
+    requirement = f"{{metric: speed_error_max_mps, below: {limit}, probability: 0.9}}"
+    folder = write_campaign(
+        tmp_path / "c", runs=12, controllers=["tlc"], requirements=[requirement]
+    )
+    chart, _, after = make_page(Models(read_flown(folder)), ()).partition('<p class="axis')
+    legend = after.partition("</p>")[0]
+    assert ("&#9654;" in chart) == is_beyond == ("&#9654;" in legend)

@@ -198,7 +198,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         problem = f"{sum(pool.runs for pool in model.pooled)} pooled flights"
         errors.append(
             document.key_error(
-                ("pooled",), problem, f"at most {number} ('runs'), of the design {INDEPENDENT}"
+                ("pooled",),
+                problem,
+                f"at most {number} flights ('runs'), with 'sampling: {INDEPENDENT}'",
             )
         )
     check_margins(document, model, number, errors)
@@ -240,7 +242,7 @@ def name_effectors(document: Document) -> Document:
             for name, index in zip(names, entries, strict=False)
         }
     except (InputError, KeyError, TypeError, AttributeError):
-        return document  # The models report the error.
+        return document  # The pydantic models report this error.
 
     def renamed(text: str) -> str:
         group, _, suffix = text.partition(".")
@@ -487,7 +489,8 @@ def _check_runs(
                 document.error(
                     (),
                     "no key 'runs'",
-                    f"'runs', since the design '{design}' has no number of its own",
+                    f"'runs', because the design '{design}' does not determine the number of "
+                    "flights",
                 )
             )
         return model.runs or 1
@@ -498,8 +501,8 @@ def _check_runs(
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:
         expected = (
-            f"{'at most ' if sample_file else ''}{number}, the number of the design '{design}', "
-            "or no 'runs'"
+            f"{'at most ' if sample_file else ''}{number}, the number of flights in the design "
+            f"'{design}', or no 'runs'"
         )
         errors.append(document.error(("runs",), f"{model.runs}", expected))
     return model.runs or number

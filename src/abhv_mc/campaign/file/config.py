@@ -27,7 +27,7 @@ _LARGEST_BATCH = 2**20
 
 
 def _none_for(word: str, most: int | None = None) -> Any:
-    """Return the type of a field whose value ``word`` in the file is None in the model."""
+    """Return the type of a field for which ``word`` in the file means None in the model."""
     written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
 
     def read(value: Any) -> Any:
@@ -50,11 +50,11 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 
 
 class Sampling(StrictModel):
-    """Sampling design; a file may contain only its name."""
+    """Sampling design; a campaign file may give only the name of the design."""
 
     design: DesignName = Field("random", description="name of the sampling design")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
-        2, description="number of values of each parameter in the designs grid and one_at_a_time"
+        2, description="number of values per parameter in the designs 'grid' and 'one_at_a_time'"
     )
     path: File | None = Field(
         None,
@@ -78,14 +78,18 @@ def _sampling(value: Any) -> Any:
 
 
 class Correlation(StrictModel):
-    """Correlation of two parameters: of their ranks (Spearman) or normal variables."""
+    """Correlation of two parameters: of their ranks (Spearman) or of their normal variables."""
 
     between: tuple[str, str] = Field(description="the two correlated parameters")
     rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
         None, description="rank correlation (Spearman); give either 'rank' or 'normal'"
     )
     normal: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
-        None, description="correlation of the normal variables of the Gaussian copula"
+        None,
+        description=(
+            "correlation of the two normal variables in the Gaussian copula; give either 'rank' "
+            "or 'normal'"
+        ),
     )
 
     @model_validator(mode="after")
@@ -100,9 +104,9 @@ class Correlation(StrictModel):
 
 
 class RequirementEntry(StrictModel):
-    """Requirement: the probability that a metric is below, above or between limits."""
+    """Requirement on the probability that a metric lies below, above or between limits."""
 
-    metric: str = Field(description="metric that the requirement limits")
+    metric: str = Field(description="name of the metric to which the limits apply")
     below: Value | None = Field(None, description="upper limit of the metric, in the metric's unit")
     above: Value | None = Field(
         None,
@@ -112,20 +116,20 @@ class RequirementEntry(StrictModel):
         ),
     )
     probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
-        description="probability with which a flight must meet the limits, such as 99.73 %"
+        description="required probability that a flight meets the limits, such as 99.73 %"
     )
     consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10,
         description=(
-            "consumer's risk: largest probability that a system that just fails to meet the "
-            "requirement ever passes"
+            "consumer's risk: largest probability that a system just short of the requirement "
+            "ever gets the verdict PASS"
         ),
     )
     producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
         None,
         description=(
             "producer's risk: largest probability that a system that just meets the requirement "
-            "ever fails; default: the consumer's risk"
+            "ever gets the verdict FAIL; default: the consumer's risk"
         ),
     )
     controllers: tuple[str, ...] | None = Field(
@@ -136,7 +140,10 @@ class RequirementEntry(StrictModel):
         ),
     )
     ended_early: Literal["failure", "as_measured"] = Field(
-        "failure", description="how an early termination counts: as a failure, or as measured"
+        "failure",
+        description=(
+            "how a flight that terminates early is counted: as a failure, or by its measured value"
+        ),
     )
     id: str | None = Field(
         None, description="identifier of the requirement, such as GNC-12; shown in all outputs"
@@ -156,12 +163,16 @@ class MarginsOfFlights(StrictModel):
     """Flights, and points in time, for which stability margins are computed."""
 
     at: Points = Field(
-        ("trim",), description="points: trim, a time of the flight such as 30 s, or a list of them"
+        ("trim",),
+        description=(
+            "points at which margins are computed: trim, a time of the flight such as 30 s, or a "
+            "list of these"
+        ),
     )
     flights: FlightCount = Field(
         100,
         description=(
-            "number of flights for which margins are computed, counted from the first, or all"
+            "number of flights, counted from the first, for which margins are computed; or 'all'"
         ),
     )
 
@@ -183,7 +194,7 @@ class Family(StrictModel):
     """Joint risk of a false PASS among all pairs of a requirement and a controller."""
 
     method: Literal["holm"] = Field(
-        "holm", description="correction for multiple verdicts: step-down procedure of Holm"
+        "holm", description="correction for multiple verdicts: Holm's step-down procedure"
     )
     risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
         0.10, description="largest probability that at least one PASS is false"
@@ -208,9 +219,9 @@ class Execution(StrictModel):
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
         None,
         description=(
-            "limit on the processor time (on a cluster: wall time) of every 16 flights of a "
-            "block, after which the flights count as hanging; default: 20 times the time of 16 "
-            "nominal flights computed one by one, including margins, and at least 30 s"
+            "limit on the processor time (on a cluster: wall time) per 16 flights; flights that "
+            "exceed the limit count as hanging; default: 20 times the time of 16 nominal flights "
+            "computed one by one, including margins, and at least 30 s"
         ),
     )
 
@@ -276,8 +287,8 @@ class Campaign(StrictModel):
     mission: File = Field(description="mission file, relative to the campaign file")
     controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(
         description=(
-            "controller files by name; all are simulated with the same samples, and the first "
-            "must meet the requirements"
+            "controller files by name; all controllers are simulated with the same samples, and "
+            "the first one must meet the requirements"
         )
     )
     runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
@@ -305,23 +316,23 @@ class Campaign(StrictModel):
     unknowns: dict[str, Unknown] = Field(
         {},
         description=(
-            "bounds of parameters that have one unknown value for the whole programme; "
+            "bounds of parameters that have a fixed but unknown value for the whole programme; "
             "requirements are judged at points within these bounds"
         ),
     )
     points: UnknownPoints | None = Field(
         None,
         description=(
-            "values of the unknowns at which requirements are judged, as found by `run`; default: "
-            "search for the worst values"
+            "values of the unknowns at which requirements are judged, as found by `run`; by "
+            "default, `run` searches for the worst values"
         ),
     )
     correlations: tuple[Correlation, ...] = Field((), description="pairs of correlated parameters")
     derived: dict[str, str] = Field(
         {},
         description=(
-            "parameters computed from other parameters of the same flight: expressions of "
-            "parameters in SI units"
+            "parameters computed from other parameters of the same flight, as expressions in SI "
+            "units"
         ),
     )
     channels: File | None = Field(
@@ -344,12 +355,15 @@ class Campaign(StrictModel):
         None,
         description=(
             "stability margins of dispersed flights as metrics; default: margins of the nominal "
-            "vehicle and of the corners of the dispersions"
+            "vehicle and at the corners of the dispersions"
         ),
     )
     stop: Literal["when proven"] | None = Field(
         None,
-        description="'when proven': the campaign ends when each requirement has passed or failed",
+        description=(
+            "'when proven': the campaign ends as soon as every requirement has the verdict PASS "
+            "or FAIL"
+        ),
     )
     tune: Tune | None = Field(
         None,
@@ -359,7 +373,7 @@ class Campaign(StrictModel):
     )
     family: Family | None = Field(
         None,
-        description="joint risk of a false PASS in any verdict; default: one risk per requirement",
+        description="joint risk that any PASS is false; default: each requirement has its own risk",
     )
     keep: Keep = Field(
         Keep(), description="outputs to store in addition to the metrics of every flight"
@@ -367,15 +381,15 @@ class Campaign(StrictModel):
     measured: dict[str, str | float] = Field(
         {},
         description=(
-            "standard deviation of the measurement noise of a test flight, by channel, for "
+            "standard deviation of a test flight's measurement noise for each channel, used by "
             "`abhv-mc place`; default: sensor noise of the campaign"
         ),
     )
     figures: Literal["paper"] | None = Field(
         None,
         description=(
-            "'paper': the report has the figures of Zhu and Shen (2014) and lists their published "
-            "values"
+            "'paper': the report reproduces the figures of Zhu and Shen (2014) and lists the "
+            "values published there"
         ),
     )
     execution: Execution = Field(

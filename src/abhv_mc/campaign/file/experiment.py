@@ -37,7 +37,7 @@ from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import UNSEARCHED, Verdict, judge
 
-_MIDDLE = 0.6  # middle, as a fraction of the range; differs from the nominal
+_MIDDLE = 0.6  # fraction of the range used as its middle; differs from the nominal value
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class Requirement:
     consumer_risk: float
     producer_risk: float | None  # None: equal to the consumer's risk
     controllers: tuple[str, ...]  # controllers that must meet the requirement
-    named: bool  # whether the file names the controllers
+    named: bool  # whether the file names the controllers of the requirement
     early_is_failure: bool  # whether an early termination counts as a failure
     traced: dict[str, str]  # id, text, source and rationale, if present
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
-        """Return the verdict for numbers of failures and flights.
+        """Return the verdict for given numbers of failures and flights.
 
         ``flights`` includes the flights that were not computed, ``failures`` does not.
         """
@@ -65,7 +65,7 @@ class Requirement:
 
 
 class System(NamedTuple):
-    """Plans to simulate one of the compared systems."""
+    """Plans for simulating one of the compared systems."""
 
     plan: Plan
     with_margins: Plan | None = None  # plan with stability margins of each flight
@@ -78,7 +78,8 @@ class Experiment:
     document: Document
     model: Campaign
     runs: int  # flights per controller, over all points of the unknowns
-    marginals: dict[str, Marginal]  # by parameter, in order; empty for a sample file
+    # distribution of each parameter, in order; empty for a sample file
+    marginals: dict[str, Marginal]
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
@@ -95,7 +96,8 @@ class Experiment:
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
     file_runs: int | None = None  # number of flights in the campaign file
     engine: Engine | None = None  # replacement for the compiled flight code
-    later_choices: frozenset[int] = frozenset()  # indices of requirements set after the results
+    # indices of requirements that were set after the results were known
+    later_choices: frozenset[int] = frozenset()
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -122,7 +124,7 @@ class Experiment:
 
     @cached_property
     def outcomes(self) -> Outcomes:
-        """Outcomes with which flights may end."""
+        """Outcomes that the flights of the campaign may have."""
         return self.simulator.outcomes
 
     @property
@@ -145,7 +147,7 @@ class Experiment:
 
     @property
     def runs_at_point(self) -> int:
-        """Flights per controller at each point; row k is sample k // points, point k % points."""
+        """Flights per controller at each point; row k is sample k // points at point k % points."""
         return self.runs // len(self.unknowns.points)
 
     @property
@@ -176,7 +178,7 @@ class Experiment:
 
     @property
     def pooled_seeds(self) -> tuple[int, ...]:
-        """Seeds of the pooled campaigns of a merge."""
+        """Seeds of the campaigns that a merged campaign pools."""
         return tuple(pool.seed for pool in self.model.pooled)
 
     @property
@@ -237,13 +239,13 @@ class Experiment:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Columns of simulated rows: dispersed parameters, unknowns and seeds of noise."""
+        """Columns of the simulated rows: dispersed parameters, unknowns and noise seeds."""
         own = (*self.dimensions, *find_seeds(self.varied, self.parameters))
         return self.columns if self.columns is not None else own
 
     @cached_property
     def metrics(self) -> dict[str, Metric]:
-        """Metrics of the flights by name, with requested stability margins.
+        """Metrics of the flights by name, including the requested stability margins.
 
         Requirements define which values of a metric are worse. If they limit both sides, the
         distance outside the limits counts.
@@ -351,7 +353,7 @@ class Experiment:
         ]
 
     def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
-        """Note in a verdict a requirement set later, or worst values that were not searched."""
+        """Add a note to a verdict if its requirement was set later or lacks a worst-case search."""
         notes = [verdict.note]
         if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):
             verdict = replace(verdict, status="NOT SHOWN")

@@ -1,4 +1,4 @@
-"""Requirements that no flight can decide, and dispersions outside physical ranges.
+"""Checks for undecidable requirements and for dispersions outside physical ranges.
 
 `validate` rejects such campaigns; `run` warns, because other results may be useful.
 """
@@ -14,13 +14,14 @@ from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.evidence import flights_to_pass
 
-# Parameters that must be positive. Factors on coefficients need not, as components may be absent.
+# Parameters that must be positive. Factors on coefficients need not be positive, because components
+# may be absent.
 _ABOVE_ZERO = re.compile(
     r"^(atmosphere\.density|actuator\.|engine\.|mass\.(total|inertia_(xx|yy|zz))$|propulsion\.specific_impulse$"
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _RARELY = 1e-6  # tolerated probability of values beyond a bound
-_FIRST = 1000  # number of first flights whose derived inputs are checked
+_FIRST = 1000  # number of flights, from the first, whose derived parameters are checked
 
 
 def find_impossible(campaign: Experiment) -> list[InputError]:
@@ -39,7 +40,7 @@ def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -
 
 
 def values_of(campaign: Experiment, name: str) -> Floats:
-    """Return values of a varied input, with the ends of its range or extreme quantiles.
+    """Return values of a varied input, such as the ends of its range and extreme quantiles.
 
     The quantiles cover all but 1e-6 of the distribution.
     """

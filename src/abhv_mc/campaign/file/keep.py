@@ -56,7 +56,7 @@ class KeepHistories(StrictModel):
     ] = Field(
         ("worst 20",),
         description=(
-            "all, none, failed, 'worst 20', 'every 100', the number of a flight, or a list of these"
+            "all, none, failed, 'worst 20', 'every 100', a flight number, or a list of these"
         ),
     )
     by: str = Field(
@@ -70,7 +70,9 @@ class KeepHistories(StrictModel):
         tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])
     ] = Field(
         (ALL,),
-        description="names of channels, including channels of effectors with actuators, or all",
+        description=(
+            "names of channels, or 'all'; effectors with actuators have channels of their own"
+        ),
     )
     rate: Rate = Field(10.0, description="samples per second of flight")
 

@@ -1,4 +1,4 @@
-"""The four kinds of input files: their models, recognition by keys, and references."""
+"""Four kinds of input files: models, recognition by keys, and references to other files."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -42,7 +42,7 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
 
 
 def require_kind(path: Path, kind: str) -> None:
-    """Raise InputError if a file is of another kind."""
+    """Raise InputError if a file is not of the expected kind."""
     if (actual := find_kind(path, kind)) != kind:
         problem = f"a {actual} file"
         expected = f"a {kind} file"

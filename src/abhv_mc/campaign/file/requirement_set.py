@@ -23,7 +23,7 @@ from abhv_mc.io.documents import (
 JUDGING = ("requirements", "family", "question", "asks")
 _PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
-_EMPTY = Path("requirements")  # file name in error messages about a set from Python
+_EMPTY = Path("requirements")  # file name in error messages about requirements set from Python
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -49,7 +49,7 @@ def data_of_rows(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_requirement_set(source: RequirementSource) -> Document:
-    """Read requirements from a campaign, YAML or CSV file, or entries. Raise InputErrors."""
+    """Read requirements from a campaign, YAML or CSV file, or from entries in memory."""
     if isinstance(source, str | Path):
         path = Path(source)
         if path.suffix.lower() == ".csv":
@@ -63,7 +63,7 @@ def read_requirement_set(source: RequirementSource) -> Document:
     if not isinstance(document.data, dict) or "requirements" not in document.data:
         expected = "a campaign file, or a file with 'requirements'"
         raise document.error((), describe(document.data), expected)
-    validate(document, _Set)  # Validate here, because locations refer to this file.
+    validate(document, _Set)  # Validate here, so that locations in errors refer to this file.
     return document
 
 
@@ -92,7 +92,7 @@ def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     document = replace(campaign.document, data=data, value_places=locations, key_places=keys)
     try:
         judged = check_campaign(document, campaign.engine)
-    except InputErrors as error:  # The campaign was valid before.
+    except InputErrors as error:  # The campaign was valid before the requirements were changed.
         raise InputErrors([_named(problem, changed.path) for problem in error.errors]) from None
     except InputError as error:
         raise _named(error, changed.path) from None
@@ -129,7 +129,7 @@ def describe_requirement_changes(
 
 
 def _by_name(entries: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return entries by id or metric; further entries of the same metric are numbered."""
+    """Return requirement entries keyed by id or metric; repeated names are numbered."""
     named: dict[str, Mapping[str, Any]] = {}
     for entry in entries:
         name = str(entry.get("id") or entry["metric"])

@@ -33,7 +33,7 @@ class _Table(StrictModel):
 
 
 def read_tables(document: Document) -> Document:
-    """Return the campaign with the entries of its input and requirement tables.
+    """Return the campaign document with its input and requirement tables expanded to entries.
 
     Raise InputErrors if a table is invalid.
     """
@@ -41,7 +41,7 @@ def read_tables(document: Document) -> Document:
 
 
 def read_requirements(document: Document) -> Document:
-    """Return the campaign with the entries of its requirement table.
+    """Return the campaign document with its requirement table expanded to entries.
 
     Raise InputErrors if the table is invalid.
     """
@@ -56,7 +56,7 @@ def read_requirements(document: Document) -> Document:
             "a CSV file, or a list of requirements",
         )
     table = _read_table(path)
-    validate(table, _Table)  # Validate here, because locations refer to the table.
+    validate(table, _Table)  # Validate here, so that locations in errors refer to the table.
     return replace(document, data={**data, **table.entries})
 
 
@@ -66,7 +66,7 @@ class _Inputs(StrictModel):
 
 
 def _read_inputs(document: Document) -> Document:
-    """Return the campaign with the inputs and dispersions of its input table.
+    """Return the campaign document with its input table expanded to inputs and dispersions.
 
     The columns are name, the keys of an input and those of a dispersion. Raise InputErrors if the
     table is invalid.
@@ -179,7 +179,7 @@ def check_requirements(
             errors.append(
                 document.error(
                     (*where, "id"),
-                    f"the id '{entry.id}' a second time",
+                    f"the id '{entry.id}' is used more than once",
                     "a unique id for each requirement",
                 )
             )
@@ -224,7 +224,7 @@ def check_requirements(
 
 
 def _limit(value: float | str, unit: str) -> float:
-    """Return a limit in the metric's unit, which is also the unit of plain numbers."""
+    """Return a limit in the metric's unit; plain numbers are taken to be in this unit."""
     if isinstance(value, float):
         return value
     if unit in ("g", "dB"):
@@ -266,7 +266,8 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
     if needed and model.margins.of(runs) < runs:
         metric = model.requirements[needed[0]].metric
         problem = (
-            f"margins of {model.margins.of(runs)} of {runs} flights, and a requirement on {metric}"
+            f"margins for only {model.margins.of(runs)} of {runs} flights, although {metric} is "
+            "required"
         )
         expected = "'flights: all', because a verdict needs the metric of every flight"
         errors.append(document.error(("margins", "flights"), problem, expected))

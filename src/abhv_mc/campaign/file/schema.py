@@ -51,7 +51,7 @@ def _is_finite(default: Any) -> bool:
 
 
 def _in_words(default: Any, schema: Schema) -> Any:
-    """Return a default as written in a file: quantities have units."""
+    """Return a default value as written in a file, where quantities have units."""
     if isinstance(default, (list, tuple)):
         parts = schema.get("prefixItems") or [schema.get("items", {})] * len(default)
         return [
@@ -64,7 +64,7 @@ def _in_words(default: Any, schema: Schema) -> Any:
 
 
 def _quantity(value: float, unit: str) -> str | float:
-    """Return the shortest text, in ``unit`` or SI, that converts back to the same value."""
+    """Return the shortest string, in ``unit`` or SI, that converts back to the same value."""
     dimension = dimension_of(unit)
     texts = [f"{value / parse_unit(unit)[0]:.{digits}g} {unit}" for digits in range(1, 17)]
     if value == 0.0:

@@ -79,15 +79,15 @@ class Simulator(StrictModel):
     repeatable: YesNo = Field(
         True,
         description=(
-            "whether equal inputs give equal results; no: the simulator draws noise that is "
-            "independent between flights and processes"
+            "whether equal inputs give equal results; if not, the simulator draws independent "
+            "noise for each flight in each process"
         ),
     )
     start_limit: Annotated[Time, Field(gt=0.0)] = Field(
         600.0,
         description=(
-            "time allowed for starting: to import the Python file, or in addition to time_limit "
-            "until a program's first reply"
+            "time allowed for the start: to import the Python file, or, in addition to "
+            "time_limit, until the first reply of a program"
         ),
     )
     flights_per_process: Annotated[int, Field(ge=1)] | None = Field(
@@ -153,7 +153,7 @@ InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 class OwnChannel(StrictModel):
     """Column of the history that a flight returns."""
 
-    unit: Unit = Field("-", description="unit as any text; '-' for a dimensionless number")
+    unit: Unit = Field("-", description="unit of the quantity, as free text; '-' if dimensionless")
     doc: str = Field("", description="description of the quantity in the report")
 
 
@@ -171,7 +171,7 @@ class OwnMetric(OwnChannel):
 
     bad: Bad | None = Field(
         None,
-        description=("which values are worse: high, low, or large in magnitude; default: high"),
+        description="which values are worse: high, low, or large in magnitude; default: high",
     )
     label: str | None = Field(
         None, description="name of the metric in the report, without unit; default: the key"
@@ -223,35 +223,40 @@ class SimulatorCampaign(Campaign):
     independent: YesNo = Field(
         False,
         description=(
-            "whether imported flights are independent draws of the dispersions, which is tested"
+            "whether the imported flights are independent draws from the dispersions; statistical"
+            " tests check this"
         ),
     )
     columns: dict[str, str] = Field(
         {},
         description=(
-            "column headings of an imported table by name of the input or metric, or by system, "
-            "outcome, end_time or flight; default: the names, with or without units"
+            "column headings in an imported table, by the name of the input or metric that the "
+            "column contains, or by system, outcome, end_time or flight; default: these names, "
+            "with or without units"
         ),
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
         description=(
-            "compared systems by name, each with settings of the simulator; the first must meet "
-            "the requirements"
+            "compared systems by name, each with its own simulator settings; the first system "
+            "must meet the requirements"
         ),
     )
-    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight by name")
+    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")
     metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]
-        description="metrics that a flight returns by name"
+        description="metrics that a flight returns, by name"
     )
     outcomes: dict[MetricName, str] = Field(
         {},
-        description="reasons of early termination: a sentence for each code that a flight returns",
+        description=(
+            "reasons for early termination: one sentence for each code that a flight can return"
+        ),
     )
     histories: dict[MetricName, OwnChannel] = Field(
         {},
         description=(
-            "channels of the history by name, returned by a flight in addition to the time (s)"
+            "channels of the time history by name; each flight returns them in addition to the "
+            "time (s)"
         ),
     )
     execution: SimulatorExecution = Field(
@@ -303,7 +308,7 @@ class SimulatorCampaign(Campaign):
 
 
 def systems_key(data: Mapping[str, Any]) -> str:
-    """Return the key of the compared systems in a campaign file."""
+    """Return the campaign-file key under which the compared systems are listed."""
     return SYSTEMS if is_own(data) else "controllers"
 
 

@@ -45,13 +45,14 @@ class Limit(StrictModel):
     below: float | None = Field(None, description="upper limit, in the metric's unit")
     above: float | None = Field(None, description="lower limit, in the metric's unit")
     below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
-        None, description="upper limit, as a multiple of the value of the initial controller"
+        None,
+        description="upper limit, as a multiple of the value that the initial controller attains",
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
         None,
         description=(
-            "vehicles whose stability margin is limited: only the nominal one (default), or also "
-            "all corners of the dispersions"
+            "vehicles whose stability margin must meet the limit: only the nominal vehicle "
+            "(default), or also the vehicles at all corners of the dispersions"
         ),
     )
 
@@ -122,10 +123,10 @@ class Tune(StrictModel):
     )
     usage: Aim = Field(
         Aim(metric=ELEVATOR_TRAVEL, quantile=0.5),
-        description="second objective, which forms the Pareto front with the first",
+        description="second objective; it forms a Pareto front with the objective of 'minimise'",
     )
     flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
-        64, description="number of flights for each candidate, with equal samples"
+        64, description="number of flights for each candidate; all candidates have the same samples"
     )
     candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(
         320, description="number of parameter sets to evaluate"

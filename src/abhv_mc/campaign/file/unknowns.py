@@ -29,13 +29,13 @@ class Unknown(StrictModel):
     low: Value = Field(
         description="lower bound: a value, or a change relative to the nominal value such as -10 %"
     )
-    high: Value = Field(description="upper bound, like 'low'")
+    high: Value = Field(description="upper bound, in the same form as 'low'")
 
 
 Count = Annotated[int, Field(ge=0)]
 
 
-_HINTED = 3  # number of dispersions that a hint names
+_HINTED = 3  # maximum number of dispersions named in a hint
 
 
 def unknowns_hint(dispersed: Iterable[str]) -> str:
@@ -54,9 +54,9 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
 
 
 class MostFailures(StrictModel):
-    """Point at which a requirement failed most often in the search for a controller."""
+    """Point at which a requirement failed most often during the search for one controller."""
 
-    controller: str = Field(description="controller for which the points were searched")
+    controller: str = Field(description="controller for which the point was found")
     requirement: Count = Field(description="index of the requirement, from 0")
     point: Count = Field(description="index of the point, from 0")
     failures: Count = Field(description="number of failures at the point during the search")
@@ -74,14 +74,15 @@ class UnknownPoints(StrictModel):
         None,
         description=(
             "number of points, counted from the first, at which all requirements are judged; "
-            "default: all points. At each further point only the requirements that name it in "
-            "`most_failures` are judged"
+            "default: all points. At every other point, a requirement is judged only if an entry "
+            "of `most_failures` assigns that point to it"
         ),
     )
     most_failures: tuple[MostFailures, ...] = Field(
         (),
         description=(
-            "points at which each requirement failed most often in the search for each controller"
+            "for each controller and requirement, the point at which the requirement failed most "
+            "often during the search"
         ),
     )
     requirements: tuple[dict[str, Any], ...] | None = Field(
@@ -91,13 +92,16 @@ class UnknownPoints(StrictModel):
         ),
     )
     at: dict[str, tuple[float, ...]] = Field(
-        description="values [point] of each unknown, SI; each flight is simulated at every point"
+        description=(
+            "values of each unknown at the points, in SI units; each flight is simulated at every"
+            " point"
+        )
     )
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Bounds of the unknowns, and the simulated points; one empty point without unknowns."""
+    """Bounds of the unknowns, and the simulated points; without unknowns, one empty point."""
 
     names: tuple[str, ...] = ()
     low: Floats = field(default_factory=lambda: np.empty(0))  # lower and upper bounds [unknown], SI
@@ -156,7 +160,7 @@ class Unknowns:
         if entry.failures:
             text += f"the most failures were {entry.failures} of {entry.flights} at "
         else:
-            text += f"none failed in {entry.flights} flights; the value nearest to the limit was  "
+            text += f"none failed in {entry.flights} flights; the value nearest to the limit was "
         text += (
             f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights "
             "failed"
@@ -165,8 +169,8 @@ class Unknowns:
         if factor <= 1.0:
             return text
         return (
-            f"{text}; a value that fails {float(f'{factor:.1g}'):,.0f} times too often is "
-            "detected in about half of the campaigns"
+            f"{text}; a value at which flights fail {float(f'{factor:.1g}'):,.0f} times too "
+            "often is detected in about half of the campaigns"
         )
 
 
@@ -177,7 +181,7 @@ def points_entry(
     searches: Sequence[Search],
     flights: int,
 ) -> dict[str, object]:
-    """Return the entry `points` for the chosen points and the searches for controllers.
+    """Return the entry `points` for the chosen points and the results of the searches.
 
     ``flights`` is the number of flights at each point tried.
     """

@@ -1,4 +1,4 @@
-"""Check of whether the user may run the custom code of a campaign."""
+"""Permission check for the custom code of a campaign."""
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.user_code.source import UserSource

@@ -67,16 +67,21 @@ class MetricEntry(StrictModel):
     )
     statistic: Annotated[
         Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])
-    ] = Field(description="statistic of 'of' over the control ticks of a time window")
+    ] = Field(
+        description="statistic of the quantity in 'of' over the control ticks of the time window"
+    )
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
         None,
         description=(
-            "limit for *_outside, or smallest change that counts as a reversal, in the unit of 'of'"
+            "limit for the *_outside statistics, or smallest change that counts as a reversal, in"
+            " the unit of the quantity in 'of'"
         ),
     )
     share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = Field(
         None,
-        description="for quantile: share of ticks at which the value is at most the quantile",
+        description=(
+            "for quantile: share of the control ticks at which the value is at most the quantile"
+        ),
     )
     from_: Time = Field(0.0, alias="from", description="start of the time window")
     to: Time | None = Field(None, description="end of the time window; default: end of the flight")
@@ -84,12 +89,16 @@ class MetricEntry(StrictModel):
         None, description="name of the mission phase that is used as the time window"
     )
     settled: bool = Field(
-        False, description="whether to exclude bank-command ramps and steps and 5 s after each"
+        False,
+        description=(
+            "whether to exclude each ramp or step of the bank command and the 5 s after it"
+        ),
     )
     empty: float | None = Field(
         None,
         description=(
-            "value if a flight ends before the window; default: no value, which counts as a failure"
+            "value of the metric if a flight ends before the time window; default: no value, "
+            "which counts as a failure"
         ),
     )
     bad: Bad | None = Field(
@@ -135,11 +144,11 @@ MetricName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 
 
 class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):
-    """Content of a file of metrics."""
+    """Content of a file that declares metrics."""
 
 
 def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
-    """Return the document and entries of a file of metrics. Raise InputError if invalid."""
+    """Return the document and entries of a metrics file. Raise InputError if it is invalid."""
     document = read_document(path)
     return document, validate(document, MetricsFile).root
 
@@ -222,7 +231,7 @@ def _record(
 
 
 def _unit(name: str, entry: MetricEntry, sources: Mapping[str, SourceRow]) -> str:
-    """Return the unit of a metric from its entry, its channel and statistic or its name."""
+    """Return the unit of a metric from its entry, its channel and statistic, or its name."""
     if entry.unit is not None:
         return entry.unit
     if entry.statistic == Statistic.REVERSALS:

@@ -46,7 +46,7 @@ class DerivedInput:
     constants: tuple[float, ...]
 
     def evaluate(self, rows: Floats) -> Floats:
-        """Return values [flight] in SI from full rows [flight, parameter]."""
+        """Return the derived values [flight] in SI, computed from full rows [flight, parameter]."""
         registers: dict[int, Floats] = {}
         with np.errstate(all="ignore"):  # A result that is not finite ends the flight.
             for (operation, out, a, b), constant in zip(self.code, self.constants, strict=True):

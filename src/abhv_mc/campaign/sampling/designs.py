@@ -30,7 +30,7 @@ from abhv_mc.plant.parameters import OURS, Parameters
 INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
 EXTENSIBLE = frozenset(
     {"random", "sobol", "halton", "file"}
-)  # designs in which more flights do not change the first ones
+)  # designs in which additional flights do not change the samples of earlier flights
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
 _BITS = 30  # bits of a Sobol point: at most 2**30 flights
@@ -68,11 +68,11 @@ class Design:
     seed: int
     names: tuple[str, ...]
     flights: int
-    levels: int = 2  # values per parameter; in one_at_a_time per side
+    levels: int = 2  # number of values per parameter; in one_at_a_time on each side
     parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:
-        """Return probabilities [flight, parameter] of the flights ``first`` to ``stop - 1``."""
+        """Return probabilities [flight, parameter] for the flights ``first`` to ``stop - 1``."""
         flights, number = np.arange(first, stop), len(self.names)
         if self.kind == "one_at_a_time":
             return _one_at_a_time_rows(flights, number, self.levels)
@@ -133,12 +133,12 @@ def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
 
 
 def _dimension(design: Design, name: str) -> int:
-    """Return the dimension of the sequence for a parameter, counted from 1."""
+    """Return the sequence dimension assigned to a parameter, counted from 1."""
     return design.parameters.dispersible.index(name) + 1
 
 
 def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
-    """Return the last dimension of points ``first`` to ``stop - 1``, drawn in pieces."""
+    """Return the last coordinate of points ``first`` to ``stop - 1``, drawn in batches."""
     sampler = make_sampler()
     start = first - first % _PIECE
     if start:

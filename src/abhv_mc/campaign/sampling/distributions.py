@@ -24,7 +24,7 @@ from abhv_mc.io.documents import Refusal, StrictModel, one_of
 from abhv_mc.io.units import Fraction
 from abhv_mc.plant.parameters import Parameter
 
-Value = float | str  # a number, or text with a unit
+Value = float | str  # a number, or a string with a unit
 
 _NUMBER = Parameter("number", "-", 1.0, "")
 _KIND = "kind of distribution"
@@ -40,10 +40,10 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """Return the marginal of the drawn values of a parameter, SI. Raise Refusal if invalid."""
+        """Return the marginal of a parameter's drawn values in SI. Raise Refusal if invalid."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
-        """Return the marginal, SI, including ``probability``. Raise Refusal if invalid."""
+        """Return the marginal in SI units, including ``probability``. Raise Refusal if invalid."""
         drawn = self.draw_from(parameter)
         return (
             drawn
@@ -243,7 +243,7 @@ class Scipy(_Distribution):
         law = getattr(stats, self.law)
         shapes = [
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
-        ]  # in the order in which scipy takes them
+        ]  # shape parameters, in the order that scipy expects
         if sorted(self.shapes) != sorted(shapes):
             problem = f"shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")

@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 
-# Factorial designs truncate unbounded distributions here; +-3 sigma if normal.
+# Factorial designs truncate unbounded distributions at this tail probability (+-3 sigma if normal).
 TAIL_PROBABILITY = 0.0013498980316301
 _HALVINGS = 64  # bisection steps for quantiles of a mixture
 
@@ -27,7 +27,7 @@ class Marginal(Protocol):
         """Return the probability density, or the probability of a discrete value."""
 
     def at_fraction(self, fraction: Floats) -> Floats:
-        """Return the values at fractions 0 to 1 of the range, for factorial designs."""
+        """Return the values at fractions from 0 to 1 of the range, for factorial designs."""
 
 
 class _Uniform(NamedTuple):
@@ -152,7 +152,7 @@ class MixtureMarginal:
         low, high = ends.min(axis=0), ends.max(axis=0)
         for _ in range(
             _HALVINGS
-        ):  # Extra steps change nothing, so a value does not depend on the others.
+        ):  # Additional steps change nothing, so a quantile does not depend on the other quantiles.
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break
@@ -233,7 +233,7 @@ _SLACK = 1e-9  # tolerance for rounded values, relative to the width
 
 
 def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) -> Mask:
-    """Return a mask of values [flight] that are impossible for a distribution.
+    """Return a mask [flight] of the values that are impossible for a distribution.
 
     ``rounding`` [flight] is the tolerance of the values.
     """

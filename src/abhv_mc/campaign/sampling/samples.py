@@ -35,7 +35,7 @@ _WHOLE = 2.0**52  # upper bound on the integer seeds of a custom simulator
 
 @dataclass(frozen=True)
 class SampleSource:
-    """Source from which the samples of any flights are computed."""
+    """Source that computes the samples of any requested flights."""
 
     names: tuple[str, ...]  # names of the sampled parameters
     flights: int
@@ -67,7 +67,7 @@ def drawn_samples(
 
 
 def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
-    """Return the seeds that flights need in addition to the parameters ``names``."""
+    """Return the noise seeds that flights need in addition to the parameters ``names``."""
     if not parameters.has_program:
         return tuple(record.name for record in parameters.records if record.seed)
     noise_parameters = {
@@ -82,7 +82,7 @@ def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str
 
 
 def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
-    """Draw values [flight] of a seed, in 0 to 1 or as integers for a custom simulator."""
+    """Draw noise seeds [flight], from 0 to 1, or integers for a custom simulator."""
     drawn = draw_uniforms(stream_key(seed, name), first, count)
     return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
 

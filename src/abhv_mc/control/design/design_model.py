@@ -50,7 +50,7 @@ class Environment(NamedTuple):
 
 
 class EnvironmentPoints(NamedTuple):
-    """Air and gravity at several points, each of shape ``[point]``, SI units."""
+    """Air and gravity at several points in SI units; each field has shape ``[point]``."""
 
     density: Floats
     sound_speed: Floats
@@ -107,7 +107,7 @@ def make_environment(
 
 
 class Wrench(NamedTuple):
-    """Force and moment of aerodynamics and thrust, body axes, about the centre of gravity."""
+    """Aerodynamic and thrust force and moment about the centre of gravity, in body axes."""
 
     force: Numbers  # force [3, ...], N
     moment: Numbers  # moment [3, ...], N m
@@ -115,7 +115,7 @@ class Wrench(NamedTuple):
 
 
 def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) -> Numbers:
-    """Return an engine function's force (N), moment (N m) and fuel flow [7, ...], or zeros.
+    """Return the engine function's force (N), moment (N m) and fuel flow [7, ...], or zeros.
 
     The moment refers to the same point as the aerodynamic moments.
     """
@@ -131,7 +131,7 @@ def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) ->
 def thrust_at(
     vehicle: Vehicle, fixed: dict[str, Numbers], eta: Any, density: Any, speed: Any
 ) -> Numbers:
-    """Return the magnitude of the thrust, N, of an engine that is given by tables."""
+    """Return the magnitude of the thrust, N, of an engine that is described by tables."""
     stream = vehicle.constants.capture_thrust * eta * density * speed * fixed["capture_area_ratio"]
     return np.asarray(
         stream * fixed["specific_impulse"] + 0.5 * density * speed * speed * fixed["thrust_area"]
@@ -146,7 +146,7 @@ def guidance_rates(
     state: Any,
     controls: Any,
 ) -> Numbers:
-    """Return the rates of (altitude, gamma, chi, V) with trimmed data, equation (1)."""
+    """Return the rates of (altitude, gamma, chi, V) from trim-table data, equation (1)."""
     altitude, gamma, chi, speed = state
     alpha, bank, eta = controls
     rise = altitude - environment.altitude

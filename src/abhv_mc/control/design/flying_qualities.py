@@ -40,7 +40,7 @@ class FlyingQualities(NamedTuple):
 def find_flying_qualities(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, trim: TrimPoint, mass: float
 ) -> FlyingQualities:
-    """Linearize the attitude dynamics at a trim point with speed and flight path fixed.
+    """Linearize the attitude dynamics at a trim point at fixed speed and flight path.
 
     The short period involves angle of attack and pitch rate; the Dutch roll is the fastest
     oscillation of bank, sideslip, roll and yaw rate. Derivatives are taken within the current table

@@ -36,7 +36,7 @@ class GuidanceTrim(NamedTuple):
     equivalence_ratio: Floats
     elevator: Floats
     mass: Floats  # mass at the point, after subtracting the fuel burnt before it
-    # sum of flags, such as NO_EQUIVALENCE_RATIO, for controls at an end of their interval; else 0
+    # sum of flags, such as NO_EQUIVALENCE_RATIO, for controls at a limit; 0 if there are none
     status: NDArray[np.int64]
 
 

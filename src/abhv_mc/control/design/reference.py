@@ -102,7 +102,8 @@ def make_track(
     latitude = np.full(north_speed.size, mission.start.latitude)
     for _ in range(
         2
-        # The meridian radius varies slowly along the track: each iteration adds five digits.
+        # The meridian radius varies slowly along the track, so each iteration adds five correct
+        # digits.
     ):
         meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
         on_ticks = mission.start.latitude + _simpson(
@@ -120,7 +121,7 @@ def _simpson(rate: Floats, tick: float) -> Floats:
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
-    """Return the mission, in which a glider by default starts on its glide path."""
+    """Return the mission; a glider without a given flight path angle starts on its glide path."""
     if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
         return mission
     angle = make_start_trim(mission, vehicle).flight_path_angle
@@ -132,7 +133,7 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
 def make_start_trim(
     mission: Mission, vehicle: Vehicle, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> TrimPoint:
-    """Return the trim at the start for the full tables and a non-rotating Earth.
+    """Return the trim at the mission's start, for the full tables and a non-rotating Earth.
 
     ``push`` contains the forces and moment of custom dynamics, as in :class:`FlightPoint`.
     """

@@ -19,7 +19,8 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
-# Longest cells for which errors are below 0.0005 deg of angle of attack and 0.01 deg of elevator.
+# Largest cell sizes for which errors are below 0.0005 deg in angle of attack and 0.01 deg in
+# elevator deflection.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
 # length to which Mach cells may be shortened to avoid nodes at steady Mach numbers
 _SHORTEST = 0.04
@@ -58,7 +59,8 @@ def make_trim_tables(
             "equivalence_ratio",
             constants.equivalence_ratio_min,
             constants.equivalence_ratio_max
-            or LONGEST["equivalence_ratio"],  # A glider's tables have the same values at both ends.
+            # The tables of a glider have the same values at both ends of this axis.
+            or LONGEST["equivalence_ratio"],
         ),
     )
     mach, alpha, eta = (
@@ -199,7 +201,7 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 
 
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
-    """Return the smallest number of cells with all steady values in middle halves of cells.
+    """Return the smallest cell count with each steady value in the middle half of a cell.
 
     ``steady`` contains fractions of the length. If there is no such number, return the best number
     for which cells are not shorter than _SHORTEST.

@@ -74,7 +74,7 @@ class Lean(NamedTuple):
     row: Ints  # [metric] row of the lane memory
     factor: Floats  # [metric] factor on the row
     statistic: Ints  # [metric] kind of statistic
-    empty: Floats  # [metric] value without counted ticks, and initial value of the accumulator
+    empty: Floats  # [metric] value if no tick is counted, and initial value of the accumulator
     settled: Ints  # [metric] 1 if only settled intervals count
     column: Ints  # [metric] column among the flight's metrics
 
@@ -91,7 +91,7 @@ class Programs(NamedTuple):
     start: Floats  # [metric] start of the window, s
     end: Floats  # [metric] end of the window, s
     settled: Ints  # [metric] 1 if only settled intervals count
-    empty: Floats  # [metric] value without counted ticks
+    empty: Floats  # [metric] value if no tick is counted
     column: Ints  # [metric] column among the flight's metrics
 
 
@@ -102,7 +102,7 @@ class Counted(NamedTuple):
     programs: Programs
 
 
-# Rows of a program in the observer's memory follow those of the lean metrics.
+# The rows of a metric program in the observer's memory follow the rows of the lean metrics.
 # _A and _B are accumulators, _C is the last value or direction, _TICK the last counted tick from 1.
 # _COUNT is the number of counted ticks, which becomes NaN with the first NaN value.
 _A, _B, _C, _TICK, _COUNT = range(5)

@@ -25,7 +25,7 @@ _DEG = 180.0 / math.pi
 _G0 = 9.80665  # standard gravity, m/s2
 _SUTTON_GRAVES = 1.7415e-4  # Sutton-Graves constant, kg^0.5/m
 
-# Rows of the lane memory that store data over the flight follow.
+# The following rows of the lane memory store data over the whole flight.
 FIRST_SURFACE = END_ROW  # initial deflections: aileron, rudder, elevator
 LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
 FIRST_MASS = LAST_SURFACE + 3
@@ -103,7 +103,8 @@ def derive(Z, width, reference, constants, tick):
         )
         Z[ANGLE_OF_ATTACK_ERROR_DEG, lane] = Z[s.V_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
         Z[BANK_ERROR_DEG, lane] = wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
-        # A command at the limit counts as saturated, as the surface approaches it asymptotically.
+        # A command at the limit counts as saturated, because the surface approaches it
+        # asymptotically.
         limit, deflected, commanded = constants.surface_limit * Z[s.K_LIMIT, lane], 0.0, 0.0
         for i in range(3):
             deflection = Z[X + s.AILERON + i, lane]

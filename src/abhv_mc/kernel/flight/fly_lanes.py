@@ -365,7 +365,7 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
         flying = True
         for evaluation in range(
             first, 4 * steps_per_tick
-        ):  # One loop for all stages generates their code only once.
+        ):  # One loop over all stages, so that their code is generated only once.
             stage = evaluation % 4 if evaluation >= 0 else -1
             if evaluation == 0:
                 begin_control(plan, memory, width, law, active, tick, first < 0)
@@ -445,7 +445,8 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 for lane in range(n):
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
-                        # The slot is at or before the flight's own, already restored slot.
+                        # The slot is at or before the flight's own slot, which has already been
+                        # restored.
                         save_lane(memory, lane, saved[still_flying], driven, custom, own)
                         order[still_flying] = flight
                         still_flying += 1

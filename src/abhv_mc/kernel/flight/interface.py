@@ -52,7 +52,8 @@ class UserCode(NamedTuple):
     address: int  # address of the control law's machine code, 0 for none
     onboard: int  # 1 if the control law needs the nominal vehicle
     channels: int  # address of the custom channels, 0 for none
-    more: int  # 1 if the control law may read more than ten measurements, 2 with accelerations
+    # 1 if the control law may read more than ten measurements, 2 if these include accelerations
+    more: int
     context: int = 0  # address of data used by the control law's machine code, 0 for none
     aerodynamics: int = 0  # addresses of custom functions of the vehicle, 0 for tables
     propulsion: int = 0
@@ -94,8 +95,8 @@ class KernelResults(NamedTuple):
     end_tick: NDArray[np.int64]  # tick at the end of the flight [flight]
     history: NDArray[np.float32]  # recorded channels [flight, sample, channel]
     states: Floats  # [flight, sample, state]; no samples unless requested
-    # Extremes [sample, channel] of all flights from a sample to the tick before the next one.
-    # Low exceeds high if no flight was simulated then; there are no samples unless requested.
+    # Extremes [sample, channel] of all flights from a sample to the tick before the next one. Low
+    # exceeds high if no flight was simulated in this period; there are no samples unless requested.
     low: Floats
     high: Floats
     saved: Floats  # [flight, row] memory before the last tick; no rows unless requested

@@ -15,7 +15,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import STATE_INDEX, X
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 
-# Rows of the observer's block, before those of metrics (abhv_mc.kernel.flight.counting).
+# Rows of the observer's block, before the rows of the metrics (abhv_mc.kernel.flight.counting).
 ALIVE, OUTCOME, END, SAMPLES = range(4)  # END is the tick of the last counted sample.
 FIRST_METRIC = 4
 N_ROWS = FIRST_METRIC + counting.N_ROWS

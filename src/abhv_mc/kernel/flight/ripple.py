@@ -19,7 +19,7 @@ from abhv_mc.kernel.numerics.angles import larger
 # LARGEST (deg) and FREQUENCY (Hz) describe the largest complete cycle.
 MEAN, FARTHEST, TICK, LAST, LAST_TICK, SWING, FIRST_TICK, LARGEST, FREQUENCY = range(9)
 N_RIPPLE_ROWS = 9
-LEAST = 0.01  # smallest distance, deg, on the other side that ends a side
+LEAST = 0.01  # smallest excursion to the other side of the mean that ends a side, deg
 HALF = 0.5
 
 
@@ -49,7 +49,7 @@ def watch_sides(Z, width, row, error, factor, share, tick):
         )
         farther = (value - farthest) * (
             farthest - mean
-        ) > 0.0  # Compare before the mean moves, as it may pass the farthest point.
+        ) > 0.0  # Compare before the mean moves, because the mean may pass the farthest point.
         farthest = value if farther else farthest
         mean += (value - mean) * share
         Z[row + MEAN, lane] = mean

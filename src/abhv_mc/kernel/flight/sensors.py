@@ -22,7 +22,7 @@ from abhv_mc.kernel.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parame
 
 MAX_DELAY_TICKS = 25
 
-# Rows of the lane memory that follow those of the control law.
+# Rows of the lane memory that follow the rows of the control law.
 NOISE = LAW + N_LAW_ROWS  # states of the random streams
 DELAY = NOISE + N_STREAM_ROWS  # ring buffer of the last measurements
 # random numbers of additional measurements and accelerations
@@ -48,7 +48,7 @@ _ACCELERATION_SCALE = parameter_row(f"sensor.{ACCELERATIONS[0]}_scale")
 _N_EARLIER = N_SEEN - len(ACCELERATIONS)  # number of sensors other than accelerations
 _SCALE = parameter_row("sensor.altitude_scale")
 _N_SCALED = len(SCALED_SENSORS) - len(ACCELERATIONS)
-# Rows of all measurements; those of accelerations are not contiguous with other rows.
+# Rows of all measurements; the rows of the accelerations are not contiguous with the other rows.
 _LAG, _INTERVAL = parameter_row("sensor.altitude_lag"), parameter_row("sensor.altitude_interval")
 _LATER_LAG = parameter_row(f"sensor.{ACCELERATIONS[0]}_lag") - _N_EARLIER
 _LATER_INTERVAL = parameter_row(f"sensor.{ACCELERATIONS[0]}_interval") - _N_EARLIER
@@ -65,7 +65,7 @@ class SensorErrors(NamedTuple):
 
     noisy: bool
     delayed: bool
-    changed: bool  # lag, scale or sampling of any sensor, or bias or noise of additional ones
+    changed: bool  # lag, scale or sampling of any sensor, or bias or noise of additional sensors
     # whether accelerations have errors; without errors, only a delay changes them
     accelerations: bool
 

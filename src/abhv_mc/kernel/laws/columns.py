@@ -18,7 +18,8 @@ REFERENCE = (
     "north",  # integral of the north ground speed at altitude
     "east",
     "latitude",
-    # 0 in ramps or steps of an S and 5 s after, else ticks of the settled interval: 1, 2, ...
+    # 0 in ramps or steps of an S manoeuvre and for 5 s afterwards; otherwise the number of the tick
+    # in the settled interval: 1, 2, ...
     "settled",
     # constant unit vector of positive cross-track error (left of the initial heading)
     "track_north",

@@ -242,7 +242,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
             n[0] * int_p + n[1] * p_err + n[2] * int_q + n[3] * q_err + n[4] * int_r + n[5] * r_err
         )
 
-        # Allocation (19) uses the moment required in addition to that of the last commands.
+        # Allocation (19) uses the moment required in addition to the moment of the last commands.
         now_x, now_y, now_z = nominal_moment(Z, lane, constants, Z[RHO_NOM, lane], q_bar, speed)
         a_x, a_y, a_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 0)
         b_x, b_y, b_z = moment_slope(Z, lane, constants, q_bar, SLOPES, 1)

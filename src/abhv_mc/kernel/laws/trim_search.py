@@ -19,7 +19,7 @@ from abhv_mc.kernel.numerics.root_finding import NO_SIGN_CHANGE, brent
 from abhv_mc.kernel.numerics.tables import bracket
 
 BANK_LIMIT = np.deg2rad(85.0)
-X_TOLERANCE = 1e-11  # tolerance, rad and equivalence ratio
+X_TOLERANCE = 1e-11  # tolerance in angle of attack, rad, and in equivalence ratio
 MAX_ITERATIONS = 100
 
 # half widths of the shortened brackets about the previous solution
@@ -54,7 +54,8 @@ class SearchBounds(NamedTuple):
     eta_high: float
     elevator_low: float
     elevator_high: float
-    searches: int  # 2, as a shortened bracket may fail once; numba would unroll a constant
+    # always 2, because a shortened bracket may fail once; numba would unroll a constant
+    searches: int
 
 
 class _Demand(NamedTuple):
@@ -124,7 +125,7 @@ def _look_up(alpha, row, cut):
     return (1.0 - t) * cut.line[j, row] + t * cut.line[j + 1, row]
 
 
-# Each level has its own compiled search, as numba regards nested searches as recursion.
+# Each level has its own compiled search, because numba treats nested searches as recursion.
 _brent_alpha = scalar(brent.py_func)  # type: ignore[attr-defined]
 _brent_eta = scalar(brent.py_func)  # type: ignore[attr-defined]
 

@@ -26,7 +26,7 @@ from abhv_mc.kernel.plant.thrust import thrust
 
 MAX_MEMORY = 256  # maximum numbers in a control law's memory
 
-# Rows of the lane memory after those of TLC, whose nominal vehicle is also used here.
+# Rows of the lane memory after the rows of TLC; the nominal vehicle of TLC is also used here.
 FAULT = LAW + N_TLC_ROWS  # outcome with which the control law ends the flight, 0 for none
 MEMORY = FAULT + 1
 ONBOARD = MEMORY + MAX_MEMORY  # rows in the order of abhv_mc.user_code.law_interface.Onboard
@@ -38,7 +38,8 @@ N_ROWS = CHANNEL + MAX_CHANNELS - LAW
 
 NOT_FINITE = 4.0  # outcome code, see abhv_mc.flight.outcome
 
-# difference step in rad and equivalence ratio; uncritical, as tables are linear in a cell
+# difference step in rad and equivalence ratio; its size is uncritical, because tables are linear
+# within a cell
 _STEP = 1e-6
 
 

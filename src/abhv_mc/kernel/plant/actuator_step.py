@@ -12,10 +12,10 @@ from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.angles import clamp
 from abhv_mc.kernel.numerics.lane_math import exp
 
-# Columns of ``Vehicle.actuators``, the list of actuators, in SI units and radians.
-# For first order the damping ratio is 0.5, and 2 damping / bandwidth is the time constant.
-# The dead zone is a half-width in the error between command and position.
-# The backlash is the total one between the actuator and its surface.
+# Columns of ``Vehicle.actuators``, the list of actuators, in SI units and radians. For first-order
+# actuators the damping ratio is 0.5, and 2 damping / bandwidth is the time constant. The dead zone
+# is a half-width in the error between command and position. The backlash is the total backlash
+# between the actuator and its surface.
 COLUMNS = (
     *("low", "high", "rate_limit", "bandwidth", "damping", "kind"),
     *("dead_zone", "backlash"),
@@ -57,7 +57,7 @@ def transition(stiffness, friction, step):
     """
     e11, e12, e21, e22 = 1.0, 0.0, 0.0, 1.0
     i11, i12 = 1.0, 0.0
-    # Horner's scheme, I + A step / k (I + ...); the integral has k + 1.
+    # Horner's scheme, I + A step / k (I + ...); for the integral, k + 1 replaces k.
     for k in range(_TERMS, 0, -1):
         x, y = step / k, step / (k + 1)
         i11, i12 = 1.0 - y * stiffness * i12, y * (i11 - friction * i12)
@@ -84,7 +84,7 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
     free -= (rise if rate > 0.0 else -rise) if leaves else 0.0
     end_rate = clamp(free, -rate_limit, rate_limit)
     meets_limit = free != end_rate
-    # A rate that reaches its limit changes linearly before and is constant afterwards.
+    # The rate changes linearly until it reaches its limit and is constant afterwards.
     share = (end_rate - rate) / (free - rate if meets_limit else 1.0)
     end_position = position + step * (end_rate - 0.5 * share * (end_rate - rate))
     end_position = end_position if meets_limit else command + (e11 * error + e12 * rate)

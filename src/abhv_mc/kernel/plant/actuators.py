@@ -46,8 +46,8 @@ from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
-# rows of an effector with an actuator, followed by the block of :func:`prepare_actuator`
-# NEXT and NEXT_RATE apply after the step; AHEAD is the actuator's lead within its backlash.
+# rows of an effector with an actuator, followed by the block of :func:`prepare_actuator`; NEXT and
+# NEXT_RATE apply after the step; AHEAD is the actuator's lead within its backlash.
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, AHEAD, BLOCK = range(9)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 
@@ -209,7 +209,8 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
             )
             total += integral
         middle = 0.25 * (6.0 / step * total - start - position)
-        # A lane that reaches no limit keeps the exact step, as without other lanes.
+        # A lane that reaches no limit keeps the exact step, so its result does not depend on other
+        # lanes.
         Z[rows.middle, lane] = Z[rows.middle, lane] if inside else middle
         Z[rows.end, lane] = Z[rows.end, lane] if inside else position
         Z[rows.end_rate, lane] = Z[rows.end_rate, lane] if inside else rate

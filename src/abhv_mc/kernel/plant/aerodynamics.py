@@ -134,7 +134,7 @@ def interpolate_groups(T, W, tables, cells):
                 choose_nodes(T[row + k], fraction[a0], cells.cell[a0], upper, nodes, W)
         elif flat and not line and spread == 0:
             set_weights(weight, fraction, a0, a1, W)
-            # Tables are processed in pairs, as padding makes their number even.
+            # Tables are processed in pairs, because padding makes their number even.
             for k in range(0, used, 2):
                 corners, corners_2 = (
                     corners_of(data, c + k, s0, s1),

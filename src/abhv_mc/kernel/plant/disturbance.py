@@ -29,13 +29,16 @@ from abhv_mc.kernel.world.turbulence import (
     roll_gust_sigma,
 )
 
-_GUST = parameter_row("wind.gust_north")  # first of the gust's north, east and down component
+# first of three rows: north, east and down component of the gust
+_GUST = parameter_row("wind.gust_north")
 _GUST_START = parameter_row("wind.gust_start")
 _GUST_LENGTH = parameter_row("wind.gust_length")
-_WIND = parameter_row("wind.north")  # first of the wind's north and east component and both shears
+# first of the rows of the wind's north and east component and of both shears
+_WIND = parameter_row("wind.north")
 _SIGMA = parameter_row("wind.turbulence")
 _LENGTH = parameter_row("wind.turbulence_length")
-_AXIS_SIGMA = parameter_row("wind.turbulence_forward")  # first of the forward, right and down axis
+# first of three rows: forward, right and down axis
+_AXIS_SIGMA = parameter_row("wind.turbulence_forward")
 _AXIS_LENGTH = parameter_row("wind.turbulence_length_forward")
 _ROTARY = parameter_row("wind.turbulence_rotary")
 _SEED = parameter_row("wind.turbulence_seed")

@@ -47,7 +47,7 @@ class Failures(NamedTuple):
     surfaces: bool
     effectors: bool
     engine: bool
-    engines: bool  # whether single engines of several fail
+    engines: bool  # whether individual engines can fail
     sensors: bool
 
 

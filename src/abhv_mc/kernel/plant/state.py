@@ -22,7 +22,7 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, MAX_ACT
 from abhv_mc.kernel.world.turbulence import N_FILTER_STATES
 
 # The velocity is relative to the Earth, in body axes; body rates are inertial.
-# The attitude quaternion is that from body to NED axes.
+# The attitude quaternion describes the rotation from body to NED axes.
 STATES = (
     "altitude",
     "longitude",
@@ -99,7 +99,7 @@ EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (
 ANY_SATURATED = EFFECTOR_SATURATED + MAX_ACTUATORS
 ENGINE_WHOLE = (
     ANY_SATURATED + 1
-)  # thrust factors of all engines and of each one; position of the remaining thrust
+)  # thrust factors of all engines and of each engine; position of the remaining thrust
 # custom dynamics: states, stage states, weighted rates, rates, motion, results and settings
 MAX_STATES = 32  # maximum number of states of a vehicle's custom dynamics
 MAX_SETTINGS = 128  # maximum number of settings of a vehicle's functions, including initial states
@@ -110,7 +110,7 @@ ANGULAR_ACCELERATION, GRAVITY = MOTION_ACCELERATION + 3, MOTION_ACCELERATION + 6
 CUSTOM_FORCE, CUSTOM_MOMENT = GRAVITY + 3, GRAVITY + 6
 SENSED = CUSTOM_MOMENT + 3  # additions to the measured quantities
 SETTING = SENSED + N_SEEN
-# Rows of control and flight follow, starting with the control law's memory.
+# The rows of control and flight follow, starting with the memory of the control law.
 LAW = SETTING + MAX_SETTINGS
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
@@ -147,11 +147,10 @@ GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R, TEMPERATURE_PROFILE = range(
     GUST, TURBULENCE
 )
-# commands of the actuators; factors on rate and effectiveness of the three surfaces
-# failed engine: factor on thrust, increments of drag and pitching moment, whether it has failed
-# deflections of stuck surfaces; inlet: whether it is unstarted, and last time out of range
-# last time of a failed engine; gain, offset, stuck and slow deflections of effectors
-# frozen measurements
+# commands of the actuators; factors on rate and effectiveness of the three surfaces; failed engine:
+# factor on thrust, increments of drag and pitching moment, whether it has failed; deflections of
+# stuck surfaces; inlet: whether it is unstarted, and last time out of range; last time of a failed
+# engine; gain, offset, stuck and slow deflections of effectors; frozen measurements
 ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
 STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = (

@@ -176,7 +176,7 @@ class Constants(NamedTuple):
     # delay from the end of an engine's failure to the start of its recovery, s
     relight_delay: float = 0.0
     relight_time_constant: float = 0.0  # time constant of the recovery, s; 0: the lag of the engine
-    sensing: Sensing = Sensing()  # reference of measured angles and speed
+    sensing: Sensing = Sensing()  # reference for the measured angles and speed
     # 1: effectors have actuators; 0: the three axes have actuators, and effectors follow
     driven: float = 0.0
 

@@ -49,7 +49,7 @@ def gravity_ned(
     inverse_square = 1.0 / (rho * rho + z * z)
     central = earth.gravitational_parameter * inverse_square * math.sqrt(inverse_square)
     j2_term = 1.5 * earth.j2 * earth.equatorial_radius * earth.equatorial_radius * inverse_square
-    # The meridional attraction of J2, -2 j2_term central rho z / r, is changed by the factor.
+    # The factor changes the meridional attraction of J2, which is -2 j2_term central rho z / r.
     taken = 2.0 * (1.0 - earth.j2_meridional)
     tilt = (5.0 - taken) * (z * z * inverse_square)
     g_rho = (

@@ -29,7 +29,7 @@ from abhv_mc.topics.figure_style import (
 _ROW = 0.22  # height of the row of a parameter, inches
 # The first flight after the nominal one has the most visible colour.
 _FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])
-# channel, axis label and scale of each panel with single flights
+# channel, axis label and scale of each panel that shows individual flights
 FLIGHT_PANELS = (
     ("altitude_m", "altitude (km)", 1e-3),
     ("speed_mps", "speed (m/s)", 1.0),

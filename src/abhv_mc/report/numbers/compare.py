@@ -27,7 +27,7 @@ class CampaignPair(ControllerPair):
     """Comparison of a controller in one campaign with a controller in another campaign."""
 
     controllers: tuple[str, str]
-    any_failure: PairedFailures  # failures, by missed requirement or early termination
+    any_failure: PairedFailures  # failures due to a violated requirement or early termination
     newly_lost: int  # flights that terminated early or failed to run only in the second campaign
     # non-inferiority gates by metric, at the worst point of the unknowns
     not_worse: Mapping[str, Gate]
@@ -222,12 +222,12 @@ def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequen
         f"confidence at least {percent(gate.within_low, 2)} of all)"
     )
     reasons = [
-        f"its {100.0 * level:.4g} % quantile is shown to be worse by more"
+        f"its {100.0 * level:.4g} % quantile is shown to be worse by more than this"
         for level in gate.worse_tails
     ]
     if gate.worst_doubled:
         reasons.append(
-            f"its worst flight has {significant(worst[1])}, against {significant(worst[0])}"
+            f"its worst flight has {significant(worst[1])}, compared with {significant(worst[0])}"
         )
     reasons += ["more of its flights are lost"] if gate.loses_more else []
     reasons += [f"it misses {requirements[k]} more often" for k in gate.misses_more]

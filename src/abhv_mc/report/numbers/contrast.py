@@ -77,7 +77,8 @@ def contrast_results(
     for results in (a, b):
         if results.campaign.unknowns.names:
             problem = (
-                "flights at points of unknowns, on samples that differ from the other folder's"
+                "flights at values of the unknowns, with samples that differ from the other "
+                "folder's"
             )
             raise InputError(
                 results.folder, problem, "the same samples, or campaigns without unknowns"

@@ -7,7 +7,14 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import GAIN_MARGIN
 from abhv_mc.report.numbers.judgement_record import Judgement, Met, NextStep
 from abhv_mc.statistics.evidence import flights_to_pass
-from abhv_mc.statistics.verdicts import MOST_TIMES, Verdict, about, advise
+from abhv_mc.statistics.verdicts import (
+    MOST_TIMES,
+    UNSEARCHED,
+    Verdict,
+    about,
+    advise,
+    predict_pass,
+)
 from abhv_mc.statistics.winner import RISK as WINNERS_RISK
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import ControllerPair
@@ -33,7 +40,8 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 3
-_NAMED = 2  # maximum number of missed requirements or metrics named in a sentence
+_NAMED = 2  # maximum number of violated requirements or metrics named in a sentence
+_MOST_LONGER = 100  # largest commanded number of flights, as a multiple of the present number
 _FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
 _SAME_USAGE = 0.05  # largest deviation of a control-effort ratio from 1 that is not mentioned
@@ -65,7 +73,10 @@ def _changed_words(models: Models) -> str:
     """Describe a change of requirements made after results had been seen."""
     for change in models.results.requirement_changes[-1:]:
         changes = shorten_list(list(change.changes))
-        return f"Requirements were changed after results of {change.flights} flights: {changes}."
+        return (
+            f"Requirements were changed after the results of {change.flights} flights were known: "
+            f"{changes}."
+        )
     return ""
 
 
@@ -219,9 +230,9 @@ def _short_words(
 ) -> str:
     """Describe the missed requirements of one controller.
 
-    For example, 'misses the speed error requirement (101 of 1000 flights; 1 % allowed)'. Two missed
-    requirements are named, as in 'misses 2 of 5: speed error and sideslip'; more are only counted.
-    If `is_named`, the requirement has been named before and is called 'it'.
+    For example, 'misses the speed error requirement (101 of 1000 flights, 10 %; 1 % allowed)'. Two
+    missed requirements are named, as in 'misses 2 of 5: speed error and sideslip'; more are only
+    counted. If `is_named`, the requirement has been named before and is called 'it'.
     """
     listed = _listed_entries(own)
     missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
@@ -229,13 +240,10 @@ def _short_words(
     passed = sum(verdict is not None and verdict.status == "PASS" for _, verdict in own)
     others = len(own) - len(listed) - passed
     suffix = f", with {others} other requirement{'s' * (others > 1)} undecided" if others else ""
-    phrases, counts = [], []
+    phrases, counts, allowed = [], [], detail > 1 and not is_named
     for item, verdict in listed:
         phrases.append(names.metrics[item.metric].phrase)
-        count = count_of(verdict.failures, verdict.flights, "flights") if verdict else ""
-        allowed = f"; {percent(1.0 - item.probability)} allowed"
-        with_allowed = detail > 1 and not is_named
-        counts.append(f" ({count}{allowed if with_allowed else ''})" if count and detail else "")
+        counts.append(f" ({_failure_words(item, verdict, allowed)})" if verdict and detail else "")
     if len(listed) == 1:
         subject = "it" if is_named else f"the {phrases[0]} requirement"
         return f"{verb} {subject}{counts[0]}{suffix}"
@@ -248,6 +256,15 @@ def _short_words(
         phrases = [phrase + count for phrase, count in zip(phrases, counts, strict=True)]
     noun = " requirements" if len(listed) == len(own) or detail > 2 else ""
     return f"{verb} {number}{noun}: {joined(phrases)}{suffix}"
+
+
+def _failure_words(item: Requirement, verdict: Verdict, with_allowed: bool) -> str:
+    """Return the failures and their share and, if `with_allowed`, the allowed share."""
+    text = f"no failure in {fixed(verdict.flights, 0)} flights"
+    if verdict.failures:
+        count = count_of(verdict.failures, verdict.flights, "flights")
+        text = f"{count}, {percent(verdict.failures / verdict.flights, 2)}"
+    return f"{text}; {percent(1.0 - item.probability)} allowed" if with_allowed else text
 
 
 def _better_words(models: Models, better: str) -> str:
@@ -364,7 +381,8 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
         for label, phrases in missed.items()
         if len(phrases) > _NAMED
     ]
-    if several:  # The answer names up to two missed requirements but only counts more.
+    if several:
+        # The answer names up to two violated requirements; if there are more, it only counts them.
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]
@@ -508,7 +526,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         if "FAIL" in statuses:
             why += f"; {_FAILS_STAY}"
         return NextStep(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
-    if not models.names.campaign.independent:
+    if not models.names.campaign.judged:
         return None
     verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     if met == "no" or (missing and "FAIL" in statuses):
@@ -523,7 +541,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
             for name in item.asked.controllers
             if (verdict := item.controllers.get(name))
         ]
-        return _advise_flights(binding, flies)
+        return _advise_flights(binding, flies, bool(models.names.campaign.unknowns.names))
     jointly = flights_for_joint_verdicts(verdicts)
     if jointly:
         return _longer_run(
@@ -546,27 +564,52 @@ def _concerned_statuses(models: Models) -> list[str]:
     ]
 
 
-def _advise_flights(binding: Sequence[Verdict], flies: bool) -> NextStep | None:
-    """Recommend a number of flights at which all binding verdicts are likely to be PASS."""
+def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool) -> NextStep | None:
+    """Recommend a number of flights at which all binding verdicts are likely to be PASS.
+
+    With unknowns, the flights and chances are those of each verdict's worst point.
+    """
     open_ones = [verdict for verdict in binding if verdict.status == "NOT SHOWN"]
     if not open_ones:
         return None
+    if any(UNSEARCHED in verdict.note for verdict in open_ones):
+        return NextStep(
+            "run a campaign with these requirements in a new folder, because the worst values of "
+            "the unknowns were not searched for"
+        )
+    several, each = len(binding) > 1, " at each point" if has_unknowns else ""
     if advice := advise(binding):
-        condition = ", more if their true failure rates are alike" if len(binding) > 1 else ""
-        all_of_them = f"all {len(binding)} verdicts" if len(binding) > 1 else "the verdict"
-        chance = f"{all_of_them} PASS with a chance of {about(advice.chance)}{condition}"
+        condition = ", more if their true failure rates are alike" if several else ""
+        subject = f"all {len(binding)} verdicts are" if several else "the verdict is"
+        at_worst = f" at the worst point{'s' * several}" * has_unknowns
+        chance = f"{subject} PASS{at_worst} with a chance of {about(advice.chance)}{condition}"
         return _longer_run(
-            advice.flights, f"with {fixed(advice.flights, 0)} flights {chance}", flies
+            advice.flights, f"with {fixed(advice.flights, 0)} flights{each} {chance}", flies
         )
     separate = [single for verdict in open_ones if (single := advise([verdict]))]
-    most = fixed(MOST_TIMES * max(verdict.flights for verdict in open_ones), 0)
-    goal = "a PASS of all verdicts" if len(binding) > 1 else "a PASS"
-    text = f"no number of flights up to {most} makes {goal} likely"
+    flights = max(verdict.flights for verdict in open_ones)
+    least = max(
+        flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
+        for verdict in open_ones
+    )
+    if least > MOST_TIMES * flights and not separate:
+        chance = min(predict_pass(verdict, least) for verdict in open_ones)
+        subject = "each verdict then has" if several else "the verdict then has"
+        text = (
+            f"at least {fixed(least, 0)} flights{each} are needed; {subject} a chance of PASS of "
+            f"{about(chance)}{' or more' if several else ''}"
+        )
+        if least > _MOST_LONGER * flights:
+            return NextStep(text)
+        return _longer_run(least, text, flies)
+    goal = "a PASS of all verdicts" if several else "a PASS"
+    text = f"no number of flights{each} up to {fixed(MOST_TIMES * flights, 0)} makes {goal} likely"
     if separate:
         need = fixed(max(single.flights for single in separate), 0)
-        text += (
-            f"; {need} flights would suffice for {len(separate)} of the {len(open_ones)} verdicts"
-        )
+        number = f"{len(separate)} of the {len(open_ones)} open verdicts"
+        text += f"; by itself, a PASS is likely for {number} with up to {need} flights"
+    else:
+        text += f"; at least {fixed(least, 0)} are needed"
     return NextStep(text)
 
 

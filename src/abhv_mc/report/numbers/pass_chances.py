@@ -76,7 +76,7 @@ class Planned:
     stops_when_proven: bool
     family_risk: float | None
     verdicts: int
-    rates_over_allowed: Floats  # true failure rates divided by the allowed one [rate]
+    rates_over_allowed: Floats  # true failure rates divided by the allowed failure rate [rate]
     requirements: tuple[PlannedRequirement, ...]
     together: tuple[JointPassChance, ...]
     problems: Sequence[str]
@@ -91,8 +91,8 @@ def plan_campaign(campaign: Experiment) -> Planned:
     verdicts = len(model.requirements) * len(campaign.controllers)
     requirements = []
     for item in campaign.requirements:
-        # With a joint risk, each verdict is planned with its share (first step of Holm's
-        # procedure).
+        # With a joint risk, each verdict is planned with its share of this risk (first step of
+        # Holm's procedure).
         risk = (
             min(item.consumer_risk, model.family.risk / verdicts)
             if model.family

@@ -112,7 +112,10 @@ def _check_coverage(
     total = flights.flight.size
     most = max(unseen.single, unseen.joint)
     if most > MOST_UNSEEN:
-        problem = f"{100.0 * most:.2g} % of the probability beyond all {total} flights"
+        problem = (
+            f"{100.0 * most:.2g} % of the changed probability lies outside the range of the "
+            f"{total} flights"
+        )
         raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %; run a new campaign")
     least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
     if effective < least:

@@ -358,13 +358,14 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
     failed = pair.any_failure
     if failed.only_a or failed.only_b:
         sentences.append(
-            f"{title}: {fixed(failed.only_a, 0)} flights fail under {a} only, "
-            f"{fixed(failed.only_b, 0)} under {b} only, {fixed(failed.both, 0)} under both "
+            f"{title}: {fixed(failed.only_a, 0)} flights fail with {a} only, "
+            f"{fixed(failed.only_b, 0)} with {b} only, {fixed(failed.both, 0)} with both "
             f"(McNemar's test, p {p_value(failed.p_value)})."
         )
     else:
         sentences.append(
-            f"{title}: no flight fails under one only, {fixed(failed.both, 0)} fail under both."
+            f"{title}: no flight fails with only one of them, {fixed(failed.both, 0)} fail with "
+            "both."
         )
     return sentences
 

@@ -34,7 +34,8 @@ class Bar:
     median: float | None
     tolerance: float | None
     beyond: bool  # whether flights lie beyond the right end of the chart
-    edge: str  # text on the right: tolerance limit with margin, or 'lost' for a lost median
+    # text on the right: tolerance limit with margin, or 'lost' if the median flight was lost
+    edge: str
     words: str  # text for screen readers
     status: str
 

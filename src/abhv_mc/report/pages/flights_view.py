@@ -25,12 +25,13 @@ BARS = 60  # number of bars in a histogram strip
 _HISTORY_RATE = 5.0  # sampling rate of the histories, Hz
 _STRIPS = 24  # maximum number of dispersions drawn as strips
 _HEADED = 4  # number of metrics in the table if there are no requirements
-# largest span of flights and limits, in ranges of the flights, for which limits are drawn
+# largest common range of flights and limits, relative to the range of the flights, for which limits
+# are drawn
 _FAR = 3.0
 # The order of the scripts matters.
 SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")
 STYLES = ("style.css", "flights.css")
-# SVG paths of markers; one fewer than colours, so that combinations rarely repeat.
+# SVG paths of markers; one fewer than there are colours, so that combinations rarely repeat.
 SHAPES = {
     "circle": "M-4 0A4 4 0 1 0 4 0A4 4 0 1 0-4 0z",
     "square": "M-3.6-3.6H3.6V3.6H-3.6z",

@@ -91,7 +91,7 @@ class PageFigure:
     def source(self) -> Markup:
         """Data URL of the image."""
         image = base64.b64encode(self.path.read_bytes()).decode("ascii")
-        return Markup(f"data:image/png;base64,{image}")  # noqa: S704  letters of base64 only
+        return Markup(f"data:image/png;base64,{image}")  # noqa: S704  only base64 characters
 
 
 def script_json(data: object) -> Markup:
@@ -106,7 +106,7 @@ def script_hashes(*scripts: str) -> Markup:
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
         for script in scripts
     )
-    return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  letters of base64 only
+    return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  only base64 characters
 
 
 def make_environment() -> Environment:
@@ -179,6 +179,7 @@ def make_page(
     )
     origin = campaign.simulator.origin
     drawn = f"imported from {origin}" if origin else seeds
+    chart = chart_rows(verdicts.glance, names.controllers, colors)
     flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
     return (
         make_environment()
@@ -192,13 +193,14 @@ def make_page(
             state=state,
             sections=page_sections(models, warnings),
             figure_of={figure.text.name: figure for figure in figures},
-            style=Markup("".join(map(template_text, STYLES))),  # noqa: S704  our own files
+            style=Markup("".join(map(template_text, STYLES))),  # noqa: S704  files of this package
             script=Markup(script),  # noqa: S704
             script_hashes=script_hashes(script, gzip.decompress(packed_library).decode()),
-            plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  letters of base64 only
-            packed=Markup(packed),  # noqa: S704  letters of base64 only
+            plotly=Markup(base64.b64encode(packed_library).decode()),  # noqa: S704  only base64 characters
+            packed=Markup(packed),  # noqa: S704  only base64 characters
             data=script_json({"envelopes": envelopes, "flights": flights, "places": layout}),
-            chart=chart_rows(verdicts.glance, names.controllers, colors),
+            chart=chart,
+            beyond=any(bar.beyond for _, bars in chart for bar in bars),
             required=bool(verdicts.requirements),
             cards=[controller_card(models, name, colors[name]) for name in names.controllers],
             lead=judgement_lead(judge_campaign(models), names.folder),

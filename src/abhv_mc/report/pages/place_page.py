@@ -77,9 +77,9 @@ def _sentences(placement: Placement) -> Iterator[str]:
 def _remarks(placement: Placement) -> Iterator[str]:
     yield (
         f"Compared with {fixed(placement.simulated, 0)} random flights. If a test flight is a draw "
-        f"of the model, each p-value is at most {percent(1.0 - CONFIDENCE)} in that share of such "
-        "flights, and its whole history stays within the simultaneous band in "
-        f"{percent(CONFIDENCE)}."
+        f"from the model, each p-value is at most {percent(1.0 - CONFIDENCE)} with this "
+        "probability, and the whole history stays within the simultaneous band with a "
+        f"probability of {percent(CONFIDENCE)}."
     )
     if placement.sensed:
         yield (
@@ -89,8 +89,8 @@ def _remarks(placement: Placement) -> Iterator[str]:
     if placement.bands and not (placement.noise or placement.sensed):
         yield (
             "No measurement noise is declared; the noise of an instrument alone can put a test "
-            "flight outside. Declare it with `measured: {CHANNEL: SIGMA}` in the campaign or with "
-            "`--measured CHANNEL=SIGMA`."
+            "flight outside the band. Declare it with `measured: {CHANNEL: SIGMA}` in the "
+            "campaign or with `--measured CHANNEL=SIGMA`."
         )
     elif placement.noise:
         noise = joined([f"{sigma:g} in {channel}" for channel, sigma in placement.noise.items()])

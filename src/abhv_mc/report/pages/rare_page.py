@@ -51,9 +51,9 @@ def _draw(result: RareFound) -> Iterator[Drawn]:
     failures = result.estimate.failures
     if len(failures):
         caption = (
-            "Standard normal number of each parameter among failures, compared with all flights of "
-            "a campaign. A parameter with equal distributions has no effect on its own. The "
-            "numbers are those before correlations are applied."
+            "Standard normal number of each parameter among failures, compared with all flights "
+            "of a campaign. A parameter whose two distributions are equal has no effect on its "
+            "own. The numbers are shown before correlations are applied."
         )
         yield (
             FigureText("failures", "Parameters of the failures", caption),
@@ -182,9 +182,9 @@ def _mixing(result: RareFound) -> Drawn:
 
 def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
     caption = (
-        "Left: probability by each of the two processes after each batch of flights, and its "
-        "interval. Right: metric of each flight; after the first design they are where failure is "
-        "least certain."
+        "Left: failure probability according to each of the two Gaussian processes after each "
+        "batch of flights, and its interval. Right: metric of each flight; after the initial "
+        "design, flights are placed where the prediction of failure is least certain."
     )
     values = result.flights.column(result.metric.name)
     figure = plot_learning(

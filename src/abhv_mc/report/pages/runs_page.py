@@ -42,7 +42,7 @@ def write_runs_page(campaigns: CampaignRuns, root: Path, file: Path) -> Path:
         .render(
             rows=rows,
             title=f"Campaigns in {root.absolute().name}",
-            style=Markup(template_text("style.css")),  # noqa: S704  our own files
+            style=Markup(template_text("style.css")),  # noqa: S704  files of this package
             script=Markup(script),  # noqa: S704
             script_hashes=script_hashes(script),
             data=script_json(pages),

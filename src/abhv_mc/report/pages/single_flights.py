@@ -68,15 +68,18 @@ def explanation_words(explanation: Explanation) -> list[str]:
         return [*lines, "The nominal flight also fails: no dispersion is needed."]
     proof = "no smaller set does" if explanation.smallest else "none of them can be left out"
     lines.append(
-        f"It fails with {number} of its {total} dispersions alone ({proof}; {explanation.tried} "
-        "flights tried):"
+        f"The flight fails with {number} of its {total} dispersions alone ({proof}; "
+        f"{explanation.tried} flights tried):"
     )
     lines += [
         f"  {name:<36} {shown_value(name, explanation.samples[name], explanation.known):>12}"
         for name in explanation.causes
     ]
     if explanation.others:
-        lines.append(f"It also fails with {len(explanation.others)} other sets of {number}:")
+        lines.append(
+            f"The flight also fails with {len(explanation.others)} other sets of {number} "
+            "dispersions:"
+        )
         lines += [f"  {' and '.join(names)}" for names in explanation.others[:10]]
         lines += ["  ..."] if len(explanation.others) > 10 else []
     return lines

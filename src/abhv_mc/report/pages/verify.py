@@ -25,7 +25,7 @@ def verify_campaign(root: Path) -> Iterator[str]:
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
     if holder := lock_holder(folder.lock):
-        raise InputError(root, f"a campaign that {holder} is flying", "the end of that run")
+        raise InputError(root, f"a campaign that {holder} is running", "the end of that run")
     damage = list(find_damage(folder, manifest))
     yield from (
         f"{path.relative_to(folder.root).as_posix()}: {problem}" for path, problem in damage
@@ -52,7 +52,7 @@ def _report_differences(root: Path) -> Iterator[str]:
     yield from _find_changed(pictures, hash_pages(root, pictures))
     baseline = Path(written["baseline"]["folder"]) if "baseline" in written else None
     if baseline is not None and not baseline.is_dir():
-        yield f"baseline: {baseline} does not exist any more"
+        yield f"baseline: {baseline} no longer exists"
         del written["baseline"]
         baseline = None
     results = read_flown(root)

@@ -73,8 +73,9 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
             f"{name} ({percent(share, 3)})" for name, share in result.probabilities.items()
         )
         answers.append(
-            "Events in every flight of the search, but with a probability in a campaign and in the "
-            f"random flights: {occurrences}. The worst case without them was not determined."
+            "Every flight of the search contains these events, which have a probability below 1 in "
+            f"campaigns and random flights: {occurrences}. The worst case without these events was "
+            "not determined."
         )
     if result.flights.names != result.names:
         answers.append(

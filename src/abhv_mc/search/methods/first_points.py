@@ -7,7 +7,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Record
 
-_MOST_CORNERS = 512  # maximum number of corners up to which all corners are evaluated
+_MOST_CORNERS = 512  # maximum number of corners for which all corners are evaluated
 # share and minimum number of evaluations spent on a climb over corners
 _CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256
 
@@ -57,7 +57,7 @@ def _climb_corners(
     dimension = len(star) // 2
     slopes = star[1 : dimension + 1] - star[dimension + 1 :]
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    # dimensions, those with the least certain sign of the slope first
+    # dimensions in order, starting with the least certain sign of the slope
     order = np.argsort(np.abs(slopes), kind="stable")
     corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
     opposite = [-corner]

@@ -16,7 +16,8 @@ _SPREADS = (
 )  # number of fitted points per coefficient, from a narrow to a wide neighbourhood
 _FAR_ENOUGH = 0.3  # minimum move of the best point, in steps, for which the step is not reduced
 _NEAR_BOUND = 0.9  # coordinate beyond which the bound itself is tried
-# squared distance within which weights are similar, as a share of the furthest point's
+# squared distance within which weights are similar, as a share of the furthest point's squared
+# distance
 _NEAR = 0.05
 _RIDGE = 1e-9  # relative regularization that keeps the fit unique with few points
 

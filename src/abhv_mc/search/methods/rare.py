@@ -31,7 +31,8 @@ FEWEST = 4  # minimum number of repetitions for an estimate
 _WIDEST = 10.0  # largest valid ratio of the upper to the lower end of an interval
 # weight of the spread that the chains explain, as an equivalent number of repetitions
 _PRIOR = 4
-# The spread of repetitions is 1 to 1.5 times what chains explain (benchmarks/rare_coverage.py).
+# The spread of repetitions is 1 to 1.5 times the spread that chains explain
+# (benchmarks/rare_coverage.py).
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # share of the flights that is reserved for importance sampling
@@ -41,7 +42,7 @@ _ENOUGH = 30.0  # effective number of failures from which importance sampling re
 EXPECTED = 100.0  # effective number of failures needed to show that the estimate is too high
 _HEAVY = 1.5  # factor on the standard error, for heavy weights that most samples miss
 _FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
-_SHARE_OF_LANES = 10_000  # number of flights for each batch of lanes that a level's chains fill
+_SHARE_OF_LANES = 10_000  # number of flights for each batch of lanes in the chains of a level
 
 
 def choose_chains(flights: int) -> int:
@@ -222,8 +223,8 @@ def _judge(repetitions: list[Repetition]) -> str | None:
     )
     if any(repetition.cut_short for repetition in repetitions):
         return (
-            f"the flights suffice for {number - missed} of {number} repetitions, down to "
-            f"{deepest:.1g}"
+            f"the flights suffice for only {number - missed} of {number} repetitions; the "
+            f"smallest probability reached is {deepest:.1g}"
         )
     if missed == number:
         return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"

@@ -22,7 +22,7 @@ from scipy.special import ndtri
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Evaluate, make_generator
 
-# maximum number of dimensions in which the second search was shown to find such branches
+# maximum number of dimensions in which the second search was shown to find missed branches
 MOST_LOOKED = 10
 _PLACE = 1 << 20  # key of the second search's random numbers, larger than the keys of repetitions
 _DIRECTIONS, _CHAINS, _LOOK_STEPS = 8 * LANES, 2 * LANES, 24
@@ -31,7 +31,7 @@ _BEYOND = 2.5
 _KEPT = 8  # number of points retained from the end of each chain
 LOOK_FLIGHTS = _DIRECTIONS + _CHAINS * _LOOK_STEPS
 
-MOST_SAMPLED = 20  # maximum number of dimensions, beyond which importance weights degenerate
+MOST_SAMPLED = 20  # maximum number of dimensions; in more dimensions, importance weights degenerate
 # factor on the fitted covariances: proposals with thin tails have infinite variance
 _INFLATION = 1.3
 _MOST_POINTS = 1000  # maximum number of points to which a mixture is fitted
@@ -133,7 +133,8 @@ def _maximise(points: Floats, shares: Floats) -> Mixture:
     for k, mean in enumerate(means):
         deviations = points - mean
         covariance = (shares[:, k, None] * deviations).T @ deviations
-        # The prior is equivalent to `dimension` more points with the unit covariance of the inputs.
+        # The prior is equivalent to `dimension` additional points with the unit covariance of the
+        # inputs.
         covariance = (covariance + dimension * np.eye(dimension)) / (totals[k] + dimension)
         factors.append(np.linalg.cholesky(covariance))
     return Mixture(totals / totals.sum(), means, np.array(factors))

@@ -156,8 +156,8 @@ def estimate_switched(
         samplers, int(np.clip(flights // (2 * len(samplers)), LANES, _PILOT)) // LANES * LANES
     )
     main, seen = samplers[0], sum(sampler.stratum().value for sampler in samplers)
-    # If none of this many flights fails, the contribution is small compared with that of the
-    # pilots.
+    # If none of this many flights fails, the contribution is small compared with the contribution
+    # of the pilot flights.
     enough = 3.7 * main.stratum().weight / (_SHARE_OF_COV * target_cov * seen) if seen else np.inf
     budget = min(int(_MAIN_SHARE * flights), flights - used)
     main_estimate: RareEstimate | None = None

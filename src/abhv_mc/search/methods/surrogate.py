@@ -32,11 +32,13 @@ BATCH = 8  # number of runs that are evaluated in parallel
 _PLACE = 1 << 23  # key of the random numbers
 # number of points in the first design: constant part, and points per dimension
 _FIRST, _FIRST_OF_DIMENSION = 12, 3
-# standard deviation of the first design, larger than 1 because failures are far out
+# standard deviation of the first design, larger than 1 because failures are far from the mean
 _FIRST_SPREAD = 2.0
-# number of starts of the first fit; later fits start at the last optimum and at one more point
+# number of starting points of the first fit; later fits start at the last optimum and at one other
+# point
 _STARTS = 3
-_REFIT = 1.1  # factor of growth in the number of runs after which the processes are refitted
+# factor of growth in the number of runs after which the Gaussian processes are refitted
+_REFIT = 1.1
 # numbers of chains and repetitions of subset simulation on the processes
 _CHAINS, _REPETITIONS = 64, 4
 _CANDIDATES, _MOST_CANDIDATES = 2000, 32_000
@@ -44,7 +46,7 @@ _FAILING = 400.0  # required effective number of failing candidates
 _JOINT = 300  # number of candidates from which points are selected
 _SIGMAS = 1.96
 _TINY = 1e-10  # smallest variance in a denominator
-# weight of the additional normals, and the factor by which they are wider
+# weight of the additional normal distributions, and the factor on their width
 _TAILS, _WIDER = 0.3, 1.6
 _HEAVY = 1.5  # factor on the sampling error, because most samples miss the largest weights
 # Severities are clipped at this multiple of the first median distance from failure.

@@ -100,7 +100,8 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
     """Run CMA-ES until `reserve` evaluations are left; return a first polishing step."""
     from cmaes import CMA
 
-    # CMA-ES needs two dimensions; in one dimension, even points and a local search suffice.
+    # CMA-ES needs two dimensions; in one dimension, evenly spaced points and a local search
+    # suffice.
     if dimension == 1:
         return 4.0 / record.used
     side_by_side = batch // LANES
@@ -124,7 +125,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
         for (cma, before, age), points, batch_values in zip(
             running, proposals, values, strict=True
         ):
-            # An infinite value would spoil the weights: replace it by the worst finite one.
+            # An infinite value would spoil the weights: replace it by the worst finite value.
             finite = batch_values[np.isfinite(batch_values)]
             losses = -np.where(
                 np.isfinite(batch_values), batch_values, finite.min() if finite.size else 0.0

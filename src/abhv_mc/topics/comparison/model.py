@@ -33,7 +33,7 @@ from abhv_mc.topics.json_data import DRAWN, level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
 _LOST_RISK = 0.05  # significance level for a difference in the number of lost flights
-_LISTED = 10  # maximum number of flights listed that failed under one controller only
+_LISTED = 10  # maximum number of listed flights that failed under only one controller
 
 
 @dataclass(frozen=True, kw_only=True)

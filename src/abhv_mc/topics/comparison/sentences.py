@@ -211,7 +211,7 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
         lost = [fixed(failures.both + count, 0) for count in alone]
         counts_text = (
             f"{lost[0]} of {fixed(pair.pairs, 0)} terminated early, compared with {lost[1]} "
-            f"({fixed(alone[0], 0)} under {a} only, {fixed(alone[1], 0)} under {b} only; McNemar's "
+            f"({fixed(alone[0], 0)} with {a} only, {fixed(alone[1], 0)} with {b} only; McNemar's "
             f"test, p {p_value(failures.p_value)})."
         )
         if pair.losing:

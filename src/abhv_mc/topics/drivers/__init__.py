@@ -34,7 +34,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 # share of the flights with the lowest, and with the highest, values of a parameter
 _TENTH = 0.1
-_FEWEST_OF_TENTH = 5  # minimum number of flights in such a group
+_FEWEST_OF_TENTH = 5  # minimum number of flights in a group with the lowest or highest values
 _KEPT = 12  # maximum number of parameters stored per metric
 # maximum number of analysed flights; enough to distinguish correlations of 0.05 from chance
 _MOST_FLIGHTS = 5_000
@@ -55,7 +55,7 @@ class Driver:
     srrc: Ends  # standardized rank regression coefficient
     p_value: float  # p-value of the hypothesis that the coefficient is zero
     driver: bool  # whether the parameter is a significant driver
-    # parameter whose effect the flights cannot distinguish from that of this parameter
+    # parameter whose effect the flights cannot distinguish from the effect of this parameter
     moves_with: str | None
 
 

@@ -118,15 +118,10 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
     else:
         yield Text("No flight terminated early.")
     yield Widget("flights")
-    history_text = (
-        "Click a number to plot the flight's history"
-        if campaign.channels
-        else "Click a number to open the flight"
-    )
     explanation = (
         "Sorted by severity: early terminations first (earliest on top), then by "
         "exceedance of a limit in percent of it (without requirements, of the median); negative "
-        f"values meet the limit. {history_text} above. The printed page lists the first five."
+        f"values meet the limit. The printed page lists the first five of each {campaign.kind}."
     )
     if campaign.can_rerun:
         explanation += (
@@ -260,7 +255,7 @@ def _counts(label: str, counts: FlightCounts) -> Row:
 
 
 def _worst(controller: str, flight: WorstFlight, names: Names) -> Row:
-    values = (significant(flight.metrics.get(metric), 6) for metric in names.asked)
+    values = (significant(flight.metrics.get(metric), 4) for metric in names.asked)
     return (
         Cell(str(flight.flight), head=True, flight=(controller, flight.flight)),
         Cell(ended_words(flight.outcome, flight.missed, len(names.requirements))),

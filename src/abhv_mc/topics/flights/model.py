@@ -41,7 +41,7 @@ class WorstFlight:
     outcome: str  # outcome code
     by: str | None  # name of the worst metric; None after an early termination
     beyond: float  # exceedance of the limit, divided by the limit
-    missed: int  # number of missed requirements
+    missed: int  # number of violated requirements
     # a metric is NaN if the flight was lost before the metric's time window
     metrics: Mapping[str, float]
     samples: Mapping[str, float]

@@ -29,7 +29,7 @@ class LeastFlight:
     """Flight among those with the smallest margins."""
 
     flight: int
-    failed: bool  # whether the flight terminated early or misses a requirement
+    failed: bool  # whether the flight terminated early or violates a requirement
     margins: Mapping[str, float]  # margins by name (``MARGIN_NAMES``)
     faults: Mapping[str, float]  # counts by fault (``MARGIN_FAULTS``)
 
@@ -45,7 +45,8 @@ class FlightMargins:
     least: tuple[LeastFlight, ...]  # flights with the smallest gain margins, smallest first
     # numbers of failed and of all flights below the customary gain margin
     failed_below: tuple[int, int] | None
-    # numbers for flights above this margin; both None without requirements
+    # numbers of failed and of all flights above the customary gain margin; both None without
+    # requirements
     failed_above: tuple[int, int] | None
 
 

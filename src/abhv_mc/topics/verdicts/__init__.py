@@ -101,16 +101,20 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
 
 def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
     """Return binomial intervals for reviewers who use other decision rules."""
-    rows = [
-        (
+    groups = tuple(
+        grouped(
+            [
+                (
+                    Cell(names.label(name), head=True),
+                    Cell(percent(verdict.one_look_bound)),
+                    Cell(" to ".join(map(percent, verdict.failure_rate or ()))),
+                )
+                for name, verdict in entry.controllers.items()
+            ],
             Cell(f"{entry.asked.traced.get('id', '')} {entry.words}".strip(), head=True),
-            Cell(names.label(name), head=True),
-            Cell(percent(verdict.one_look_bound)),
-            Cell(" to ".join(map(percent, verdict.failure_rate or ()))),
         )
         for entry in verdicts.requirements
-        for name, verdict in entry.controllers.items()
-    ]
+    )
     text = (
         "These intervals are valid if the number of flights was fixed in advance and results are "
         "checked once: the lower bound on the success probability at the consumer's risk (Clopper "
@@ -123,7 +127,7 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
         "Failure probability (Jeffreys)",
     )
     title = "Binomial intervals for a single check"
-    return Fold(title, (Text(text), Table(title, heads, tuple((row,) for row in rows))))
+    return Fold(title, (Text(text), Table(title, heads, groups)))
 
 
 def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:

@@ -1,7 +1,7 @@
 "use strict";
-// Flights on a canvas: axes with round ticks, marks or cells that count, limits as lines; dispersions as bars.
+// Plots of flights on a canvas: axes with round ticks, marks or counted cells, limit lines, and bars of dispersions.
 const flightAxes = (() => {
-  // As many digits in each row of a column; without exponents.
+  // Number with a fixed number of significant digits, without exponent.
   const fixed = (value, digits = 4) => {
     if (!Number.isFinite(value)) return "none";
     const places = value ? digits - 1 - Math.floor(Math.log10(Math.abs(value))) : 0;
@@ -10,7 +10,7 @@ const flightAxes = (() => {
   const text = (value, digits = 4) => (Number.isFinite(value) ? String(Number(value.toPrecision(digits))).replace("-", "\u2212") : "none");
   const labelOf = (entry) => (entry.unit ? `${entry.label} (${entry.unit})` : entry.label);
 
-  // Round numbers from one end to the other, at most so many.
+  // Round numbers between two ends, at most `most` of them.
   const ticks = (low, high, most) => {
     const least = (high - low) / most;
     if (!(least > 0)) return [low];
@@ -28,7 +28,7 @@ const flightAxes = (() => {
     return pen;
   };
 
-  // Places of values on a canvas, and of places in values; a margin lets marks at the ends be whole.
+  // Conversion between values and canvas positions; a margin keeps marks at the ends visible.
   const frame = (canvas, ends) => {
     const [left, top, right, bottom] = [64, 10, 16, 44];
     const [wide, high] = [canvas.clientWidth - left - right, canvas.clientHeight - top - bottom];
@@ -89,7 +89,7 @@ const flightAxes = (() => {
     far.forEach((limit, i) => pen.fillText(`${limit > box.ys[1] ? "\u2191" : "\u2193"} limit ${text(limit)} ${y.unit}`, box.left + box.wide - 4, limit > box.ys[1] ? box.top + 14 + 14 * i : box.top + box.high - 6));
   };
 
-  // `layers`: counts and their opacity, from behind to front; `open`: flights that are open, [controller, x, y].
+  // `layers`: counts and their opacity, from back to front; `open`: opened flights as [controller, x, y].
   const drawScatter = (canvas, { x, y, ends, layers, open, controllers, cells, style }) => {
     const [pen, box] = [ready(canvas), frame(canvas, ends)];
     drawGrid(pen, box, x, y, style);
@@ -125,7 +125,7 @@ const flightAxes = (() => {
     return box;
   };
 
-  // Grey: all flights. Blue: those chosen, each to its own largest bar, as few among many would not be seen.
+  // Grey: all flights. Blue: selected flights. Each group is scaled to its own largest bar, so that few flights are visible.
   const drawStrip = (canvas, { all, chosen, ends, open, bars, style }) => {
     const [pen, wide, high] = [ready(canvas), canvas.clientWidth, canvas.clientHeight];
     for (const [counts, color, alpha] of [[all, style.ink(), 0.25], [chosen, style.link(), 0.75]]) {

@@ -1,4 +1,4 @@
-// A flight that is open, and a second one laid over it: in words, beside its limits, over time, on the ground, in space.
+// Panel of an opened flight and an optional second flight: text, limits, time history, ground track and 3D path.
 const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   const at = (id) => document.getElementById(id);
   const { text, fixed, labelOf } = flightAxes;
@@ -9,7 +9,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   let flights = [];
   let channel = null;
 
-  // 'drag −15.0 %, lift −8.4 %': the furthest from the mean first.
+  // Dispersions as text such as 'drag −15.0 %, lift −8.4 %', sorted by distance from the mean.
   const MOST = 8;
   const dispersionWords = ({ values }) => {
     const drawn = view.columns.filter((entry) => entry.spoken);
@@ -25,7 +25,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     return words.length > MOST ? `${words.slice(0, MOST).join(", ")} and ${words.length - MOST} more` : words.join(", ");
   };
 
-  // How far within its limits a value is, as a share of them (of half of what is between two).
+  // Margin of a value to its limits, relative to the limit or, with two limits, to half of their distance.
   const room = ({ low, high }, value) => {
     if (low !== null && high !== null) return Math.min(high - value, value - low) / ((high - low) / 2);
     return high !== null ? (high - value) / Math.abs(high) : low !== null ? (value - low) / Math.abs(low) : NaN;
@@ -63,14 +63,14 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   const fillChannels = (held) => {
     const known = view.channels.filter(({ name }) => held.includes(name));
     at("flight-channel").replaceChildren(...known.map((entry) => new Option(labelOf(entry), entry.name)));
-    // Of a flight that ended early by the limit that it left ('sideslip limit'), where a channel is called so.
+    // Channel whose limit ended the flight early ('sideslip limit'), if there is such a channel.
     const [ended] = known.filter(({ label }) => flights[0].outcome.startsWith(label.toLowerCase())).sort((a, b) => b.label.length - a.label.length);
     const worst = ended?.name ?? view.criteria[flights[0].by]?.channel;
     if (!known.some(({ name }) => name === channel)) channel = known.some(({ name }) => name === worst) ? worst : known[0]?.name;
     at("flight-channel").value = channel;
   };
 
-  const narrow = () => at("flight-history").clientWidth < 560; // the legend takes a line for each of its entries then
+  const narrow = () => at("flight-history").clientWidth < 560; // the legend then uses one line per entry
   const layout = (x, y, extra = {}) => ({
     margin: { l: 60, r: 10, t: 8, b: 42 }, height: 300, hovermode: "closest", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: style.font, size: 12, color: style.ink() }, legend: { orientation: "h", y: narrow() ? -0.42 : -0.22 },
@@ -80,7 +80,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     yaxis: { title: { text: y }, gridcolor: style.line(), zeroline: false, exponentformat: "none" }, ...extra,
   });
   const config = { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]] };
-  // The first in its controller's colour; the second, too, but for one of the same.
+  // Each flight has the colour of its controller; a second flight of the same controller is drawn in the text colour.
   const lookOf = (i) => ({ width: 1.8, color: i && flights[1].controller === flights[0].controller ? style.ink() : controllers[flights[i].controller].color });
   const shortName = (each) => `${controllers[each.controller].label} ${each.flight}`;
 

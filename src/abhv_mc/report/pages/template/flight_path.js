@@ -1,14 +1,14 @@
-// The path and the attitude of flights in three dimensions, side by side, played on a canvas: the path, its shadow on the
-// ground, and the body axes. Horizontal distances are to scale, altitude is stretched, the vehicle is drawn much too large.
+// Animation of the path and attitude of flights in three dimensions on a canvas: the path, its shadow on the ground, and
+// the body axes. Horizontal distances are to scale, the altitude is stretched, and the vehicle is drawn enlarged.
 const flightPath = (host, style) => {
   const NEEDED = ["north_m", "east_m", "altitude_m", "heading_deg", "flight_path_angle_deg", "bank_deg", "angle_of_attack_deg", "sideslip_deg"];
   const ANGLES = NEEDED.slice(3);
-  const LASTS = 15; // s in which a flight is played
+  const LASTS = 15; // duration of the animation, s
   const { text, ticks } = flightAxes;
   const [turn, dot] = [Math.PI / 180, (a, b) => a.reduce((sum, value, i) => sum + value * b[i], 0)];
 
-  // From wind to body by angle of attack and sideslip, from wind to north, east, down by heading, path angle and bank.
-  // Returns the three body axes as [north, east, down].
+  // Return the three body axes as [north, east, down]. The angle of attack and the sideslip relate wind axes to body axes;
+  // heading, path angle and bank relate wind axes to north, east and down.
   const attitude = ({ heading_deg: heading, flight_path_angle_deg: climb, bank_deg: bank, angle_of_attack_deg: attack, sideslip_deg: slip }) => {
     const [[sh, ch], [sc, cc], [sb, cb], [sa, ca], [ss, cs]] = [heading, climb, bank, attack, slip].map((angle) => [Math.sin(turn * angle), Math.cos(turn * angle)]);
     const wind = [[cc * ch, sb * sc * ch - cb * sh, cb * sc * ch + sb * sh], [cc * sh, sb * sc * sh + cb * ch, cb * sc * sh - sb * ch], [-sc, sb * cc, cb * cc]];
@@ -16,7 +16,7 @@ const flightPath = (host, style) => {
     return body.map((axis) => wind.map((row) => dot(row, axis)));
   };
 
-  // A flight at a moment: between its samples, angles the short way round; at its end after that.
+  // State of a flight at a time, interpolated between samples (angles along the shorter arc); the last sample after its end.
   const sample = ({ time, channels, last }, moment) => {
     const t = Math.min(moment, time[last]);
     let k = time.findIndex((value) => value >= t);
@@ -39,7 +39,7 @@ const flightPath = (host, style) => {
   let view = { azimuth: 35, elevation: 20 }; // deg
   let [stretch, ground, moment, end, playing] = [1, 0, 0, 0, 0];
 
-  // East, north and up to the right and up on the canvas.
+  // Projection of east, north and up to the right and upward directions of the canvas.
   const project = ([east, north, up]) => {
     const [a, e] = [view.azimuth * turn, view.elevation * turn];
     return [east * Math.cos(a) - north * Math.sin(a), (east * Math.sin(a) + north * Math.cos(a)) * Math.sin(e) + up * Math.cos(e)];
@@ -57,7 +57,7 @@ const flightPath = (host, style) => {
     pen.setLineDash([]);
   };
 
-  // The vehicle, to no scale: a dart with a fin, and its axes x (nose), y (right), z (down).
+  // The vehicle, not to scale: a dart with a fin, and the body axes x (nose), y (right), z (down).
   const drawVehicle = (pen, [x, y], at, color, size) => {
     const axes = attitude(at).map(([north, east, down]) => project([east, north, -down]));
     const point = (along, right, down) => [x, y].map((value, i) => value + (i ? -size : size) * (along * axes[0][i] + right * axes[1][i] + down * axes[2][i]));
@@ -78,7 +78,7 @@ const flightPath = (host, style) => {
     });
   };
 
-  // Round numbers of metres that hold both ends, about four over the larger side.
+  // Round distances in metres that enclose both ends, with about four lines over the longer side.
   const lines = ([low, high], step) => Array.from({ length: Math.ceil(high / step) - Math.floor(low / step) + 1 }, (_, i) => (Math.floor(low / step) + i) * step);
   const drawGround = (pen, to, [easts, norths]) => {
     for (const east of easts) drawLine(pen, [to([east, norths[0], 0]), to([east, norths.at(-1), 0])], style.line(), 1);
@@ -86,7 +86,7 @@ const flightPath = (host, style) => {
     pen.fillStyle = style.ink();
     const label = (values, at, name, align, right, down) => {
       const spots = values.map((value) => to(at(value)));
-      if (Math.hypot(spots.at(-1)[0] - spots[0][0], spots.at(-1)[1] - spots[0][1]) < 45) return; // they would lie over one another
+      if (Math.hypot(spots.at(-1)[0] - spots[0][0], spots.at(-1)[1] - spots[0][1]) < 45) return; // the labels would overlap
       const [low, high] = [spots[0], spots.at(-1)];
       pen.textAlign = align;
       pen.fillText(text(values[0] / 1000), low[0] + right, low[1] + down);
@@ -98,7 +98,7 @@ const flightPath = (host, style) => {
   };
 
   const drawPanel = (pen, flight, [left, top, wide, high]) => {
-    const size = wide < 450 ? 36 : 58; // px, half of the vehicle's length
+    const size = wide < 450 ? 36 : 58; // half of the vehicle's length, px
     const spans = [0, 1].map((i) => { const held = flights.flatMap(({ path }) => path.map((each) => each[i])); return [Math.min(...held), Math.max(...held)]; });
     const step = ticks(0, Math.max(...spans.map(([a, b]) => b - a), 1), 5)[1];
     const grid = spans.map((span) => lines(span, step));
@@ -145,7 +145,7 @@ const flightPath = (host, style) => {
   };
 
   const stop = () => { playing = 0; button.textContent = "Play"; };
-  // Who asked for less motion sees it jump, twice in a second.
+  // With the setting for reduced motion, the animation advances only twice per second.
   const step = (turnOf, before) => (now) => {
     if (turnOf !== playing) return;
     if (still.matches && now - before < 500) { requestAnimationFrame(step(turnOf, before)); return; }
@@ -175,7 +175,7 @@ const flightPath = (host, style) => {
   canvas.addEventListener("pointermove", (event) => { if (event.buttons) look(event.movementX / 3, event.movementY / 3); });
   addEventListener("resize", draw);
 
-  // `given`: the history, name and colour of each; those that lack a channel, or have no sample, are left out.
+  // `given`: history, name and colour of each flight; flights without samples or without a needed channel are omitted.
   const show = (given) => {
     stop();
     flights = given.filter(({ history }) => NEEDED.every((name) => history.channels[name])).map(({ history: { time, channels }, name, color }) => {

@@ -1,5 +1,5 @@
-// View of flights in a report and in `explore`: selection, table, link, CSV and single flights. `source` counts:
-// numbers in the page, or a server beside the flights.
+// View of flights in a report and in `explore`: selection, table, link, CSV and single flights. `source` supplies the
+// counts, from numbers in the page or from a server.
 const flightsView = async (source, style) => {
   const at = (id) => document.getElementById(id);
   const { text, fixed, labelOf } = flightAxes;
@@ -13,10 +13,10 @@ const flightsView = async (source, style) => {
   let [found, all, box, opened, turn] = [null, null, null, [], 0];
   const asked = () => ({ x: state.x, y: state.y, controllers: state.who, outcome: state.show, brushes: state.brushes,
     fit: state.fit, sort: state.sort, down: state.down });
-  const grouped = (number) => number.toLocaleString("en").replaceAll(",", "\u202f"); // as in the page's tables
+  const grouped = (number) => number.toLocaleString("en").replaceAll(",", "\u202f"); // same format as in the tables of the page
   const nameOf = (k, flight) => `${controllers[k].label}, flight ${flight}`;
 
-  // The part of an address that says all of this, and what one says.
+  // The address fragment that stores the selection, and the selection that a fragment describes.
   const link = () => {
     const words = new URLSearchParams();
     for (const [key, name] of [["x", "x"], ["y", "y"], ["show", "show"], ["sort", "sort"]]) if (state[key] !== start()[key]) words.set(name, state[key]);
@@ -46,7 +46,7 @@ const flightsView = async (source, style) => {
     return true;
   };
 
-  // A list of buttons is one stop of the Tab key; the arrows go through it.
+  // The Tab key stops once at a list of buttons; the arrow keys move within the list.
   const oneStop = (list) => {
     const buttons = () => [...list.querySelectorAll("button")];
     const stop = (chosen) => { for (const button of buttons()) button.tabIndex = button === chosen ? 0 : -1; };
@@ -68,7 +68,7 @@ const flightsView = async (source, style) => {
   for (const [name, words] of heads) {
     const head = Object.assign(document.createElement("th"), { scope: "col" });
     const button = Object.assign(document.createElement("button"), { type: "button", className: "link", textContent: words });
-    const first = columnOf(name) ? columnOf(name).bad !== "low" : false; // what is bad comes first; then the other way, then the worst
+    const first = columnOf(name) ? columnOf(name).bad !== "low" : false; // first click: bad values first; second click: reverse order; third click: by severity
     button.addEventListener("click", () => {
       if (state.sort !== name) [state.sort, state.down] = [name, first];
       else if (state.down === first) state.down = !first;
@@ -126,13 +126,13 @@ const flightsView = async (source, style) => {
   const count = async () => {
     const number = (turn += 1);
     const [chosen, every] = await Promise.all([source.count(asked()), source.count({ ...asked(), brushes: {}, fit: false, sort: "rank", down: false })]);
-    if (number !== turn) return; // another choice came after this one
+    if (number !== turn) return; // a newer selection replaces this one
     [found, all] = [chosen, every];
     draw();
   };
 
   const panel = flightPanel(source, style, { columnOf, nameOf, changed: (channel) => { state.channel = channel; at("flights-link").href = link(); } });
-  // Opens a flight, or lays a second one over it.
+  // Open a flight, or add a second flight to the opened one.
   const open = async (name, flight, over = false) => {
     state.open = over && state.open.length ? [state.open[0], [name, flight]] : [[name, flight]];
     await show();
@@ -142,7 +142,7 @@ const flightsView = async (source, style) => {
     at("flight-panel").hidden = !state.open.length;
     const wanted = state.open;
     const flights = [];
-    at("flight-body").hidden = !opened.length; // until it has been flown
+    at("flight-body").hidden = !opened.length; // hidden until the flight has been computed
     for (const [name, flight] of wanted) {
       const k = controllers.findIndex((each) => each.name === name);
       if (!flights.length) at("flight-title").textContent = `${nameOf(k, flight)}: opening`;
@@ -166,14 +166,14 @@ const flightsView = async (source, style) => {
   });
   at("over-none").addEventListener("click", () => { state.open = state.open.slice(0, 1); show(); });
 
-  // What is chosen: by the form, by dragging, by a link.
+  // Selection by the form, by dragging, or by a link.
   const dragged = (canvas, ended) => {
     let from = null;
     canvas.addEventListener("pointerdown", (event) => { from = [event.offsetX, event.offsetY]; canvas.setPointerCapture(event.pointerId); });
     canvas.addEventListener("pointerup", (event) => { if (from) ended(from, [event.offsetX, event.offsetY], event); from = null; });
   };
   const sorted = (one, other) => [one, other].sort((p, q) => p - q);
-  // Of the points that are drawn, the one that is nearest to a place within so many pixels.
+  // Return the drawn point that is nearest to a position, within a number of pixels.
   const pointAt = (px, py, within) => {
     let [best, near] = [null, within ** 2];
     for (const point of found?.points ?? []) {
@@ -234,7 +234,7 @@ const flightsView = async (source, style) => {
   at("flights-controls").addEventListener("submit", (event) => event.preventDefault());
   at("flights-fit").addEventListener("change", () => { state.fit = at("flights-fit").checked; count(); });
   at("flights-clear").addEventListener("click", () => { state.brushes = {}; count(); });
-  at("flights-between").addEventListener("click", () => { // for keyboards: the flights whose x lies between two numbers
+  at("flights-between").addEventListener("click", () => { // selection by keyboard: flights whose x lies between two numbers
     const ends = ["flights-low", "flights-high"].map((id, i) => (at(id).value === "" ? columnOf(state.x).ends[i] : Number(at(id).value)));
     state.brushes[state.x] = sorted(...ends);
     count();
@@ -244,7 +244,7 @@ const flightsView = async (source, style) => {
     save.click();
   });
 
-  const fill = () => { // the form as the state says
+  const fill = () => { // set the form from the state
     for (const [id, key] of [["scatter-x", "x"], ["scatter-y", "y"], ["flights-outcome", "show"]]) at(id).value = state[key];
     for (const input of at("flights-controllers").querySelectorAll("input")) input.checked = state.who.includes(input.value);
     at("flights-fit").checked = state.fit;

@@ -5,7 +5,7 @@
     const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (letter) => letter.charCodeAt(0));
     return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip")));
   };
-  // See packed.py: 16 bits a number, its difference to the one before, low bytes first.
+  // Decode packed numbers: 16 bits for the difference from the previous number, low bytes first.
   let codes = null;
   const decoded = new Map();
   const numbers = (name, row = null) => {
@@ -39,7 +39,7 @@
     ...(data.channels.some(({ reference }) => reference) ? [{ name: "reference", label: "reference", on: true }] : []),
   ];
 
-  // Named one by one: the library's own set has a button that uploads the plot's data.
+  // Listed individually, because the library's default set has a button that uploads the data of the plot.
   const tools = ["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "autoScale2d", "resetScale2d"];
 
   const addBox = (parent, name, label, checked) => {
@@ -127,7 +127,7 @@
     describe(channel, controllers);
   }
 
-  const controls = document.getElementById("controls"); // none where a campaign keeps no bands
+  const controls = document.getElementById("controls"); // null if the campaign stores no envelopes
   if (controls) {
     for (const channel of data.channels) {
       const option = document.createElement("option");
@@ -143,7 +143,7 @@
     controls.addEventListener("submit", (event) => event.preventDefault());
   }
 
-  // The plotting library travels compressed; unpacked, it runs like any script of the page.
+  // The page contains the plotting library in compressed form; it is decompressed and run as a script.
   const start = async () => {
     const script = document.createElement("script");
     script.textContent = await (await unpack("plotly-packed")).text();
@@ -160,7 +160,7 @@
     dispatchEvent(new Event("drawn"));
   };
   let flights = null;
-  // Other places of the page name flights (data-show="controller flight") and metrics.
+  // Other parts of the page refer to flights (data-show="controller flight") and metrics.
   const linkFlights = () => {
     for (const link of document.querySelectorAll("[data-metric]")) link.addEventListener("click", () => flights.across(link.dataset.metric));
     for (const table of document.querySelectorAll("#flights details tbody")) flights.oneStop(table)();

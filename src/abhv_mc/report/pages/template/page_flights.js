@@ -1,11 +1,11 @@
-// The flights of a report's page: counts, lists and histories of the numbers that it holds, for the view of flights.
+// Data source of the view of flights in a report: counts, lists and histories from the numbers in the page.
 const pageFlights = (data, places, bands, numbers) => {
   const { rows } = data;
   const columns = new Map(data.columns.map((entry) => [entry.name, entry]));
   const column = (name) => numbers(`column:${name}`);
-  const everyone = data.order; // rows, the worst first
+  const everyone = data.order; // row numbers, worst flight first
 
-  const ended = (row) => { // as `ended_words` in Python
+  const ended = (row) => { // same text as `ended_words` in Python
     const missed = rows.missed.filter((flags) => flags[row]).length;
     if (rows.failed[row]) return data.outcomes[rows.outcome[row]];
     return missed ? `completed; misses ${missed} of ${rows.missed.length}` : "completed";
@@ -23,7 +23,7 @@ const pageFlights = (data, places, bands, numbers) => {
     const words = { outcome: ended, controller: (row) => rows.controller[row], flight: (row) => rows.flight[row] };
     const key = words[sort] ?? ((row) => column(sort)[row]);
     const missing = (value) => typeof value === "number" && !Number.isFinite(value);
-    return [...found].sort((a, b) => { // what is missing comes last either way; equal ones stay the worst first
+    return [...found].sort((a, b) => { // missing values come last in both directions; equal values stay sorted by severity
       const [one, other] = [key(a), key(b)];
       if (missing(one) || missing(other)) return missing(one) - missing(other);
       return (one < other ? -1 : one > other ? 1 : 0) * (down ? -1 : 1);
@@ -71,7 +71,7 @@ const pageFlights = (data, places, bands, numbers) => {
     if (!places[`${channel}:${name}`]) return null;
     return { time: numbers(`time:${name}`), ...Object.fromEntries(bands.map((band, i) => [band, numbers(`${channel}:${name}`, i)])) };
   };
-  // To the digits that the page holds: a number there is a multiple of a small step.
+  // Numbers have as many digits as the page stores: each number is a multiple of a small step.
   const csv = async (asked) => {
     const digits = new Map(data.columns.map(({ name }) => {
       const { low, high } = places[`column:${name}`];
@@ -86,6 +86,6 @@ const pageFlights = (data, places, bands, numbers) => {
       })]);
     return URL.createObjectURL(new Blob([[head, ...lines].map((line) => `${line.map(quoted).join(",")}\n`).join("")], { type: "text/csv" }));
   };
-  const nearest = async () => null; // every flight is a point
+  const nearest = async () => null; // not needed, because every flight is drawn as a point
   return { view: data, count, flight, behind, nearest, csv };
 };

@@ -1,5 +1,5 @@
 "use strict";
-// Sorts and filters the campaigns, and names the command that compares two ticked ones.
+// Sort and filter the campaigns, and show the command that compares two selected campaigns.
 (() => {
   const body = document.querySelector("#runs tbody");
   const rows = [...body.rows];
@@ -29,7 +29,7 @@
 
   function compare() {
     const [a, b, ...more] = boxes.filter((box) => box.checked).map((box) => box.dataset)
-      .sort((one, other) => one.started.localeCompare(other.started));  // the earlier one first
+      .sort((one, other) => one.started.localeCompare(other.started));  // earlier campaign first
     words.textContent = more.length ? "Tick two campaigns only." : words.dataset.hint;
     if (!b || more.length) return;
     const out = `${a.name} against ${b.name}`.replace(/[^\w.-]+/g, "_");
