@@ -168,8 +168,8 @@ Mach number, and deflections cause no drag. The tables of all members begin at M
 [CLASS]
 
 Two limits have a source. The limit on L/D is Kuechemann's 4 (M + 3)/M, which is 6.5 at Mach 4.74, and the limits on
-the wing loading include the 380 kg/m2 of the X-43A (Marshall et al., AIAA 2005-3332). The other limits are
-engineering judgement. The two arms and the radius of pitch damping are lengths for the span and chord of `abhv`; none
+the wing loading include the 380 kg/m2 of the X-43A (Marshall et al., AIAA 2005-3332). In quasi-steady flow,
+the rudder alone cannot damp yaw more than the whole vehicle. The other limits are engineering judgement. The two arms and the radius of pitch damping are lengths for the span and chord of `abhv`; none
 of them may exceed half of the vehicle's length. Quasi-steady lift at this radius from the centre of gravity would
 produce the vehicle's Cm_q, which is -2 CL_alpha (radius/chord)^2.
 
@@ -194,14 +194,15 @@ smallest CD of the winged cone occurs at a single node of its polynomial fit, at
 
 The figures do not determine pitch damping. The searches, including those for the [predictions](paper.md), ran without
 a limit on the radius of pitch damping; afterwards, Cm_q was reduced on {reduced} members to satisfy the limit and to
-differ between members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change moved no end of the data by more than
+differ between members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change moved no end of the curves by more than
 5 % of its axis, and no end out of its interval. The limit on the radius is an upper bound, which would be reached
 only if all lift acted at nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for
 GHAME. The pitch damping of `abhv` is thus large, but a smaller value would change no figure.
 
 A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
--2 CY_dr (arm/span)^2. The searches ran without this limit, too; then Cn_r was increased by 4 % on `seed-16` and by
-13 % on `seed-23`, which moved no end by more than 0.2 % of its axis.
+-2 CY_dr (arm/span)^2, to which other surfaces add. The searches ran without this limit, too; afterwards, the magnitude
+of Cn_r was increased by 4 % on `seed-16` and by 13 % on `seed-23`, which moved no end of the curves by more than 0.2 %
+of its axis.
 
 ## Control powers
 
