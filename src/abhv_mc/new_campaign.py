@@ -128,7 +128,7 @@ def _place(file: Path, vehicle: Path) -> Path:
 def _replace_vehicle(
     text: str, controllers: dict[str, Path], vehicle: Path
 ) -> tuple[str, dict[str, Path]]:
-    """Return the text and controllers of a campaign with another vehicle.
+    """Return the text of a campaign and its controllers after a change of vehicle.
 
     Controllers designed for one vehicle are used with that vehicle only.
     """

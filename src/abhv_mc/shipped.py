@@ -50,7 +50,7 @@ def shipped_files(kind: str) -> dict[str, Path]:
 
 
 def find_input(name: str | Path, *kinds: str) -> Path:
-    """Return the path ``name``, or a shipped file of that name; earlier kinds come first.
+    """Return the path ``name``, or a shipped file of that name; earlier kinds have priority.
 
     Folders are ignored, because a campaign's results may have the name of the shipped campaign.
     Raise :class:`abhv_mc.io.input_error.InputError` for an unknown name.

@@ -49,7 +49,7 @@ THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", 
 
 
 def find_questions(model: Model) -> list[Variable]:
-    """Return the inputs that no signal of the program supplies, except commands."""
+    """Return the inputs that no signal of abhv-mc supplies, except commands."""
     kinds = kinds_of(model)
     supplied = {name for kind in kinds for name in SOURCES[kind]}
     open_ones = [
@@ -114,7 +114,7 @@ def _scaled(value: str, factor: float, operation: str) -> str:
 def _call(
     model: Model, kind: str, answers: Mapping[str, Answer], effectors: Collection[str] = ()
 ) -> Line:
-    """Return the source line that calls the model with the signals of the program."""
+    """Return the source line that calls the model with the signals of abhv-mc."""
     arguments, sources = {}, SOURCES[kind] | {name: f"controls.{name}" for name in effectors}
     for variable in model.inputs:
         key, answer = variable.key, answers.get(variable.identifier)
@@ -148,7 +148,7 @@ def _call(
 
 
 def signed_factor(model: Model, variable: Variable, quantity: str) -> float:
-    """Return the factor from an output to the unit and direction of the program."""
+    """Return the factor from an output to the unit and sign convention of abhv-mc."""
     sign = sign_of(quantity, variable)
     if sign is None and variable.sign:
         problem = f"'{variable.identifier}', the {quantity}, with the sign '{variable.sign}'"

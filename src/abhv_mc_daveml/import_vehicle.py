@@ -102,7 +102,7 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
 def _read_answers(
     path: Path, models: Sequence[Model], questions: Mapping[str, Sequence[Variable]]
 ) -> tuple[Answers, dict[str, Any], bool]:
-    """Return the answers, the named effectors, and whether the answers are complete.
+    """Return the user's answers, the named effectors, and whether the answers are complete.
 
     Raise InputError if the file is invalid.
     """

@@ -146,7 +146,7 @@ def sign_of(quantity: str, variable: Variable) -> int | None:
 
 
 def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
-    """Return the first variable of each quantity."""
+    """Return the first variable that represents each quantity, by quantity."""
     signals: dict[str, Variable] = {}
     for variable in variables:
         quantity = quantity_of(variable)

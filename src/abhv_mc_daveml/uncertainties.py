@@ -21,7 +21,7 @@ _INCREMENTS = {name: f"{_FACTORS[name]}.increment" for name in ("CL", "CD", "Cm"
 
 
 def write_dispersions(models: Sequence[Model]) -> str:
-    """Return dispersions and correlations as text, empty without uncertainties.
+    """Return the text of dispersions and correlations; '' if there are no uncertainties.
 
     The text also lists the uncertainties that no campaign parameter represents.
     """

@@ -1,4 +1,4 @@
-"""Python source text of a model: tables, constants and a function; check-shot runs.
+"""Python source text of a model (tables, constants and a function), and check-shot runs.
 
 Statements consist of text of this module, identifiers and numbers. Text of the file is written only
 to comments and docstrings, folded so that it cannot end them.

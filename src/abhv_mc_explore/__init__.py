@@ -1,1 +1,1 @@
-"""Interactive browser view of up to a million flights, which DuckDB counts."""
+"""Interactive browser view of up to a million flights, with counts computed by DuckDB."""

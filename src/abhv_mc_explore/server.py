@@ -119,7 +119,7 @@ class ExploreServer(ThreadingHTTPServer):
         }
 
     def _history(self, block: FlightBlock) -> dict[str, Any] | None:
-        """Return the channels of a flight at fewer times, or None if there is no history."""
+        """Return a flight's channels at a subset of its times, or None if there is no history."""
         if not block.history.size:
             return None
         every = max(1, -(-block.times.size // _MOST_TIMES))

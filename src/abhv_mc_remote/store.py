@@ -132,7 +132,7 @@ class ObjectStore:
             yield copy
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return the writer of the folder ``name`` or None, and the size in bytes."""
+        """Return the current writer, or None, and the size in bytes of the folder ``name``."""
         objects = self._objects.below(name)
         with _explain_store_error(objects.address):
             holder, _ = read_holder(objects) or (None, "")

@@ -1,4 +1,4 @@
-"""Candidates in a tuning: plans of a controller with changed parameters."""
+"""Candidates in a tuning run: plans of a controller with changed parameters."""
 
 import os
 import re

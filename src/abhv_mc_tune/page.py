@@ -48,7 +48,7 @@ def plot_front(
     front: NDArray[np.intp],
     best: int,
 ) -> Figure:
-    """Plot error against control effort of all candidates, with front, start and result.
+    """Plot error against control effort of all candidates; mark front, start and result.
 
     ``points`` contains control effort, error and feasibility [candidate]; ``front`` contains
     indices.
@@ -136,7 +136,7 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
 
 
 def _comparisons(result: TuneFound) -> Table:
-    """Return the table of start, result and limit of each metric and margin."""
+    """Return the table of initial value, result and limit of each metric and margin."""
     rows = []
     for item in result.comparisons:
         limit, is_met = "", ""

@@ -1,4 +1,4 @@
-"""Options of a tuning, on the command line and in Python."""
+"""Options of a tuning run, on the command line and in Python."""
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass

@@ -1,4 +1,4 @@
-"""Trials of the candidates of a tuning: flights, stability margins and scores."""
+"""Trials of the candidates of a tuning run: flights, stability margins and scores."""
 
 import functools
 import hashlib
@@ -149,7 +149,7 @@ class Trials:
         return candidate.margins(self.vehicles, self.margins_at)
 
     def _make(self, point: Floats) -> Callable[[], Candidate | None]:
-        """Return a cached function that makes the candidate, or None if it is invalid."""
+        """Return a cached function that returns the candidate, or None if it is invalid."""
         file = self.folder / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
         steady = bool(self.flights_at or len(self.vehicles))
         return functools.cache(lambda: self.candidates.make(point, file, steady))

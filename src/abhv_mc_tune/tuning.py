@@ -75,7 +75,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class TuneFound:
-    """Result of a tuning."""
+    """Result of a tuning run."""
 
     controller: str
     block: Tune
@@ -263,7 +263,7 @@ def rejected_file(out: Path) -> Path:
 def _validate(
     trials: Trials, block: Tune, tuning: Tuning, name: str, metrics: Mapping[str, Metric]
 ) -> TuneFound:
-    """Compare result and start on flights of another seed."""
+    """Compare the tuned and the initial parameters on flights with another seed."""
     fresh = trials.draw((trials.campaign.model.seed + 1) % 2**63, block.validation)
     points = np.stack([np.zeros(len(block.free)), tuning.best_point])
     start, best = trials.measure(points, fresh)

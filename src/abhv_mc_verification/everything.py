@@ -69,7 +69,7 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
 
 
 def verify_everything(folder: Path | None, scale: float = 1.0) -> list[Row]:
-    """Return rows for the references (``nesc``, ``cadac-ghame6``) in a folder and for papers.
+    """Return rows for the reference data in a folder (``nesc``, ``cadac-ghame6``) and papers.
 
     `scale` multiplies the tolerances.
     """

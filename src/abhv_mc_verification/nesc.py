@@ -46,7 +46,7 @@ COLUMNS = ["time", "altitudeMsl_ft", "longitude_deg", "latitude_deg", *VELOCITY,
 
 
 def find_files(folder: Path) -> dict[tuple[str, str], Path]:
-    """Return the files in a folder by (case, simulator). Raise InputError without files."""
+    """Return files by (case, simulator). Raise InputError if the folder contains none."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of check-cases")
     files: dict[tuple[str, str], Path] = {}

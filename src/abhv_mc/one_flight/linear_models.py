@@ -50,7 +50,7 @@ class Place(NamedTuple):
 
 
 class StateSpace(NamedTuple):
-    """Linear system as tables with named rows and columns; ``attrs["units"]`` has units.
+    """Linear system as tables with named rows and columns; ``attrs["units"]`` gives units.
 
     Attributes
     ----------
@@ -381,7 +381,7 @@ def fly_on(
     duration: Quantity = 1.0,
     dispersions: Mapping[str, Quantity] | None = None,
 ) -> "pd.DataFrame":
-    """Continue a flight from a time with a disturbance, to compare with a linear model.
+    """Continue a flight after a disturbance, for comparison with a linear model.
 
     Parameters
     ----------

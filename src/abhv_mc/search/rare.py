@@ -45,7 +45,7 @@ _UNLIKELY = 0.5  # noise share above which an estimate below 1e-4 is unlikely to
 
 @dataclass(frozen=True)
 class RareFound:
-    """Rare-event estimate, with the flights of the search."""
+    """Rare-event estimate, with the search flights."""
 
     request: RareRequest
     controller: str
@@ -74,7 +74,7 @@ class RareFound:
 
     @property
     def unwarned(self) -> str:
-        """Clause on failures without warning that ends the sentence with the estimate."""
+        """Clause on failures without warning, for the end of the sentence with the estimate."""
         high, (_, flights) = self.estimate.unwarned_high, self.estimate.plain
         if high is None:
             return ""

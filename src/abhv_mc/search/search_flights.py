@@ -113,7 +113,7 @@ def binding_requirements(
 
 @dataclass(frozen=True)
 class DrawnFlights:
-    """Time histories of selected flights, following the nominal flight."""
+    """Time histories of the nominal flight and of selected flights, in this order."""
 
     numbers: tuple[int, ...]
     times: Floats  # times, s

@@ -140,7 +140,7 @@ class Space:
         return full_rows(self.columns, values, self.derived, self.parameters)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
-        """Add seed columns for flights numbered from `first`; if None, with one common seed."""
+        """Add seed columns for flights numbered from `first`, or one common seed if it is None."""
         columns = []
         for name in self.seeds:
             drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)

@@ -87,7 +87,7 @@ class WorstFound:
         return early.size, int(early.sum()), ends
 
     def failures(self, requirement: Requirement) -> int:
-        """Return the number of flights of the search that violate a requirement."""
+        """Return the number of search flights that violate a requirement."""
         early = ended_early(self.flights) & requirement.early_is_failure
         failed = requirement.limits.failures(self.flights.column(self.metric.name), early)
         return int(np.sum((failed & ~not_computed(self.flights))[: self.searched]))

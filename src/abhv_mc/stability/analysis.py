@@ -222,7 +222,7 @@ def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, flo
 
 
 def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
-    """Return, for each input without a loop, the reason: `stuck` or `no effect` (no fuel)."""
+    """Return the reason for each loop that is cut: `stuck` or `no effect` (no fuel)."""
     return {
         name: REASONS[why]
         for name, loop_stability, i in _loops(stability)

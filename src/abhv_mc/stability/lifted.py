@@ -39,7 +39,7 @@ _NEWTON_STEPS = 12
 
 
 class _Lifted(NamedTuple):
-    """Lifted loops of k inputs, from the inputs in a period's N ticks to minus the commands."""
+    """Lifted loops of k inputs, from the inputs in a period's N ticks to negated commands."""
 
     loops: Loops
     ahead: Floats  # [system, k N, k N] effect of a command on later commands in the same period
@@ -119,7 +119,7 @@ def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: floa
 
 
 def _gains(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
-    """Return loop gains [point, k N, k N] from actuator inputs to minus the commands."""
+    """Return loop gains [point, k N, k N] from actuator inputs to the negated commands."""
     system = system + np.zeros(omega.size, np.int64)
     return loop_gains(law.loops, system, np.maximum(omega, _SLOWEST)) + law.ahead[system]
 
@@ -152,7 +152,7 @@ def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Fl
 
 
 def _loci(matrices: Complexes) -> Complexes:
-    """Return the eigenvalues [..., locus], with zero for those below the rounding error."""
+    """Return the eigenvalues [..., locus]; those below the rounding error are set to zero."""
     values, vectors = np.linalg.eig(matrices)
     condition = np.linalg.norm(inverse(vectors), axis=-1)
     size = np.linalg.norm(matrices, axis=(-2, -1))[..., None]

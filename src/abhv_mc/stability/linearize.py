@@ -182,7 +182,7 @@ def hold(
 
 
 def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
-    """Return A, B, C from plant inputs to minus the commands, with all loops cut.
+    """Return A, B, C from plant inputs to the negated commands, with all loops cut.
 
     The states are those of the plant, the controller and the delayed measurements.
     """

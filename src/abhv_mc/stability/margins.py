@@ -81,7 +81,7 @@ _APART = 1e-14  # multiple of the identity added to a possibly singular matrix
 
 
 class Margins(NamedTuple):
-    """Margins of each loop, with the others closed, [system, loop], and of all loops [system].
+    """Margins of each loop, with the others closed [system, loop], and of all loops [system].
 
     The margins are valid for stable systems; unlimited margins are infinite.
     """

@@ -33,7 +33,7 @@ SWITCHES = "the controller switches at its equilibrium"
 
 
 class Period(NamedTuple):
-    """Number of ticks after which a controller repeats, and the memory carried unperturbed."""
+    """Ticks after which a controller repeats, and memory that small changes do not affect."""
 
     ticks: int
     carried: Mask  # [memory] whether small changes of the measurement have no effect

@@ -47,7 +47,7 @@ class Slopes(NamedTuple):
 
 
 def cells_of(tables: Tables, variables: Floats) -> Ints:
-    """Return the table cell [point, axis] of variables [point, variable]."""
+    """Return indices [point, axis] of the table cells that contain each point's variables."""
     cells = np.empty((len(variables), tables.axis_start.size), dtype=np.int64)
     for axis, (start, length) in enumerate(zip(tables.axis_start, tables.axis_length, strict=True)):
         grid = tables.grid[start : start + length]

@@ -299,7 +299,7 @@ def _run_law(
 
 
 def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
-    """Return the plan without limits on commands; its row 0 also applies to tick 1."""
+    """Return the plan without command limits; for tick 0, its row 0 also applies to tick 1."""
     constants = plan.vehicle.constants._replace(
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )

@@ -24,7 +24,7 @@ _MEASURED = 11  # index of the first measurement in the result of plant_slopes
 
 
 def leave_limits(plan: FlightPlan, points: Points, at_errors_zero: Floats) -> tuple[Points, Mask]:
-    """Move saturated points to an equilibrium; return points and which are still saturated."""
+    """Move saturated points to an equilibrium; also return a mask of points still saturated."""
     free = over_period(plan, points._replace(measured=at_errors_zero))
     limited = is_off_trim = _limited(plan, points, free)
     if plan.vehicle.constants.driven and not mixes(
@@ -61,7 +61,7 @@ def _limited(plan: FlightPlan, points: Points, free: Slopes) -> Mask:
 
 
 def _strengths(slope: Floats) -> Floats:
-    """Return the sizes [point, input, 2] of slopes over speed and over angles and rates."""
+    """Return sizes [point, input, 2] of the slopes along speed, and along angles and rates."""
     angles = np.linalg.norm(slope[:, :, path.GAMMA : path.R + 1], axis=2)
     return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
 

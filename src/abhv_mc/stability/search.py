@@ -95,7 +95,7 @@ def _choose(  # The first applicable case is used.
 
 
 def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
-    """Return a logarithmic grid [system, frequency], rad/s, with the frequencies of `poles`."""
+    """Return a logarithmic grid [system, frequency], rad/s, including pole frequencies."""
     own = count // 10
     top = np.pi / period
     base = np.geomspace(1e-4, top, count - own)

@@ -25,7 +25,7 @@ _LAG, _INTERVAL = (
 
 
 def sensor_ticks(plan: FlightPlan, parameters: Floats) -> Ints:
-    """Return the control periods between samples [point, measured] for `parameters`."""
+    """Return the number of control periods between sensor samples [point, measured]."""
     ticks = parameters[:, _INTERVAL[: measured_count(plan)]] / plan.timing.tick + 0.5
     return np.maximum(ticks.astype(np.int64), 1)
 

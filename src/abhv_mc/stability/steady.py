@@ -76,7 +76,7 @@ def make_steady_plan(
     bank: float = 0.0,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Return a plan of permanent steady flight at the mission's start, with its gains.
+    """Return a plan of steady flight at the start of the mission, with the gains there.
 
     `bank` (rad) is the bank of the guidance trim in a steady turn; 0 means straight flight.
     `user_code` belongs to a custom controller. Raise InputError if no steady turn has this bank.
@@ -144,7 +144,7 @@ def steady_air(parameters: Floats) -> Floats:
 
 
 def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
-    """Return the trims of the true plants for a plan of :func:`make_steady_plan`.
+    """Return the trims of the dispersed vehicles for a plan of :func:`make_steady_plan`.
 
     `parameters` has shape [flight, parameter]. Steady wind and failures at the start are included.
     Altitude, speed and heading equal the reference, flight path angle and aerodynamic sideslip are
@@ -257,7 +257,7 @@ def _unsettled(controller: str, sideslip: float) -> str:
 
 
 def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mask]:
-    """Return the equilibrium memory, and whether it grows and the controller switches [point].
+    """Return the equilibrium memory, and masks [point] of growing memory and of switching.
 
     The memory [point, memory] is constant and the commands equal the points' controls. If no memory
     satisfies both conditions, as for controllers without integrators, the memory is constant and

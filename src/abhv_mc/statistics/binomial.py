@@ -49,7 +49,7 @@ def first_where(low: int, holds: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=4096)
 def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
-    """Return the flights needed to demonstrate `probability` with `failures` failures."""
+    """Return the number of flights that demonstrates `probability` with `failures` failures."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
         failures + 1,

@@ -25,7 +25,7 @@ _ENOUGH = 1e-300  # value of an incomplete beta function below which its logarit
 
 
 def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
-    """Return log(integral of q^(a-1) (1-q)^(b-1) over 0..x or x..1 / (x^a (1-x)^b))."""
+    """Return log(I / (x^a (1-x)^b)), I = integral of q^(a-1) (1-q)^(b-1) over 0..x or x..1."""
     fraction = float(betaincc(a, b, x) if upper else betainc(a, b, x))
     if fraction > _ENOUGH:
         return log(fraction) + float(betaln(a, b)) - a * log(x) - b * log1p(-x)
@@ -33,7 +33,7 @@ def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
 
 
 def _log_far(a: float, b: float, x: float) -> float:
-    """Return `_log_part` by a series, for x far below the mean a/(a + b).
+    """Compute `_log_part` by a series, for x far below the mean a/(a + b).
 
     The series is 2F1(1, a + b; a + 1; x) / a (NIST DLMF 8.17.8).
     """
@@ -63,7 +63,7 @@ def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
 
 
 def log_coin_evidence(heads: int, tails: int) -> float:
-    """Return the log of the mean likelihood ratio of coins with P(heads) > 1/2 to a fair coin."""
+    """Return the log mean likelihood ratio of coins with P(heads) > 1/2 versus a fair coin."""
     return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
 
 

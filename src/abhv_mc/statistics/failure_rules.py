@@ -130,7 +130,7 @@ def _rule(
 
 
 def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
-    """Remove the half-lines of an input whose two ends together are more significant."""
+    """Keep the two half-lines of an input, or the union of its ends if more significant."""
     if len(candidates) < 3:
         return candidates
     below, above, both = _p_values(candidates)
@@ -143,7 +143,7 @@ def _differences(
     column: Callable[[int], Floats],
     pairs: int,
 ) -> list["_Candidate"]:
-    """Return half-lines of differences that are more significant than their inputs.
+    """Return half-lines of differences that are more significant than rules for the inputs.
 
     Only differences between the inputs most related to failures are tested.
     """
@@ -216,7 +216,7 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
 
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
-    """Return exact p-values, the largest of a candidate's tables, times the number of trials."""
+    """Return each candidate's largest exact p-value over its tables, times its trials."""
     rows = np.array(
         [table for candidate in candidates for table in candidate.tables], dtype=np.int64
     )
@@ -322,7 +322,7 @@ def _best_corners(
     def sides(
         counts: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return counts [pair, side, side] inside both conditions, and inside each condition.
+        """Return counts of flights inside both conditions [pair, side, side] and inside each one.
 
         The counts for a single condition have the shapes [pair, side, 1] and [pair, 1, side].
         """

@@ -42,7 +42,7 @@ def ever_chance(
 def _boundary(
     runs: int, probability: float, risk: float, status: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return numbers of failures, and for each the flight at which it decides the verdict.
+    """Return numbers of failures, and the number of flights at which each decides a verdict.
 
     This is the smallest number of flights for a PASS and the largest number for a FAIL.
     """
@@ -71,7 +71,7 @@ def _boundary(
 
 @lru_cache(maxsize=512)
 def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
-    """Return the first of the likely numbers of failures, and their probabilities."""
+    """Return the smallest likely failure count, and the probabilities of the likely counts."""
     mean, spread = flights * rate, np.sqrt(flights * rate * (1.0 - rate))
     # Ten standard deviations plus thirty counts include the long tails of rare failures.
     low, high = (

@@ -80,7 +80,7 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
 def _pairs(
     ranks: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
 ) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """Return the share [input, output] that pairs add, the strongest partner and its p-value."""
+    """Return the variance share [input, output] that pairs add, best partner and p-value."""
     flights, count = ranks.shape
     added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
     partner, strongest = np.full(added.shape, -1, dtype=np.intp), np.zeros(added.shape)

@@ -114,12 +114,12 @@ class Band:
         return self.middle - below, self.middle + above
 
     def deviations(self, history: Floats) -> Floats:
-        """Return a history's deviations [time, channel] in spreads; 0 for missing values."""
+        """Return a history's deviations [time, channel] in units of the spread; 0 if missing."""
         deviations = history - self.middle
         return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
 
     def p_value(self, history: Floats) -> float:
-        """Return the share of flights, including ``history``, that deviate at least as much."""
+        """Return the share of flights that deviate no less than ``history``, itself included."""
         largest = self.deviations(history).max()
         return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 

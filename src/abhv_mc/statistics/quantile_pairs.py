@@ -29,7 +29,7 @@ def _scores(draws: int) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=64)
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
-    """Return the lowest relevant count below the quantile, and the normal score of each count."""
+    """Return the lowest relevant count of flights below the quantile, and all normal scores."""
     low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
     return low, np.asarray(
         ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64
@@ -48,7 +48,7 @@ def _first_counts(flights: int, probability: float, draws: int) -> NDArray[np.in
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
-    """Return a conservative correlation between the indicators of being beyond each quantile."""
+    """Return a conservative correlation between lying beyond the quantile of `a` and of `b`."""
     beyond_a, beyond_b = a > high_a, b > high_b
     if probability < 0.5:
         beyond_a, beyond_b = a < high_a, b < high_b

@@ -43,7 +43,7 @@ class Unseen:
 def unseen_of_range(
     beyond: tuple[float, float], weights: tuple[float, float], flights: int
 ) -> tuple[float, float]:
-    """Return the probability `beyond` the extreme flights, and the part that is unrepresented.
+    """Return the probability `beyond` the extreme flights, and its unrepresented part.
 
     `beyond` contains the probabilities below the lowest and above the highest flight of one
     parameter; `weights` are the density ratios at these two flights. Each flight represents an
@@ -59,7 +59,7 @@ def unseen_of_range(
 
 
 def unseen_of_values(values: Floats, probabilities: Floats, flown: Floats) -> tuple[float, float]:
-    """Return the probability of discrete `values` that no flight has, twice as a pair."""
+    """Return a pair of equal numbers: the probability of discrete `values` without a flight."""
     missing = float(np.sum(probabilities[~np.isin(values, flown)]))
     return missing, missing
 

@@ -198,7 +198,7 @@ def _key(point: Floats) -> tuple[float, ...]:
 
 
 def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
-    """Return the excess failure factor that a search detects with about an even chance.
+    """Return the factor of excess failures that a search detects with a chance of about 1/2.
 
     At this factor, two failures are expected; `benchmarks/unknowns.py` simulates one bad corner.
     """

@@ -39,7 +39,7 @@ class Decision:
 
     @property
     def winner(self) -> Side:
-        """Return `closer`, unless it is worse in a tail or loses more flights."""
+        """Return `closer`, or '' if that controller is worse in a tail or loses more flights."""
         return "" if self.worse or self.loses_more else self.closer
 
 

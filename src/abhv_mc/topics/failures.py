@@ -140,7 +140,7 @@ def _difference_words(
     failed: Mask,
     column: Callable[[int], Floats],
 ) -> str:
-    """Describe how two inputs deviate in a rule's region, with medians of the failures.
+    """Describe how two inputs deviate in a rule's region, with their medians over failures.
 
     Return text such as 'density and drag deviating in opposite directions (e.g. density -7 %, drag
     +9 %)' if this is true of every failure, else 'density far below drag, each in its own range'.

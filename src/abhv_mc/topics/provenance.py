@@ -49,7 +49,7 @@ _TOLD_ELSEWHERE = (
 
 
 def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
-    """Yield the flattened entries of the manifest as pairs of texts."""
+    """Yield the flattened entries of the manifest as pairs of label and value."""
     for key, value in manifest.items():
         if key in _TOLD_ELSEWHERE:
             continue

@@ -182,7 +182,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class FigureText:
-    """File name and texts of a figure."""
+    """File name, title, caption and alternative text of a figure."""
 
     name: str  # file name without suffix
     title: str
@@ -231,7 +231,7 @@ class Section:
     part: bool = False  # whether the section belongs under the previous section's heading
 
     def without_idle(self) -> "Section":
-        """Return the section with empty and zero columns removed from its tables."""
+        """Return the section with empty and all-zero columns removed from its tables."""
         return replace(self, items=_without_idle(self.items))
 
     def tables(self) -> list[Table]:

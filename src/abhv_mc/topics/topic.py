@@ -98,7 +98,7 @@ class Models:
         return topic.sentences(self[topic], self.names)
 
     def figures(self, topic: Topic[Any]) -> Iterator[Drawn]:
-        """Yield a topic's figures with their texts."""
+        """Yield a topic's figures with their file names, titles and captions."""
         return topic.figures(self[topic], self.names)
 
 

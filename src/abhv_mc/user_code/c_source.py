@@ -108,7 +108,7 @@ def make_settings_header(layout: Layout) -> str:
 
 
 def describe_layout(layout: Layout) -> str:
-    """Return the settings as the text that libraries built with abhv_settings.h contain."""
+    """Return the settings as text, as contained in libraries built with abhv_settings.h."""
     return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
 
 

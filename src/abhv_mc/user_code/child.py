@@ -54,7 +54,7 @@ def check_may_run() -> None:
 
 
 def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = None) -> T:
-    """Call a module-level function in the child process; return or raise its result.
+    """Call a module-level function in the child process; return its result or raise its error.
 
     A process that may crash calls the function directly. Raise LostError if the child ends or takes
     longer than ``limit`` s.
@@ -78,7 +78,7 @@ def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = 
 
 @contextlib.contextmanager
 def called_beside(function: Callable[..., Any], *arguments: Any) -> Iterator[None]:
-    """Run a module-level function in another process during the context."""
+    """Run a module-level function in another process while the context is open."""
     child = _Child()
     caller = threading.Thread(target=child.leave_to, args=(function, arguments), daemon=True)
     caller.start()
@@ -173,7 +173,7 @@ def _end_with_parent() -> None:
 
 
 def run_in_thread(work: Callable[[], T], limit: float | None = None) -> T:
-    """Run ``work`` in a thread that can be abandoned, and return or raise its result.
+    """Run ``work`` in a thread that can be abandoned; return its result or raise its error.
 
     The calling thread still receives Ctrl-C. Raise TimeoutError after ``limit`` s.
     """

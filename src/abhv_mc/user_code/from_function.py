@@ -81,7 +81,7 @@ def _names(code: types.CodeType) -> list[str]:
 
 
 def _describe_tuple(name: str, kind: Any) -> str:
-    """Return source text that defines a named tuple; notebooks store no source of classes."""
+    """Return source text that defines a named tuple; notebooks do not store class sources."""
     defaults = kind._field_defaults
     rows = [
         f"    {field}: float" + (f" = {defaults[field]!r}" if field in defaults else "")

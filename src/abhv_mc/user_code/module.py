@@ -210,7 +210,7 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
 
 
 def _describe(error: Exception) -> str:
-    """Return the type and text of an exception, even if ``str`` of it fails."""
+    """Return the type and text of an exception, or only its type if ``str`` fails."""
     name = type(error).__name__
     try:
         return f"{name}: {error!s:.300}"

@@ -58,7 +58,7 @@ def names_in(lines: Iterable[Line]) -> set[str]:
 
 
 def free_name(text: str, taken: Collection[str] = ()) -> str:
-    """Return an unused Python name similar to a text, identical if possible."""
+    """Return an unused Python name that equals ``text`` if possible, or else resembles it."""
     name = re.sub(r"\W", "_", text, flags=re.ASCII)[:_LONGEST]
     name = name if name[:1].isalpha() else f"x{name}"
     while (

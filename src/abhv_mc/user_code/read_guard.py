@@ -25,7 +25,7 @@ _SEPARATORS = re.compile(r"[\s=<>|;&\"'`(),]+")
 
 
 class ReadGuard:
-    """Guard that allows reads of declared, own, package and system files."""
+    """Guard that permits reads only of declared, package, system and the process's own files."""
 
     def __init__(
         self,
@@ -159,7 +159,7 @@ def simulator_guard(
 
 
 def watch_reads(guard: ReadGuard, folder: str) -> None:
-    """Install an audit hook that raises PermissionError for reads of other files."""
+    """Install an audit hook that raises PermissionError for reads that ``guard`` forbids."""
 
     def check(event: str, arguments: tuple[Any, ...]) -> None:
         if event not in EVENTS and event not in PROGRAMS:

@@ -118,7 +118,7 @@ def _dot(x: Any, y: Any) -> Any:
 
 
 def _less(value: Any, x: Any, y: Any) -> Any:
-    """Return a value minus the products of the elements of two rows, subtracted in order."""
+    """Return a value minus the products of corresponding elements of two rows, in order."""
     for u, v in zip(x, y, strict=True):
         value = value - u * v
     return value

@@ -14,7 +14,7 @@ _trusted_now: set[str] = set()  # hashes trusted explicitly in this process
 
 
 def list_file() -> Path:
-    """Return the path of the list of hashes. Raise OSError without a home folder."""
+    """Return the path of the list of hashes. Raise OSError if there is no home folder."""
     try:
         base = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
     except RuntimeError as error:  # HOME is not set, and the system has no entry for the user.

@@ -31,7 +31,7 @@ def laws_folder() -> Path:
 
 
 def filled_once(name: str, fill: Callable[[Path], None]) -> Path:
-    """Return a cache folder that the first process to need it fills."""
+    """Return a cache folder, which the first process that needs it fills."""
     folder = laws_folder() / name
     if not folder.exists():
         temporary = Path(tempfile.mkdtemp(dir=folder.parent))
@@ -73,7 +73,7 @@ def _holds(folder: Path, files: Iterable[tuple[str, bytes]]) -> bool:
 
 @contextlib.contextmanager
 def in_its_folder(source: UserSource) -> Iterator[None]:
-    """Run a law's code in the context in its folder, with its own modules and files.
+    """Context in which a law's code runs in its own folder, with its own modules and files.
 
     The law's modules are in ``sys.modules`` only inside the context, because modules of two laws
     may have the same name.

@@ -119,7 +119,7 @@ def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def _shorten(watch: _Watch, path: str) -> str:
-    """Return the path of a file, relative to the law's folder if inside."""
+    """Return the path of a file, relative to the law's folder if the file is inside it."""
     source_path = importlib.util.source_from_cache(path) if path.endswith(".pyc") else path
     for folder in (watch.folder, os.path.dirname(watch.source.file)):  # noqa: PTH120
         short = os.path.relpath(

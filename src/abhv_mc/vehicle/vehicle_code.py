@@ -100,7 +100,7 @@ class VehicleCode:
 
     @functools.cached_property
     def starts(self) -> tuple[Setting, ...]:
-        """Dispersions of the initial states; they follow the settings."""
+        """Dispersions of the initial states; in lists of parameters they follow the settings."""
         return tuple(Setting(f"initial.{state.name}", state.unit, 0.0) for state in self.states)
 
     @property

@@ -1,4 +1,4 @@
-"""Functions that rebuild plans from results folders, and plans sent to workers."""
+"""Functions that rebuild plans stored in results folders or sent to workers."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator

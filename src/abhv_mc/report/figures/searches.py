@@ -130,7 +130,7 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 @styled
 def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Floats) -> Figure:
-    """Plot a probability with its interval against the number of flights, and their metrics.
+    """Plot a probability with its interval over numbers of flights, and the flights' metrics.
 
     Each row of ``steps`` [step, 5] contains the number of flights, the probabilities from two
     Gaussian processes, and both ends of the interval.

@@ -243,7 +243,7 @@ def _gate(
     *,
     unknowns: Unknowns,
 ) -> Gate:
-    """Return the gate of `b` at its worst point of the unknowns.
+    """Return the gate result of `b` at its worst point of the unknowns.
 
     The worst point rejects `b` or comes closest to it. Because `b` must be shown not to be worse at
     every point, the risk of this test needs no correction; the tests that reject `b` share their

@@ -497,7 +497,7 @@ def _confidence_words(models: Models, better: str) -> str:
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
-    """Return the flights needed for all PASS verdicts to hold jointly; None if they do.
+    """Return the number of flights at which all PASS hold jointly; None if they already do.
 
     The joint verdicts follow Holm's procedure; no further failure is assumed.
     """

@@ -126,7 +126,7 @@ def search_command(root: Path, manifest: Manifest) -> str:
 
 @contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
-    """Run garbage collection rarely; with many figure objects it would take 1/8 of the time."""
+    """Run garbage collection rarely; it would otherwise take 1/8 of the build time."""
     thresholds = gc.get_threshold()
     gc.set_threshold(100_000, 20, 20)
     try:

@@ -145,7 +145,7 @@ def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Sec
 
 
 def _facts(models: Models, flown: str) -> Iterator[str]:
-    """Yield texts on a campaign's vehicle, flights, date, author and version."""
+    """Yield a campaign's vehicle, flights, date, author and version as strings."""
     campaign, manifest = models.results.campaign, models.results.manifest
     if campaign.simulator.capabilities.has_mission:
         yield Path(campaign.model.vehicle).stem
@@ -226,7 +226,7 @@ class Answer:
 def make_table(
     title: str, caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> Table:
-    """Return a table of texts, in which passages between backticks are marked as commands."""
+    """Return a table of strings, in which passages between backticks are marked as commands."""
     cells = tuple(tuple(Cell(text) for text in row) for row in rows)
     return Table(title, tuple(heads), (cells,), f"{title}. {caption}", numbers=False)
 

@@ -185,7 +185,7 @@ def _half_width(repetitions: list[Repetition], number: int) -> float:
 
 
 def _chain_cov(repetitions: list[Repetition]) -> float:
-    """Return the coefficient of variation of a repetition that its chains explain."""
+    """Return a repetition's coefficient of variation, as explained by its Markov chains."""
     return float(np.sqrt(np.mean([repetition.cov**2 for repetition in repetitions])))
 
 

@@ -141,7 +141,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
 
 
 def _probe(record: Record, dimension: int, reserve: int) -> Floats:
-    """Return the change of the value near the best point, which any better probe replaces."""
+    """Return the value's change near the best point; a better probe becomes the best point."""
     center, best = record.place, record.best
     probes = np.concatenate(
         [center - _PROBE * np.eye(dimension), center + _PROBE * np.eye(dimension)]

@@ -61,7 +61,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Share:
-    """Share of the rank variance left by the regression that one parameter explains."""
+    """Share, explained by one parameter, of the rank variance left by the regression."""
 
     parameter: str
     first: float  # first-order sensitivity index
@@ -302,7 +302,7 @@ def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
 
 
 def _sign(driver: Driver) -> str:
-    """Return in which direction a parameter must change for the metric to grow."""
+    """Return the direction in which a parameter must change for the metric to grow."""
     if driver.either_way:
         return "high or low" if driver.srrc[0] > 0.0 else "near its median"
     return "+" if driver.srrc[0] > 0.0 else "\N{MINUS SIGN}"

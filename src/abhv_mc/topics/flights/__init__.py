@@ -30,7 +30,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 
 def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
-    """Return sentences on flights that failed, saturated, oscillated or left the tables.
+    """Return sentences on flights that failed, saturated, oscillated or left table ranges.
 
     If ``off_cards``, the sentences omit the facts that the cards of the page show.
     """
@@ -150,7 +150,7 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
 
 
 def _kept_words(names: Names) -> str:
-    """State how many of the worst flights have histories after a change of requirements.
+    """State how many worst flights, as ranked by changed requirements, have histories.
 
     The text is empty if all of these flights have histories.
     """

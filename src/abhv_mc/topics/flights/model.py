@@ -217,7 +217,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class InputMoments:
-    """Stated mean and standard deviation of an input, and those of the imported table."""
+    """Mean and standard deviation of an input, as stated and in the imported table."""
 
     stated_mean: float
     stated_sigma: float

@@ -72,7 +72,7 @@ class LeastMargins:
 
     @property
     def words(self) -> tuple[str, str]:
-        """Gain and phase margin as texts: '14.3 dB (rudder)', '63 deg (elevator)', or ''."""
+        """Gain and phase margin as strings: '14.3 dB (rudder)', '63 deg (elevator)', or ''."""
         gain = f"{fixed(self.gain, 1)} dB ({self.gain_loop})" if np.isfinite(self.gain) else ""
         return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(
             self.phase

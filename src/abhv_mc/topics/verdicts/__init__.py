@@ -158,7 +158,7 @@ def _row(label: str, name: str, item: Requirement, verdict: ControllerVerdict, n
 
 
 def _tolerance(verdict: ControllerVerdict, item: Requirement, names: Names) -> tuple[str, str]:
-    """Return the tolerance limit and its margin to the required limit as texts."""
+    """Return the tolerance limit and its margin to the required limit as strings."""
     if verdict.status == "ESTIMATE":
         return _DASH, _DASH
     if verdict.tolerance_limit is None:

@@ -259,7 +259,7 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
-    """Return the row of a metric without a requirement, relative to the first median."""
+    """Return the row of a metric without a requirement, scaled by the first finite median."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     cells = {
