@@ -315,7 +315,7 @@ class Results:
         return _on_white(make_explained_figure(explanation), dpi)
 
     def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
-        """Return quantiles as simulated and re-weighted for other dispersions.
+        """Return quantiles for the simulated dispersions, and re-weighted for other dispersions.
 
         An example of `settings` is ``{"aero.drag.half_width": "12 %"}``. The effective numbers of
         flights are in the table's ``attrs``. Raise InputError if the flights do not cover the new

@@ -53,7 +53,7 @@ class Variable:
 
     @property
     def words(self) -> str:
-        """Description: name, units, sign and text from the file."""
+        """Description of a variable: its name, units and sign, and the text in the file."""
         sign = f" ({self.sign})" if self.sign else ""
         return f"{self.name}, {self.units}{sign}" + (
             f": {self.description}" if self.description else ""

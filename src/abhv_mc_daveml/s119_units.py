@@ -27,7 +27,7 @@ _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 
 
 def parse_s119_unit(text: str) -> tuple[float, Exponents]:
-    """Return the factor to SI and the exponents. Raise Refusal for an unknown unit."""
+    """Return a unit's factor to SI and its exponents. Raise Refusal if the unit is unknown."""
     if text.lower() in _NUMBERS:
         return _NUMBERS[text.lower()], (0, 0, 0, 0)
     above, _, below = text.partition("_")

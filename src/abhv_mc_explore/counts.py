@@ -326,7 +326,7 @@ def _finite(name: str) -> str:
 
 
 def _ends(name: str) -> str:
-    """Return SQL for the smallest and largest finite values of a column, or 0."""
+    """Return SQL for the smallest and largest finite values of a column; 0 if there are none."""
     return f"coalesce(min({_finite(name)}), 0), coalesce(max({_finite(name)}), 0)"
 
 

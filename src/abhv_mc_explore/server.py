@@ -44,7 +44,7 @@ _POLICY = (
 
 
 def _page(path: str, token: str) -> tuple[str, str] | None:
-    """Return the text and media type of a page, or None."""
+    """Return the text and media type of a page, or None if the page does not exist."""
     own = files("abhv_mc_explore")
     if path == "/":
         frame = make_environment().from_string((own / "explore.html.j2").read_text("utf-8"))

@@ -172,7 +172,7 @@ class Lease:
 
 
 def read_holder(store: Objects) -> tuple[str, str] | None:
-    """Return the holder of the lease and its token, or None without a lease.
+    """Return the holder of the lease and its token, or None if there is no lease.
 
     The holder may have been killed since the last renewal.
     """

@@ -210,7 +210,7 @@ def _finish(remote: Remote, lease: Lease) -> None:
 
 @contextlib.contextmanager
 def _explain_store_error(address: Address) -> Iterator[None]:
-    """Convert errors of a store in the context to InputError."""
+    """Convert errors of a store inside the context to InputErrors."""
     try:
         yield
     except (OSError, pa.ArrowException) as error:

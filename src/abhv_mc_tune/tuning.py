@@ -105,7 +105,7 @@ class TuneFound:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the content of ``--json``."""
+        """Return the content of the output of ``--json``."""
         gain = self.difference
         front = self.tuning.front
         return {

@@ -153,7 +153,7 @@ def make_motion(states: Floats) -> Motion:
 
 
 def at_times(tick: float, states: Floats, times: Floats) -> Floats:
-    """Interpolate states [time, state] at any times by a cubic spline."""
+    """Interpolate states [time, state] at arbitrary times with a cubic spline."""
     from scipy.interpolate import CubicSpline
 
     states = states.copy()

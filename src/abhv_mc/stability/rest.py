@@ -67,7 +67,7 @@ def _strengths(slope: Floats) -> Floats:
 
 
 def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
-    """Return equilibria with a constant heading rate, and where Newton's method converged."""
+    """Return equilibria with a constant heading rate, and a mask of the converged points."""
     m, n = points.memory.shape[1], points.measured.shape[1]
     law_measured, law_memory = (
         free.slope[:, :, :n],

@@ -68,7 +68,7 @@ def repeats_after(ticks: Ints, law: int) -> int:
 
 
 def add_sensors(plan: FlightPlan, points: Points, phases: tuple[Linear, ...]) -> tuple[Linear, ...]:
-    """Return the model of each tick with sensors, over the common period.
+    """Return the model, including the sensors, of each tick in the common period.
 
     Raise InputError if sample periods differ between flights or the period is too long.
     """

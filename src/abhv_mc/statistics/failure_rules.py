@@ -234,7 +234,7 @@ def _p_values(candidates: list["_Candidate"]) -> Floats:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """Best region of an input or a pair, with its counts and the counts for comparison."""
+    """Best region of one or two inputs, with its counts of flights and reference counts."""
 
     conditions: tuple[Condition[int], ...]
     # tables of flights inside, failures inside, all flights and all failures
@@ -391,7 +391,7 @@ def _sharpen(
 
 
 def rule_mask(rule: Rule[int], column: Callable[[int], Floats]) -> NDArray[np.bool_]:
-    """Return a mask [flight] of the flights in a rule's region; `column` returns an input."""
+    """Return a mask [flight] of a rule's region; `column` returns the values of an input."""
     masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
     return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
 

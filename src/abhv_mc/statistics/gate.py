@@ -22,7 +22,7 @@ RISK = 0.05
 
 @dataclass(frozen=True)
 class Gate:
-    """Result of a gate."""
+    """Result of a regression gate on one metric."""
 
     margin: float  # allowed change as a share of the value of `a`
     pairs: int

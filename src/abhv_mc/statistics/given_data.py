@@ -42,7 +42,7 @@ class GivenDataIndices:
 
 
 def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | None:
-    """Return the Sobol indices of `inputs` for `outputs`; None if flights are too few.
+    """Return the Sobol indices of `inputs` for `outputs`; None if there are too few flights.
 
     `inputs` has shape [flight, input]; `outputs` has shape [flight, output] and may contain
     infinities. At least FEWEST_FLIGHTS flights are needed. The shares of constant inputs are zero.

@@ -109,7 +109,7 @@ class Band:
 
     @property
     def edges(self) -> tuple[Floats, Floats]:
-        """Lower and upper edge [time, channel]."""
+        """Lower and upper edge of the band [time, channel]."""
         below, above = self.factor * self.spread
         return self.middle - below, self.middle + above
 

@@ -43,7 +43,7 @@ def allow_here() -> None:
 
 
 def may_run_here() -> bool:
-    """Return whether custom native code may run here: in workers and children."""
+    """Return whether custom native code may run in this process (a worker or a child)."""
     return _may_run
 
 

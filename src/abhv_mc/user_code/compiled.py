@@ -151,7 +151,7 @@ def lane_of(width: int, row: int) -> str:
 
 
 def indent(spaces: int, lines: list[str]) -> str:
-    """Return the lines indented by ``spaces``, or one empty statement."""
+    """Return the lines indented by ``spaces`` spaces; if there are none, a `pass` statement."""
     return "\n".join(" " * spaces + line for line in lines or ["pass"])
 
 

@@ -123,7 +123,7 @@ def nest(
     numbers: Iterator[Any],
     make: Callable[[Any, list[Any]], Any] = lambda kind, values: kind(*values),
 ) -> Any:
-    """Construct a nested named tuple from a flat iterator of numbers with ``make``."""
+    """Construct a nested named tuple from a flat iterator of numbers; ``make`` builds tuples."""
     hints = kind.__annotations__.values()
     return make(
         kind,

@@ -35,7 +35,7 @@ def law_place(controller: UserController) -> Path:
 
 
 def read_law_source(controller: UserController) -> UserSource:
-    """Return the code and declared files of a controller, without building it.
+    """Return the code and declared files of a controller, without building the code.
 
     For a law in C or an FMU the text describes build, platform and wiring. Raise InputError if a
     file is invalid.

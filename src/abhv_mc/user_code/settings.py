@@ -75,7 +75,7 @@ class CommandSteps(NamedTuple):
     values: tuple[Floats, ...]  # values [step] of each command, SI
 
     def columns(self, time: Floats) -> Floats:
-        """Return the values [tick, command] at the control ticks ``time``, s."""
+        """Return the values of the commands [tick, command] at the control ticks ``time``, s."""
         columns_of_values = [
             values[np.searchsorted(times, time + 1e-9, side="right") - 1]
             for times, values in zip(self.times, self.values, strict=True)

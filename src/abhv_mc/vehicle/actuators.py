@@ -36,7 +36,7 @@ _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effe
 def pack_effectors(
     effectors: Mapping[str, Effector], named_axes: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """Return the mix of the file's effectors, the table of all effectors, and the names.
+    """Return the mix of the file's effectors, the table of all effectors, and their names.
 
     Names are arrays of character codes. An axis used by the aerodynamics is also an effector.
     """

@@ -79,7 +79,7 @@ class VehicleCode:
         yield from (function for _, function in self.named_functions() if function is not None)
 
     def named_functions(self) -> tuple[tuple[str, FunctionCode | None], ...]:
-        """Return pairs of the key in the vehicle file and the custom function, or None."""
+        """Return each section of the vehicle file with its custom function or None."""
         return (
             ("aerodynamics", self.aerodynamics),
             ("propulsion", self.propulsion),

@@ -225,7 +225,7 @@ def _binding_verdicts(
 def _listed_entries(
     own: list[tuple[Requirement, ControllerVerdict | None]],
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the missed requirements with verdicts; if none, those not shown to be met."""
+    """Return the missed requirements with verdicts or, if none, those not shown to be met."""
     missed = [entry for entry in own if entry[1] and entry[1].status == "FAIL"]
     return missed or [entry for entry in own if not entry[1] or entry[1].status != "PASS"]
 

@@ -260,7 +260,7 @@ def _folder_names(a: FlownCampaign, b: FlownCampaign) -> tuple[str, str]:
 
 
 def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> Lead:
-    """Return the lead: the better side of each pair, the reasons, and the next step."""
+    """Return the lead of the page: the better side of each pair, reasons, and the next step."""
     answers: dict[str, list[str]] = {}
     because = []
     for title, pair, names in pairs:

@@ -247,7 +247,7 @@ def find_range(values: Floats) -> Ends:
 
 
 def _select_rows(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
-    """Return the rows [flight] to include, ascending: all, or the worst and the first."""
+    """Return the rows [flight] to include, ascending: all, or the worst and first flights."""
     flights = results.flights[name].flight.size
     if flights <= most:
         return np.arange(flights)
@@ -264,7 +264,7 @@ def _add_histories(
     history: NDArray[np.int64],
     arrays: dict[str, Floats],
 ) -> list[str]:
-    """Add histories [flight, time] to ``arrays`` and their rows to ``history``.
+    """Add histories [flight, time] to ``arrays``, and their row numbers to ``history``.
 
     Return the channels that all histories have.
     """

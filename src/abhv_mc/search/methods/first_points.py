@@ -65,7 +65,7 @@ def _climb_corners(
     share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
 
     def call(expected: list[Floats]) -> tuple[list[Floats], Floats]:
-        """Evaluate as many untried corners as fit; return the corners and their values."""
+        """Evaluate one batch of untried corners at most; return the corners and their values."""
         nonlocal corner, best
         candidates = [c for c in expected if c.tobytes() not in tried][:batch]
         if not candidates:

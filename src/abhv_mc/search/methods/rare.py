@@ -46,7 +46,7 @@ _SHARE_OF_LANES = 10_000  # number of flights for each batch of lanes in the cha
 
 
 def choose_chains(flights: int) -> int:
-    """Return the chains per repetition that let four repetitions reach about 1e-7."""
+    """Return the number of chains per repetition with which four repetitions reach about 1e-7."""
     return LANES * int(np.clip(flights // _SHARE_OF_LANES, 1, 8))
 
 

@@ -117,7 +117,7 @@ def pair_tables(
     metrics: Mapping[str, ComparedMetric],
     requirements: Sequence[str],
 ) -> Iterator[Table]:
-    """Yield two tables for a pair: differences in ``metrics``, then failures."""
+    """Yield two tables for a pair of controllers: differences in ``metrics``, then failures."""
     table = _difference_table(pair, names, metrics)
     rows = tuple(
         (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))

@@ -111,7 +111,7 @@ def verdict_of(pair: ControllerPair, names: Names) -> str:
 
 
 def by_strength(comparison: Comparison, names: Names) -> list[ControllerPair]:
-    """Return the pairs, starting with the least favourable to the first controller.
+    """Return the pairs of controllers, least favourable to the first controller first.
 
     Ties are ordered by the rival's number of failures, smallest first.
     """

@@ -26,7 +26,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class LeastFlight:
-    """Flight among those with the smallest margins."""
+    """One of the flights with the smallest margins."""
 
     flight: int
     failed: bool  # whether the flight terminated early or violates a requirement
