@@ -9,6 +9,7 @@ import numpy as np
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.feasibility import find_impossible
 from abhv_mc.campaign.file.kinds import find_kind
+from abhv_mc.campaign.file.simulator import is_own
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
@@ -17,7 +18,7 @@ from abhv_mc.entry_points import BLOCKS, find_entry_points
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
-from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
@@ -76,9 +77,13 @@ def _check(
 ) -> Iterator[str]:
     """Check one file, yield its warnings and add referenced files to ``pending``."""
     if kind == "campaign":
-        checked = read_campaign(file)
+        data = read_document(file).data
+        # An imported table determines the number of flights.
+        counts_rows = is_own(data) and not {"simulator", "runs"} & set(data)
+        checked = read_campaign(file, runs=1 if counts_rows else None)
         simulator, campaign = checked.simulator, checked.model
-        if problems := [*find_impossible(checked), *simulator.find_lacking()]:
+        infeasible = [] if counts_rows else find_impossible(checked)
+        if problems := [*infeasible, *simulator.find_lacking()]:
             raise InputErrors(problems)
         yield from simulator.try_out()
         if not simulator.capabilities.has_mission:

@@ -17,6 +17,7 @@ from own_simulators import dive_campaign, shown_text
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.check_inputs import check_inputs
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.execution.table_import import import_tables
 from abhv_mc.flight.outcome import OUTCOMES
@@ -24,7 +25,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.input_table import write_inputs
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.folder.tables import export_csv
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.compare_page import compare_folders
@@ -95,6 +96,13 @@ def test_an_imported_table_gives_the_same_verdicts_comparison_and_rules(
         flown, make_campaign(tmp_path, independent=False), tmp_path / "dependent"
     ).manifest
     assert {entry.verdict for entry in dependent.requirements} == {"ESTIMATE"}
+
+
+def test_a_campaign_is_valid_before_the_number_of_its_flights_is_known(tmp_path: Path) -> None:
+    (checked,) = check_inputs(make_campaign(tmp_path))
+    assert (checked.kind, checked.warnings) == ("campaign", ())
+    with pytest.raises(InputErrors, match="no key 'runs'"):
+        read_campaign(make_campaign(tmp_path))
 
 
 def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def check_native(plan: FlightPlan) -> None:
             "all memory in the state of the flight; for generated code with global structures, "
             "add three lines around its step: 'model_DW = saved->dw; model_step(); saved->dw = "
             "model_DW;' "
-            "(docs/how-to/c-law.md)"
+            "(docs/how-to/generated-code.md)"
         )
         raise InputError(file, problem, expected)
 

@@ -104,7 +104,7 @@ def read_document(path: "str | PathLike[str] | Document") -> Document:
         return path
     path = Path(path)
     try:
-        data, *locations = compose(path, read_input(path))
+        data, values, keys = compose(path, read_input(path))
     except FileNotFoundError:
         raise InputError(path, "no such file", "a YAML file") from None
     except IsADirectoryError:
@@ -113,7 +113,7 @@ def read_document(path: "str | PathLike[str] | Document") -> Document:
         raise InputError(path, "a folder", expected) from None
     except (OSError, ValueError) as error:
         raise InputError(path, f"the file cannot be read ({error})", "a YAML file") from None
-    return Document(path, deepcopy(data), *locations)
+    return Document(path, deepcopy(data), values, keys)
 
 
 def write_document(path: str | Path, data: Plain, comment: str = "") -> None:

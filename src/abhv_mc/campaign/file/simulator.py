@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeGuard
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -312,7 +312,7 @@ def systems_key(data: Mapping[str, Any]) -> str:
     return SYSTEMS if is_own(data) else "controllers"
 
 
-def is_own(data: object) -> bool:
+def is_own(data: object) -> TypeGuard[dict[str, Any]]:
     """Return whether a campaign uses a custom simulator or imported flights."""
     return isinstance(data, dict) and ("simulator" in data or "inputs" in data)
 
