@@ -196,9 +196,9 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             noise = noise_share((evaluate(points, off), evaluate(points, off)))
             if noise > _UNLIKELY:
                 print(
-                    f"warning: {100.0 * noise:.0f} % of the severity's variance is noise, from "
-                    f"{_PILOT} points with two seeds each: an estimate is unlikely if the "
-                    "probability is below 1e-4",
+                    f"warning: {100.0 * noise:.0f} % of the variance of the severity's ranks is "
+                    f"noise, from {_PILOT} points with two seeds each: an estimate is unlikely if "
+                    "the probability is below 1e-4",
                     file=sys.stderr,
                     flush=True,
                 )
