@@ -226,6 +226,11 @@ def test_a_campaign_with_unknowns_has_a_next_step(tmp_path, limit, probability, 
     assert ("each point" in judgement.next.why) == bool(number)
 
 
+def test_without_requirements_the_next_step_is_to_add_some(tmp_path):
+    judgement, _ = judged(tmp_path / "c", [], controllers=["tlc"])
+    assert judgement.met == "nothing required" and "add requirements" in judgement.next.why
+
+
 def test_unsearched_worst_values_need_a_new_folder_not_more_flights(tmp_path):
     requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
     _, models = judged(tmp_path / "c", requirements, runs=60, **UNKNOWN)

@@ -538,6 +538,11 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     if not models.names.campaign.judged:
         return None
     verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
+    if met == "nothing required":
+        if not flies:
+            return None
+        why = "for verdicts, add requirements to the campaign file; stored flights are kept"
+        return NextStep(why, "abhv-mc run FILE -o DIR")
     if met == "no" or (missing and "FAIL" in statuses):
         changes = models.results.requirement_changes
         if changes and not changes[-1].time:  # Only this report uses the requirements.

@@ -201,6 +201,7 @@ def make_page(
             data=script_json({"envelopes": envelopes, "flights": flights, "places": layout}),
             chart=chart,
             beyond=any(bar.beyond for _, bars in chart for bar in bars),
+            with_tolerance=any(bar.tolerance is not None for _, bars in chart for bar in bars),
             required=bool(verdicts.requirements),
             cards=[controller_card(models, name, colors[name]) for name in names.controllers],
             lead=judgement_lead(judge_campaign(models), names.folder),
