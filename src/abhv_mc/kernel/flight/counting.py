@@ -52,9 +52,9 @@ class Statistic(IntEnum):
 
 
 class Operation(IntEnum):
-    """Operation of an instruction."""
+    """Operation performed by an instruction of a metric's program."""
 
-    LOAD = 0  # row of the lane memory times the constant
+    LOAD = 0  # value in a row of the lane memory times the constant
     CONSTANT = 1
     ADD = 2
     SUBTRACT = 3
@@ -69,10 +69,10 @@ class Operation(IntEnum):
 
 
 class Lean(NamedTuple):
-    """Metrics of single rows over the complete flight."""
+    """Metrics that are statistics of single rows over the complete flight."""
 
     row: Ints  # [metric] row of the lane memory
-    factor: Floats  # [metric] factor on the row
+    factor: Floats  # [metric] factor on the row's value
     statistic: Ints  # [metric] kind of statistic
     empty: Floats  # [metric] value if no tick is counted, and initial value of the accumulator
     settled: Ints  # [metric] 1 if only settled intervals count
@@ -131,7 +131,7 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 
 @lanes
 def start_counting(O, width, counted, first_row):
-    """Initialize all accumulators in the rows of O from ``first_row`` on."""
+    """Initialize all accumulators, in the rows of O starting at ``first_row``."""
     for i in range(N_ROWS):
         for lane in range(width):
             O[first_row + i, lane] = 0.0
@@ -142,7 +142,7 @@ def start_counting(O, width, counted, first_row):
 
 @lanes
 def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
-    """Add a tick to the metrics of the counted ``flights`` in the first ``n`` lanes.
+    """Add a tick's values to the metrics of the counted ``flights`` in the first ``n`` lanes.
 
     The metrics' rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the
     values for quantiles.
@@ -248,7 +248,7 @@ def calculate(Z, T, instruction, constant, width):
 
 @lanes
 def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, width):
-    """Add a sample to a program's metric in the counted lanes."""
+    """Add a sample to a metric computed by a program, in the counted lanes."""
     a, b, c, last, count = O[row], O[row + _B], O[row + _C], O[row + _TICK], O[row + _COUNT]
     now = float(tick)
     if statistic in (_MIN, _MAX, _PEAK):
@@ -324,7 +324,7 @@ def finish_counting(O, lane, counted, samples, dt, first_row, out):
 
 @lanes
 def finish_value(statistic, a, b, count, start, last, empty):
-    """Return a metric from its accumulators; ``start`` and ``last`` are times, s."""
+    """Return a metric's value from its accumulators; ``start`` and ``last`` are times, s."""
     inverse = 1.0 / larger(1.0, count)
     value = a
     if statistic == _MAX:
