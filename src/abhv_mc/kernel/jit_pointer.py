@@ -6,7 +6,7 @@ from abhv_mc.kernel.jit import PLAIN, intrinsic, load_compiler
 
 
 class Uncompilable(Exception):
-    """Custom function that numba cannot compile, with its location and numba's message."""
+    """Error for a custom function that numba cannot compile, with its location and message."""
 
     def __init__(self, file: str | None, line: int | None, message: str) -> None:
         super().__init__(file, line, message)

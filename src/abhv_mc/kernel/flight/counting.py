@@ -103,8 +103,9 @@ class Counted(NamedTuple):
 
 
 # The rows of a metric program in the observer's memory follow the rows of the lean metrics.
-# _A and _B are accumulators, _C is the last value or direction, _TICK the last counted tick from 1.
-# _COUNT is the number of counted ticks, which becomes NaN with the first NaN value.
+# _A and _B are accumulators, _C is the last value or direction, and _TICK is the number of the last
+# counted tick, starting at 1. _COUNT is the number of counted ticks, which becomes NaN with the
+# first NaN value.
 _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
@@ -197,7 +198,7 @@ def count_row(out, row, factor, statistic, dt, counted, width):
     elif statistic == _SUM:
         for lane in range(width):
             out[lane] += row[lane] * factor if counted[lane] > 0.0 else 0.0
-    else:  # For _TIME of a nonnegative value, the limit is zero.
+    else:  # TIME_OUTSIDE of a nonnegative value, with a limit of zero.
         for lane in range(width):
             out[lane] += dt if counted[lane] > 0.0 and row[lane] > 0.0 else 0.0
 

@@ -17,7 +17,7 @@ SEA_LEVEL_DENSITY = 1.225  # sea-level density for the equivalent airspeed, kg/m
 
 @scalar
 def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
-    """Return the bank about the velocity, from the wind axes' direction to the vertical."""
+    """Return the bank angle about the velocity, from the vertical's direction in wind axes."""
     d_x, d_y, d_z = rotate_to_body(
         q0, q1, q2, q3, 0.0, 0.0, 1.0
     )  # NED down axis in body components
