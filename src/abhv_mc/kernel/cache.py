@@ -20,7 +20,7 @@ _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 
 def source_hash() -> str:
-    """Return the hash of the kernel's source and numba's version, equal on every machine."""
+    """Return a hash of the kernel's source and numba's version, the same on every machine."""
     digest = hashlib.sha256(f"numba {version('numba')} llvmlite {version('llvmlite')}".encode())
     for file in sorted(_PACKAGE.rglob("*.py")):
         digest.update(file.relative_to(_PACKAGE).as_posix().encode())
@@ -38,7 +38,7 @@ def source_unchanged() -> bool:
 
 
 def cache_root() -> Path:
-    """Return the writable folder of all caches of the program, creating it if necessary.
+    """Return the writable folder for all caches of the program, creating it if necessary.
 
     The folder is in the first writable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache;
     otherwise in a temporary folder, with a warning. Child processes use the same folder.
@@ -61,7 +61,7 @@ def _find_root(_environment: tuple[str | None, ...]) -> Path:
         base = Path(tempfile.mkdtemp(prefix="abhv-mc-"))
         atexit.register(shutil.rmtree, base, ignore_errors=True)
     os.environ["XDG_CACHE_HOME"] = str(base)
-    # Otherwise matplotlib would also warn.
+    # Otherwise matplotlib would also warn that its configuration folder is not writable.
     os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))
     until = "" if is_lasting else " until this command ends"
     message = f"No cache folder is writable; compiled code is stored in {base}{until}."
@@ -94,9 +94,9 @@ def _is_private(folder: Path) -> bool:
 
 
 def cache_folder(compiler: str) -> Path:
-    """Return the folder of the code compiled from this source by ``compiler``.
+    """Return the cache folder for code that ``compiler`` compiles from this source.
 
-    ``compiler`` is a text with the compiler's version and settings.
+    ``compiler`` is a string that describes the compiler's interface and settings.
     """
     name = hashlib.sha256(f"{_SOURCE} {compiler}".encode()).hexdigest()[:16]
     folder = cache_root() / name
@@ -110,7 +110,7 @@ def compilation_lock(
     name: str,
     waiting: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
 ) -> Iterator[None]:
-    """Lock the compilation of ``name``, or its loading from ``folder``, inside the context.
+    """Hold a lock while the function ``name`` is compiled or loaded from ``folder``.
 
     ``folder`` may be a parent of numba's folder; None means no cache. If several processes find no
     compiled code there, only one at a time is inside the context, so that the others find the code
@@ -145,7 +145,7 @@ def compilation_lock(
 
 
 def _files_of(folder: Path, name: str) -> list[Path]:
-    """Return numba's files of a function: [MODULE.]NAME-LINE... with suffix nbi or nbc."""
+    """Return numba's cache files for a function: [MODULE.]NAME-LINE... with suffix nbi or nbc."""
     return sorted(file for file in folder.rglob("*.nb[ic]") if f".{name}-" in f".{file.name}")
 
 
@@ -161,7 +161,7 @@ def _digest(folder: Path, name: str) -> str:
 
 
 def is_noted(folder: Path, name: str) -> bool:
-    """Return whether the folder has numba's files of a function with their stored hashes."""
+    """Return whether numba's files for a function in the folder match their stored hashes."""
     try:
         return bool(noted := _note(folder, name).read_text()) and noted == _digest(folder, name)
     except OSError:  # There is no stored hash, or another process is deleting the files.

@@ -29,7 +29,7 @@ _SETTINGS = (
 
 
 def code_folder(interface: str) -> Path:
-    """Return the folder of code compiled through one of numba's interfaces."""
+    """Return the cache folder for code compiled through one of numba's interfaces."""
     import numba
 
     return cache_folder(
@@ -40,7 +40,7 @@ def code_folder(interface: str) -> Path:
 
 
 def choose_interface() -> str:
-    """Return the interface of numba used for compilation: ``private`` or ``public``."""
+    """Return which numba interface is used for compilation: ``private`` or ``public``."""
     import numba
 
     chosen = os.environ.get(PUBLIC, "0") not in ("", "0")
@@ -49,7 +49,7 @@ def choose_interface() -> str:
 
 @functools.cache
 def find_level(interface: str) -> tuple[Level | None, str]:
-    """Return the level of the wheel's usable precompiled kernels or None, with an explanation."""
+    """Return the level of the wheel's usable kernels (or None), and an explanation."""
     origin = "compiled on this machine"
     if interface == "public":
         return None, f"{origin}, by numba's public interface"
@@ -70,7 +70,7 @@ def choose_target(interface: str) -> Level | None:
     # LLVM's optimization level 2 compiles an eighth faster than level 3, and flights run equally
     # fast.
     numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
-    numba.config.CACHE_LOCATOR_CLASSES = ""  # type: ignore[attr-defined]  # else CACHE_DIR may mean nothing
+    numba.config.CACHE_LOCATOR_CLASSES = ""  # type: ignore[attr-defined]  # else CACHE_DIR may be ignored
     level, _ = find_level(interface)
     if level is not None:
         numba.config.CPU_NAME = level.cpu  # type: ignore[attr-defined]

@@ -40,12 +40,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 # maximum number of array arguments for noalias: more than a vehicle has, fewer than a plan has
 _MOST_ARRAYS = 40
 
-# True if numba compiles nothing and all functions are plain Python, to count operations.
+# True if numba compiles nothing and all functions are plain Python, e.g. to count operations.
 PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 def scalar(function: F) -> F:
-    """Compile a pure function of scalars, inlined into lane loops, callable from Python."""
+    """Compile a pure scalar function that is inlined into lane loops; Python can call it, too."""
     return _decorate("inlined", function, error_model="numpy", forceinline=True)
 
 
@@ -59,7 +59,7 @@ def routine(function: F) -> F:
 
 
 def kernel(function: F) -> F:
-    """Compile an entry point called from Python, cached on disk, without the GIL.
+    """Compile an entry point for Python that is cached on disk and runs without the GIL.
 
     If it is defined inside a function, it may use numbers of that function but no functions,
     because numba would never find its cached code again.
@@ -104,7 +104,7 @@ class _Deferred:
         return self.decorated(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # Copying and unpickling read attributes before any is set.
+        if name.startswith("__"):  # Copying and unpickling read attributes before they are set.
             raise AttributeError(name)
         return getattr(self.decorated, name)
 
@@ -121,7 +121,7 @@ def when_loaded(register: Callable[[], None]) -> Callable[[], None]:
 
 
 def compiler() -> str:
-    """Return the interface of numba used for compilation: ``private`` or ``public``."""
+    """Return which numba interface is used for compilation: ``private`` or ``public``."""
     return load_compiler().interface
 
 
@@ -161,7 +161,7 @@ _tell: Callable[[Any, bool], AbstractContextManager[None]] = _say_nothing
 
 
 def set_compile_listener(listener: Callable[[Any, bool], AbstractContextManager[None]]) -> None:
-    """Set the context entered while a kernel is compiled or its compilation is awaited.
+    """Set the context that is entered while a kernel is compiled here or by another process.
 
     ``listener`` receives the kernel's function, and whether another process compiles it.
     """
@@ -171,7 +171,7 @@ def set_compile_listener(listener: Callable[[Any, bool], AbstractContextManager[
 
 @contextlib.contextmanager
 def _deferred_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt at the end of the context if an interrupt occurred inside.
+    """Raise KeyboardInterrupt at the end of the context if an interrupt occurred inside it.
 
     Otherwise numba or LLVM may lose it in a callback, or end with another error.
     """
@@ -205,7 +205,7 @@ def _deferred_interrupts() -> Iterator[None]:
 
 
 def _make_private() -> tuple[Any, Any]:
-    """Return the classes of inlined functions and kernels, based on numba's private classes."""
+    """Return the classes for inlined functions and for kernels, from numba's private classes."""
     from llvmlite.binding import parse_assembly
     from numba.core import config, types
     from numba.core.caching import (
@@ -381,7 +381,7 @@ def _make_private() -> tuple[Any, Any]:
                     OSError,
                     EOFError,
                     UnpicklingError,
-                ):  # The disk may be full, or a file of the cache damaged.
+                ):  # The disk may be full, or a cache file may be damaged.
                     with contextlib.suppress(OSError):
                         self._cache.flush()
                     return super().compile(sig)
@@ -397,7 +397,7 @@ class _Compiler:
 
 @functools.cache
 def load_compiler() -> _Compiler:
-    """Import numba and set its target and cache folder, only once."""
+    """Import numba and set its target and cache folder, at the first call only."""
     import numba
     from numba.core import event, registry
     from numba.core.typing.typeof import typeof_impl
@@ -443,8 +443,8 @@ def load_compiler() -> _Compiler:
 
 
 def _try_once(folder: Path, inlined: Any, kernel: Any) -> None:
-    """Compile two functions as a test, once per folder and numba version; takes 0.5 s."""
-    global _twice  # noqa: PLW0603  a name of the module, as those that kernels call
+    """Compile two functions as a test, once per folder and numba version; this takes 0.5 s."""
+    global _twice  # noqa: PLW0603  a module global, like the functions that kernels call
     tried = folder / "tried"
     if not tried.exists():
         _twice = inlined(lambda x: x + x, error_model="numpy", forceinline=True)

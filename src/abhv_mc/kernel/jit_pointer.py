@@ -6,7 +6,7 @@ from abhv_mc.kernel.jit import PLAIN, intrinsic, load_compiler
 
 
 class Uncompilable(Exception):
-    """Custom function that numba cannot compile, with its location and numba's message."""
+    """Error for a custom function that numba cannot compile, with its location and message."""
 
     def __init__(self, file: str | None, line: int | None, message: str) -> None:
         super().__init__(file, line, message)
@@ -53,9 +53,9 @@ call_address: Any = intrinsic(_call_address)
 
 @intrinsic
 def call_c(typing_context: Any, address: Any, arguments: Any) -> Any:
-    """Call a C function at an address with a tuple of int64 (or pointers), int32 or float64.
+    """Call a C function at an address with int64 (or pointer), int32 or float64 arguments.
 
-    The C function returns an ``int``.
+    ``arguments`` is a tuple. The C function returns an ``int``.
     """
     from llvmlite import ir
     from numba import types

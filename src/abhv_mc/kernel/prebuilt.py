@@ -25,10 +25,10 @@ _AVX2 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 
 
 class Level(NamedTuple):
-    """Level of x86-64 in LLVM's terms."""
+    """Microarchitecture level of x86-64, described in LLVM's terms."""
 
     cpu: str
-    features: str  # changes to LLVM's features of the level: vectors of 512 bits
+    features: str  # changes to LLVM's features for the level, to use 512-bit vectors
     needed: tuple[str, ...]  # features that the processor must have
 
     def lacks(self, processor: Mapping[str, bool]) -> list[str]:
@@ -52,7 +52,7 @@ def name_interpreter() -> str:
 
 
 def choose_level(processor: Mapping[str, bool]) -> tuple[Level | None, str]:
-    """Return the best level with a usable build or None, with an explanation."""
+    """Return the best level that has a usable build (or None), and an explanation."""
     reason = f"this installation has no kernels for {name_interpreter()}"
     for level in LEVELS:
         archive = _archive(level)
@@ -72,7 +72,7 @@ def _archive(level: Level) -> Path:
 
 
 def _find_misfit(archive: Path) -> str:
-    """Return the reason why a build cannot be used; '' if it can."""
+    """Return the reason why a build cannot be used; '' if it can be used."""
     try:
         manifest = json.loads(archive.with_suffix(".json").read_text(encoding="utf-8"))
         for name in _COMPILERS:
@@ -88,7 +88,7 @@ def _find_misfit(archive: Path) -> str:
 
 
 def unpack(level: Level, folder: Path) -> None:
-    """Move the kernels of a level into an empty cache folder, unless the folder is in use."""
+    """Unpack the kernels of a level into the cache folder, if the folder is empty."""
     if any(folder.iterdir()):
         return
     fresh = Path(tempfile.mkdtemp(prefix="unpacked-", dir=folder.parent))
@@ -96,12 +96,12 @@ def unpack(level: Level, folder: Path) -> None:
         with zipfile.ZipFile(_archive(level)) as archive:
             archive.extractall(fresh)
         fresh.rename(folder)
-    except OSError:  # Another process was first, or the disk is full.
+    except OSError:  # Another process created the folder first, or the disk is full.
         shutil.rmtree(fresh, ignore_errors=True)
 
 
 def pack(level: Level, cache: Path, into: Path) -> None:
-    """Write the build of a level from numba's cache folder, which contains only its files."""
+    """Write the build of a level from a numba cache folder with only this level's files."""
     archive = into / _archive(level).name
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as content:
         for file in sorted(cache.rglob("*")):

@@ -52,9 +52,9 @@ class Statistic(IntEnum):
 
 
 class Operation(IntEnum):
-    """Operation of an instruction."""
+    """Operation performed by an instruction of a metric's program."""
 
-    LOAD = 0  # row of the lane memory times the constant
+    LOAD = 0  # value in a row of the lane memory times the constant
     CONSTANT = 1
     ADD = 2
     SUBTRACT = 3
@@ -69,10 +69,10 @@ class Operation(IntEnum):
 
 
 class Lean(NamedTuple):
-    """Metrics of single rows over the complete flight."""
+    """Metrics that are statistics of single rows over the complete flight."""
 
     row: Ints  # [metric] row of the lane memory
-    factor: Floats  # [metric] factor on the row
+    factor: Floats  # [metric] factor on the row's value
     statistic: Ints  # [metric] kind of statistic
     empty: Floats  # [metric] value if no tick is counted, and initial value of the accumulator
     settled: Ints  # [metric] 1 if only settled intervals count
@@ -103,8 +103,9 @@ class Counted(NamedTuple):
 
 
 # The rows of a metric program in the observer's memory follow the rows of the lean metrics.
-# _A and _B are accumulators, _C is the last value or direction, _TICK the last counted tick from 1.
-# _COUNT is the number of counted ticks, which becomes NaN with the first NaN value.
+# _A and _B are accumulators, _C is the last value or direction, and _TICK is the number of the last
+# counted tick, starting at 1. _COUNT is the number of counted ticks, which becomes NaN with the
+# first NaN value.
 _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
@@ -131,7 +132,7 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 
 @lanes
 def start_counting(O, width, counted, first_row):
-    """Initialize all accumulators in the rows of O from ``first_row`` on."""
+    """Initialize all accumulators, in the rows of O starting at ``first_row``."""
     for i in range(N_ROWS):
         for lane in range(width):
             O[first_row + i, lane] = 0.0
@@ -142,7 +143,7 @@ def start_counting(O, width, counted, first_row):
 
 @lanes
 def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
-    """Add a tick to the metrics of the counted ``flights`` in the first ``n`` lanes.
+    """Add a tick's values to the metrics of the counted ``flights`` in the first ``n`` lanes.
 
     The metrics' rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the
     values for quantiles.
@@ -197,7 +198,7 @@ def count_row(out, row, factor, statistic, dt, counted, width):
     elif statistic == _SUM:
         for lane in range(width):
             out[lane] += row[lane] * factor if counted[lane] > 0.0 else 0.0
-    else:  # For _TIME of a nonnegative value, the limit is zero.
+    else:  # TIME_OUTSIDE of a nonnegative value, with a limit of zero.
         for lane in range(width):
             out[lane] += dt if counted[lane] > 0.0 and row[lane] > 0.0 else 0.0
 
@@ -248,7 +249,7 @@ def calculate(Z, T, instruction, constant, width):
 
 @lanes
 def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, width):
-    """Add a sample to a program's metric in the counted lanes."""
+    """Add a sample to a metric computed by a program, in the counted lanes."""
     a, b, c, last, count = O[row], O[row + _B], O[row + _C], O[row + _TICK], O[row + _COUNT]
     now = float(tick)
     if statistic in (_MIN, _MAX, _PEAK):
@@ -324,7 +325,7 @@ def finish_counting(O, lane, counted, samples, dt, first_row, out):
 
 @lanes
 def finish_value(statistic, a, b, count, start, last, empty):
-    """Return a metric from its accumulators; ``start`` and ``last`` are times, s."""
+    """Return a metric's value from its accumulators; ``start`` and ``last`` are times, s."""
     inverse = 1.0 / larger(1.0, count)
     value = a
     if statistic == _MAX:

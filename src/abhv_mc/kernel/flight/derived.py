@@ -1,4 +1,4 @@
-"""Derived quantities, computed at each control tick into rows named after their sources.
+"""Derived quantities, stored at each control tick in rows named after their sources.
 
 The name of each source ends with its unit.
 """
@@ -30,7 +30,7 @@ FIRST_SURFACE = END_ROW  # initial deflections: aileron, rudder, elevator
 LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
 FIRST_MASS = LAST_SURFACE + 3
 RIPPLES = FIRST_MASS + 1  # ripples of bank, angle of attack and sideslip
-FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # first of the derived quantities
+FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # first row of the derived quantities
 _EACH = tuple(RIPPLES + i * N_RIPPLE_ROWS for i in range(3))
 BANK_RIPPLE_DEG, ANGLE_OF_ATTACK_RIPPLE_DEG, SIDESLIP_RIPPLE_DEG = (row + LARGEST for row in _EACH)
 BANK_CYCLE_HZ, ANGLE_OF_ATTACK_CYCLE_HZ, SIDESLIP_CYCLE_HZ = (row + FREQUENCY for row in _EACH)
@@ -45,13 +45,13 @@ AILERON_FROM_TRIM_DEG, RUDDER_FROM_TRIM_DEG, ELEVATOR_FROM_TRIM_DEG = range(
 )
 AILERON_MOVED_DEG, RUDDER_MOVED_DEG, ELEVATOR_MOVED_DEG = range(_SURFACES + 3, _SURFACES + 6)
 FUEL_USED_KG, SURFACE_SATURATED = range(_SURFACES + 6, _SURFACES + 8)
-VERDICT = SURFACE_SATURATED + 1  # outcome of the limits at this tick, 0 within all limits
+VERDICT = SURFACE_SATURATED + 1  # outcome of the limit checks at this tick, 0 if within all limits
 _ANGLE_ERRORS = (BANK_ERROR_DEG, ANGLE_OF_ATTACK_ERROR_DEG, s.V_BETA)
 
 
 @scalar
 def heat_flux(density, airspeed, nose_radius):
-    """Return the stagnation-point cold-wall heat flux, W/m2; NaN without nose radius (m).
+    """Return the stagnation-point cold-wall heat flux, W/m2; NaN without a nose radius (m).
 
     The formula k sqrt(density / radius) V^3 is that of Sutton and Graves, NASA TR R-376 (1971), for
     air.
@@ -67,7 +67,7 @@ def heat_flux(density, airspeed, nose_radius):
 
 @lanes
 def remember_start(Z, width):
-    """Store initial deflections and mass, and initialize the ripples."""
+    """Store the initial deflections and mass, and initialize the ripple rows."""
     for lane in range(width):
         for i in range(3):
             Z[FIRST_SURFACE + i, lane] = Z[X + s.AILERON + i, lane]

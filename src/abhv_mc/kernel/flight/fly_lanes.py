@@ -98,7 +98,7 @@ from abhv_mc.kernel.plant.foreign import (
 )
 from abhv_mc.kernel.plant.thrust import add_thrust, foreign_thrust, is_misaligned, turn_thrust
 
-COMPACTION = 500  # ticks after which lanes of ended flights are reassigned
+COMPACTION = 500  # number of ticks after which lanes of ended flights are reassigned
 
 
 class Active(NamedTuple):
@@ -113,7 +113,7 @@ class Active(NamedTuple):
     sensor_errors: SensorErrors
     failures: Failures
     windy: bool  # whether the air moves
-    misaligned: bool  # whether the thrust has a changed direction
+    misaligned: bool  # whether the thrust is misaligned
     warm: bool  # whether the air has a non-standard temperature
 
 
@@ -133,13 +133,13 @@ def find_active(Z, width, plan):
 
 @lanes
 def lean_active(Z, width, plan):
-    """Return None, in place of :func:`find_active`, for the lean flight."""
+    """Return None; this function replaces :func:`find_active` in lean kernels."""
     return None
 
 
 @lanes
 def instruments(plan, Z, width, active, tick, evaluated):
-    """Compute measurements relative to the air, and additional ones for custom laws.
+    """Compute measurements relative to the air, and additional measurements for custom laws.
 
     ``evaluated`` states whether the forces at the state of the tick have been evaluated.
     """
@@ -161,7 +161,7 @@ def instruments(plan, Z, width, active, tick, evaluated):
 
 @lanes
 def begin_tick(plan, memory, width, active, tick):
-    """Compute motion, air and measurement at a control tick.
+    """Compute motion, air data and measurements at a control tick.
 
     Sensor effects of custom dynamics are those of the last stage.
     """
@@ -258,7 +258,7 @@ def control(plan, memory, width, law, active, tick):
 
 @lanes
 def observe_tick(plan, memory, results, width, active, flights, n, tick):
-    """Update limits and metrics of ``flights`` in the first ``n`` lanes at a control tick."""
+    """Check limits and update metrics of ``flights`` in the first ``n`` lanes at a tick."""
     Z, O, reference, dt = (
         memory.Z,
         memory.O,
@@ -290,7 +290,7 @@ def record_tick(plan, memory, results, flights, n, tick):
 
 @lanes
 def bin_tick(plan, memory, results, width, tick, first, last):
-    """Update the extremes at a control tick, if requested.
+    """Update the channels' extremes at a control tick, if extremes are requested.
 
     ``first`` and ``last`` mark the group's first and last tick.
     """
@@ -333,10 +333,10 @@ def senses_forces(plan):
 
 @lanes
 def keeps_forces(plan, law, active):
-    """Return whether the forces at the state of a tick do not depend on its commands.
+    """Return whether the forces at a tick's state are independent of the tick's commands.
 
-    They do with ideal actuators and failures. The nominal vehicle of TLC and of custom laws
-    overwrites rows of the forces.
+    The forces depend on the commands if there are ideal actuators or failures. The nominal vehicle
+    of TLC and of custom laws overwrites rows of the forces.
     """
     failures, ideal = active.failures, False
     for i in range(FIRST_EFFECTOR + count_driven(plan.vehicle)):
@@ -365,7 +365,7 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
         flying = True
         for evaluation in range(
             first, 4 * steps_per_tick
-        ):  # One loop over all stages, so that their code is generated only once.
+        ):  # A single loop covers all stages, so that their code is generated only once.
             stage = evaluation % 4 if evaluation >= 0 else -1
             if evaluation == 0:
                 begin_control(plan, memory, width, law, active, tick, first < 0)
@@ -421,7 +421,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = (
         1 < width < last_flight - first_flight
-    )  # Otherwise there is one group, or no lane to reassign.
+    )  # Otherwise there is only one group, or there are no lanes to reassign.
     for first in range(first_flight, last_flight, saved.shape[0]):
         flying = min(saved.shape[0], last_flight - first)
         for i in range(flying):
@@ -484,7 +484,7 @@ def start_lanes(plan, memory, width, find, flights, n):
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
     actuators, step = plan.vehicle.actuators, plan.timing.step
-    # All axes have the same actuator.
+    # The three axes have identical actuators.
     prepare_actuators(Z, Z, width, actuators, AXES - 1, FIRST_EFFECTOR, step)
     leave_effectors(Z, width, plan.vehicle)
     start_active(plan, memory, width, find(Z, width, plan))
@@ -507,12 +507,12 @@ def start_active(plan, memory, width, active):
 
 
 def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
-    """Return the simulation for ``capacity`` lanes, compiled at first call and cached.
+    """Return the simulation kernel for ``capacity`` lanes, compiled at the first call.
 
-    A ``lean`` one compiles twice as fast and simulates flights without the effects in
-    :class:`Active`, with the same bits. The number of lanes is a constant of the machine code, but
-    not for numba, which would optimize functions for each constant separately and unroll small
-    loops into scalar code.
+    Its machine code is cached. A ``lean`` kernel compiles twice as fast and simulates flights
+    without the effects in :class:`Active`, with the same bits. The number of lanes is a constant of
+    the machine code, but not for numba, which would optimize functions for each constant separately
+    and unroll small loops into scalar code.
     """
 
     def fly_lanes(plan, memory, results):

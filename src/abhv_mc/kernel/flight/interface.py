@@ -39,11 +39,11 @@ class Observed(NamedTuple):
     """Limits and recorded channels as rows of the lane memory."""
 
     limit_row: Ints  # [limit] row of the lane memory
-    limit_outcome: Floats  # [limit] outcome outside the limit
+    limit_outcome: Floats  # [limit] outcome if the row's value is outside the limits
     limit_low: Floats  # [limit] lower limit
     limit_high: Floats  # [limit] upper limit
     channel_row: Ints  # [channel] row of the lane memory
-    channel_factor: Floats  # [channel] factor on the row
+    channel_factor: Floats  # [channel] factor on the row's value
 
 
 class UserCode(NamedTuple):
@@ -51,17 +51,17 @@ class UserCode(NamedTuple):
 
     address: int  # address of the control law's machine code, 0 for none
     onboard: int  # 1 if the control law needs the nominal vehicle
-    channels: int  # address of the custom channels, 0 for none
+    channels: int  # address of the code that computes custom channels, 0 for none
     # 1 if the control law may read more than ten measurements, 2 if these include accelerations
     more: int
     context: int = 0  # address of data used by the control law's machine code, 0 for none
-    aerodynamics: int = 0  # addresses of custom functions of the vehicle, 0 for tables
+    aerodynamics: int = 0  # addresses of the vehicle's custom functions, 0 for tables
     propulsion: int = 0
     dynamics: int = 0
 
 
 class KernelPlan(NamedTuple):
-    """Plan of flights; read-only for the kernel."""
+    """Input data for a set of flights; read-only for the kernel."""
 
     law: int
     vehicle: Vehicle
@@ -78,11 +78,11 @@ class KernelPlan(NamedTuple):
     settings: Floats  # settings of the control law
     # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data; empty: calm standard air
     profile: Floats
-    # [flight, parameter], followed by settings of functions and initial custom states
+    # [flight, parameter] parameters, then settings of functions and initial custom states
     parameters: Floats
     counted: Counted
     first_tick: int  # tick at which the flights start
-    # [flight, row] memory at first_tick, see abhv_mc.flight.fly; empty: the mission's start
+    # [flight, row] lane memory at first_tick, see abhv_mc.flight.fly; empty: the mission's start
     start: Floats
     user_code: UserCode = UserCode(0, 0, 0, 0)
 
@@ -94,10 +94,10 @@ class KernelResults(NamedTuple):
     outcome: NDArray[np.int64]  # outcome code [flight]
     end_tick: NDArray[np.int64]  # tick at the end of the flight [flight]
     history: NDArray[np.float32]  # recorded channels [flight, sample, channel]
-    states: Floats  # [flight, sample, state]; no samples unless requested
+    states: Floats  # [flight, sample, state] recorded states; no samples unless requested
     # Extremes [sample, channel] of all flights from a sample to the tick before the next one. Low
     # exceeds high if no flight was simulated in this period; there are no samples unless requested.
     low: Floats
     high: Floats
-    saved: Floats  # [flight, row] memory before the last tick; no rows unless requested
+    saved: Floats  # [flight, row] lane memory before the last tick; no rows unless requested
     samples: Floats  # [quantile, flight, tick] values of quantile metrics; NaN if not counted

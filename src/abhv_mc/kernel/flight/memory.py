@@ -14,9 +14,9 @@ from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.kernel.plant.effectors import A_ROWS
 from abhv_mc.kernel.plant.state import aligned_zeros
 
-TOGETHER = 256  # flights compacted together; their saved memory fits the processor's cache
+TOGETHER = 256  # number of flights compacted together; their saved memory fits the cache
 
-Z_ROWS = observe.END_ROW  # number of rows of Z; the observer's rows are the last
+Z_ROWS = observe.END_ROW  # number of rows of Z; the observer's rows are the last ones
 O_ROWS = observe.N_ROWS
 SAVED_ROWS = Z_ROWS + O_ROWS + A_ROWS
 
@@ -28,7 +28,7 @@ class Memory(NamedTuple):
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.kernel.flight.observe
     A: Floats  # [row, lane] effectors with actuators, see abhv_mc.kernel.plant.effectors
     E: Floats  # [2 channel + side, lane] extremes of a bin, see abhv_mc.kernel.flight.observe
-    T: Floats  # memory of table values [table row, lane]
+    T: Floats  # table values [table row, lane]
     cells: TableCells
     trim: TrimCells
     high: Floats  # [table row] buffer for slopes
@@ -37,7 +37,7 @@ class Memory(NamedTuple):
 
 
 def make_memory(width: int) -> Memory:
-    """Return memory of ``width`` lanes, for any vehicle."""
+    """Return working memory for ``width`` lanes, large enough for any vehicle."""
     return Memory(
         aligned_zeros((Z_ROWS, width)),
         aligned_zeros((O_ROWS, width)),
@@ -54,7 +54,7 @@ def make_memory(width: int) -> Memory:
 
 @lanes
 def has_width(memory, width):
-    """Return whether the memory has ``width`` lanes; tells the compiler the row stride."""
+    """Return whether the memory has ``width`` lanes, which tells the compiler the row stride."""
     return (
         memory.Z.shape[1] == width
         and memory.O.shape[1] == width
@@ -94,7 +94,7 @@ def save_lane(memory, lane, row, driven, custom, own):
 
 @lanes
 def restore_lanes(memory, width, saved, first, n, driven, custom, own):
-    """Restore flights from ``saved`` [flight, SAVED_ROWS]; spare lanes repeat the last one."""
+    """Restore flights from ``saved`` [flight, SAVED_ROWS]; spare lanes repeat the last flight."""
     for lane in range(width):
         row = saved[first + min(lane, n - 1)]
         for i in range(s.CUSTOM_STATE if not custom else s.LAW):

@@ -12,12 +12,12 @@ from abhv_mc.kernel.plant.state import X
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
 _G0 = 9.80665  # standard gravity, m/s2
-SEA_LEVEL_DENSITY = 1.225  # density for the equivalent airspeed, kg/m3
+SEA_LEVEL_DENSITY = 1.225  # sea-level density for the equivalent airspeed, kg/m3
 
 
 @scalar
 def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
-    """Return the bank about the velocity, from the wind axes' direction to the vertical."""
+    """Return the bank angle about the velocity, from the vertical's direction in wind axes."""
     d_x, d_y, d_z = rotate_to_body(
         q0, q1, q2, q3, 0.0, 0.0, 1.0
     )  # NED down axis in body components
@@ -28,7 +28,7 @@ def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
 
 @lanes
 def navigate(Z, width, tick, first):
-    """Compute the true motion, also in the measured rows, and integrate the track."""
+    """Compute the true motion, copy it to the measured rows, and integrate the track."""
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]

@@ -40,7 +40,7 @@ def find_row(source: str) -> int:
 
 @lanes
 def start_observing(Z, O, width, counted):
-    """Initialize the observer's rows, with every lane alive."""
+    """Initialize the observer's rows, and mark every lane as alive."""
     remember_start(Z, width)
     counting.start_counting(O, width, counted, FIRST_METRIC)
     for lane in range(width):
@@ -51,7 +51,7 @@ def start_observing(Z, O, width, counted):
 
 @lanes
 def check_limits(Z, O, width, observed, states, tick):
-    """End flights that are outside their limits or not finite; return their number.
+    """End flights that violate a limit or whose state is not finite; return their number.
 
     Metrics retain the counted ticks. ``states`` is the number of custom states.
     """
@@ -77,7 +77,7 @@ def check_limits(Z, O, width, observed, states, tick):
         verdict = verdict if finite else NOT_FINITE
         ends = alive > 0.0 and verdict > 0.0
         O[OUTCOME, lane] = verdict if ends else O[OUTCOME, lane]
-        # A last finite sample is counted; a sample that is not finite is not.
+        # The last finite sample is counted; a sample that is not finite is not counted.
         counts = alive if finite else 0.0
         O[END, lane] = float(tick) if alive > 0.0 else O[END, lane]
         O[SAMPLES, lane] += counts
@@ -89,7 +89,7 @@ def check_limits(Z, O, width, observed, states, tick):
 
 @lanes
 def finish_flights(Z, O, width, last, length):
-    """Complete the ripples of ended flights; ``length`` is the control period, s."""
+    """Complete the ripple cycles of ended flights; ``length`` is the control period, s."""
     for lane in range(width):
         if last or O[ALIVE, lane] == 0.0:
             end_ripples(Z, lane, length)
@@ -97,7 +97,7 @@ def finish_flights(Z, O, width, last, length):
 
 @lanes
 def check_limit(verdict, value, low, high, outcome, width):
-    """Check a limit in all lanes; NaN counts as inside, because the state is checked itself."""
+    """Check a limit in all lanes; NaN counts as inside, as the state is checked separately."""
     for lane in range(width):
         verdict[lane] = outcome if value[lane] < low or value[lane] > high else verdict[lane]
 
@@ -123,7 +123,7 @@ def record_states(Z, states, flights, n, sample):
 
 @lanes
 def follow_extremes(Z, E, observed, width, fresh):
-    """Add a tick to the extremes ``E[2 channel + side, lane]``; ``fresh`` starts a new bin.
+    """Update the extremes ``E[2 channel + side, lane]`` at a tick; ``fresh`` starts a new bin.
 
     A bin covers a sample and the ticks before the next one. Rows of the lane memory are compared:
     because factors are positive and rounding is monotone, the results equal the extremes of
@@ -147,7 +147,7 @@ def forget(low, high, width):
 
 @lanes
 def widen(low, high, row, hidden, width):
-    """Add a value of all lanes to the extremes; ``hidden`` makes uncounted lanes NaN."""
+    """Widen the extremes by each lane's value; ``hidden`` turns uncounted values into NaN."""
     for lane in range(width):
         value = row[lane] + hidden[lane]
         low[lane] = value if value < low[lane] else low[lane]
@@ -156,7 +156,7 @@ def widen(low, high, row, hidden, width):
 
 @lanes
 def keep_extremes(E, observed, least, greatest, width):
-    """Widen the result ``[channel]`` of a bin by the extremes of the lanes."""
+    """Widen the results ``[channel]`` of a bin to include the extremes of all lanes."""
     for i in range(observed.channel_row.size):
         low, high = E[2 * i], E[2 * i + 1]
         smallest, largest = low[0], high[0]

@@ -61,7 +61,7 @@ def watch_sides(Z, width, row, error, factor, share, tick):
 
 @lanes
 def _changes(now, farthest):
-    """Return whether the error has changed sides; ``farthest`` is NaN before any side."""
+    """Return whether the error has changed sides; ``farthest`` is NaN before the first side."""
     return (not now * farthest >= 0.0) & (abs(now) >= larger(LEAST, HALF * abs(farthest)))
 
 
@@ -81,7 +81,7 @@ def change_side(Z, lane, row, error, tick, length):
 
 @lanes
 def keep_cycle(Z, lane, row, length):
-    """Store the cycle formed by the last three sides if it is the largest."""
+    """Store the cycle formed by the last three sides if it is the largest so far."""
     before, swing = Z[row + SWING, lane], abs(Z[row + FARTHEST, lane] - Z[row + LAST, lane])
     size = larger(before, swing)
     if before >= HALF * swing and swing >= HALF * before and size > Z[row + LARGEST, lane]:

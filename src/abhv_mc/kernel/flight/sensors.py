@@ -25,7 +25,7 @@ MAX_DELAY_TICKS = 25
 # Rows of the lane memory that follow the rows of the control law.
 NOISE = LAW + N_LAW_ROWS  # states of the random streams
 DELAY = NOISE + N_STREAM_ROWS  # ring buffer of the last measurements
-# random numbers of additional measurements and accelerations
+# states of the random streams for additional measurements and accelerations
 MORE_NOISE = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN
 ACCELERATION_NOISE = MORE_NOISE + N_STREAM_ROWS
 TRUE = ACCELERATION_NOISE + N_STREAM_ROWS  # true values at the last tick
@@ -139,7 +139,7 @@ def sense(Z, width, active, dt, tick):
 
 @lanes
 def disturb_more(Z, width, tick):
-    """Add bias and noise to the additional measurements, from separate random numbers."""
+    """Add bias and noise (from a separate random stream) to the additional measurements."""
     if tick == 0:
         seed_stream(Z, width, MORE_NOISE, _SEED, 1)
     for i in range(0, len(MORE_SENSORS), 2):
@@ -152,7 +152,7 @@ def disturb_more(Z, width, tick):
 
 @lanes
 def disturb_accelerations(Z, width, tick):
-    """Add bias and noise to the accelerations, from a separate random stream."""
+    """Add bias and noise (from a separate random stream) to the accelerations."""
     if tick == 0:
         seed_stream(Z, width, ACCELERATION_NOISE, _SEED, 2)
     for lane in range(width):
@@ -178,7 +178,10 @@ def hold(Z, width, active, dt, tick):
 
 @lanes
 def delay(Z, width, dt, tick):
-    """Store the measurement; replace it by the one ``sensor.delay`` ago, or the first one."""
+    """Store the measurement, and replace it by the measurement ``sensor.delay`` earlier.
+
+    Until the delay has elapsed, the first measurement is used.
+    """
     slot = DELAY + (tick % (MAX_DELAY_TICKS + 1)) * N_SEEN
     for i in range(N_SEEN):
         for lane in range(width):

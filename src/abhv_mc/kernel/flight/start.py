@@ -93,7 +93,7 @@ def start_flights(Z, width, initial_state):
 
 @lanes
 def face_air(Z, width):
-    """Rotate each body about the vertical into the relative wind, to zero sideslip.
+    """Rotate each vehicle about the vertical into the relative wind, to make sideslip zero.
 
     This initializes vehicles whose instruments measure the sideslip relative to the air. The
     velocity of the air is in the lane memory.

@@ -1,4 +1,4 @@
-"""Control allocation (19): nominal moment and its derivatives by axis deflections.
+"""Control allocation (19): nominal moment and its slopes with respect to deflections.
 
 Moments are about the centre of gravity. Coefficients are about the moment reference, so the force
 of a deflection contributes through its lever arm. The axes are those of the equations of motion.
@@ -25,7 +25,10 @@ def force_of(Z, lane, constants, q_bar, row, stride):
 
 @lanes
 def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
-    """Return the moment (N m) of coefficients and of a force (N) at the moment reference."""
+    """Return the moment about the centre of gravity due to coefficients and a force, N m.
+
+    The force (N) acts at the moment reference.
+    """
     q_s, cg_x, cg_z = q_bar * constants.area, Z[s.CG_X, lane], Z[s.CG_Z, lane]
     return (
         q_s * constants.span * Z[row + 3 * stride, lane] + cg_z * fy,
@@ -36,9 +39,9 @@ def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
 
 @scalar
 def side_force_slope(constants, q_s, side_by_sideslip, drag):
-    """Return the derivative of the wind-axis side force by sideslip at zero sideslip, N/rad.
+    """Return the derivative of the wind-axis side force with respect to sideslip, N/rad.
 
-    Drag in stability axes contributes to this derivative.
+    The derivative is taken at zero sideslip. Drag in stability axes contributes to it.
     """
     return q_s * side_by_sideslip + (0.0 if constants.drag_in_wind_axes > 0.0 else q_s * drag)
 
@@ -56,7 +59,7 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
         Z[s.F_THRUST, lane],
         Z[s.F_THRUST + 1, lane],
         Z[s.F_THRUST + 2, lane],
-    )  # moment of an engine function
+    )  # force of an engine function
     m_x, m_y, m_z = moment_about_cg(
         Z, lane, constants, q_bar, s.COEF, 1, fx + tx + f_x, fy + f_y, fz + tz + f_z
     )
@@ -69,7 +72,7 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
 
 @lanes
 def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
-    """Return the derivative of :func:`nominal_moment` by a deflection, N m/rad.
+    """Return the derivative of :func:`nominal_moment` with respect to a deflection, N m/rad.
 
     Deflection 0 is the aileron, 1 the rudder and 2 the elevator. ``first_slope`` is the first row
     of :func:`abhv_mc.kernel.plant.slopes.slopes_of_coefficients`.
@@ -81,7 +84,7 @@ def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
 
 @scalar
 def solve_3x3(a, b, c, d, e, f, g, h, i, x, y, z):
-    """Solve [[a, b, c], [d, e, f], [g, h, i]] u = (x, y, z); zero if the matrix is singular."""
+    """Solve [[a, b, c], [d, e, f], [g, h, i]] u = (x, y, z); u is 0 if the matrix is singular."""
     c_0 = e * i - f * h
     c_1 = f * g - d * i
     c_2 = d * h - e * g

@@ -10,7 +10,7 @@ REFERENCE = (
     "flight_path_angle",
     "heading",  # continuous heading, not wrapped
     "heading_rate",
-    "angle_of_attack",  # nominal controls by guidance trim
+    "angle_of_attack",  # nominal controls computed by guidance trim
     "bank",
     "equivalence_ratio",
     "elevator",  # trimmed elevator
@@ -27,7 +27,7 @@ REFERENCE = (
     "density",  # nominal air and gravity at the reference
     "sound_speed",
     "gravity",
-    "radius",  # radius of the V / r terms: meridian radius plus altitude
+    "radius",  # radius r in the terms V / r: meridian radius plus altitude
 )
 TIME, ALTITUDE, ALTITUDE_RATE, SPEED, SPEED_RATE, FLIGHT_PATH_ANGLE, HEADING, HEADING_RATE = range(
     8
@@ -39,7 +39,7 @@ TRACK_NORTH, TRACK_EAST, DENSITY, SOUND_SPEED, GRAVITY, RADIUS = range(17, 23)
 
 _GUIDANCE = ("path_integral", "path", "heading_integral", "heading", "speed_integral", "speed")
 
-# gains of TLC sub-loops 1 and 2, and spectra (a1, a2 of each channel) of 3 and 4
+# gains of TLC sub-loops 1 and 2, and spectra (a1, a2 of each channel) of sub-loops 3 and 4
 TLC_GAINS = (
     "altitude_integral",  # flight path angle per integral of the altitude error
     "altitude",

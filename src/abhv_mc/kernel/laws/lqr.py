@@ -1,4 +1,4 @@
-"""LQR baseline for one control tick in lanes: guidance (22) and attitude (23).
+"""LQR baseline law for one control tick in all lanes: guidance (22) and attitude (23).
 
 The law is that of Zhu & Shen (2014), section 7. Gains of each tick are computed before the flight
 (abhv_mc.control.design.lqr_design). Deviations are relative to the reference and the

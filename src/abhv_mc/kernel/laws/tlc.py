@@ -1,4 +1,4 @@
-"""Trajectory linearization control (TLC), for one control tick in lanes.
+"""Trajectory linearization control (TLC), for one control tick in all lanes.
 
 The law is that of Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2
 are linearized about the reference, so their gains are computed before the flight. Sub-loops 3 and 4
@@ -61,7 +61,7 @@ def dot6(gains, errors):
 
 @lanes
 def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
-    """Compute sub-loops 1 and 2: commands of path, angle of attack, bank and throttle."""
+    """Compute sub-loops 1 and 2: commands for path, angle of attack, bank and throttle."""
     constants, g = vehicle.constants, gains[k]
     for lane in range(width):
         altitude = Z[s.M_ALTITUDE, lane] - reference[k, ref.ALTITUDE]
@@ -145,7 +145,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         radius = earth.equatorial_radius + Z[s.M_ALTITUDE, lane]
         gravity_speed = earth.gravitational_parameter / (radius * radius * speed)
 
-        # Sub-loop 3 is linearized about the commands, with the inclined thrust.
+        # Sub-loop 3 is linearized about the commands, including the inclination of the thrust.
         t = q_s * Z[T_THRUST, lane]
         t_slope = q_s * Z[T_THRUST_SLOPE, lane]
         sin_ae = sin_a * constants.thrust_cos + cos_a * constants.thrust_sin
@@ -285,7 +285,7 @@ def nominal_forces(plan, memory, width, active):
 
 @lanes
 def nominal_vehicle(plan, memory, width, active):
-    """Compute :func:`nominal_forces`, and slopes of coefficients in rows from ``SLOPES``."""
+    """Call :func:`nominal_forces`; store coefficient slopes in rows starting at ``SLOPES``."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     nominal_forces(plan, memory, width, active)
     if active is not None and plan.user_code.aerodynamics != 0:

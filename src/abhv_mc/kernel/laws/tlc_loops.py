@@ -42,7 +42,7 @@ class AttitudePoint(NamedTuple):
 
 
 class Inertia(NamedTuple):
-    """Moments of inertia, and matrix element 13, kg m2."""
+    """Moments of inertia, and element 13 of the inertia matrix, kg m2."""
 
     xx: float
     yy: float
@@ -52,7 +52,7 @@ class Inertia(NamedTuple):
 
 @scalar
 def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
-    """Return body rates (p, q, r) for rates of the aerodynamic angles, the inverse of (13).
+    """Return body rates (p, q, r) for rates of the aerodynamic angles, inverting (13).
 
     The sideslip is zero.
     """
@@ -76,7 +76,7 @@ def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
 
 @scalar
 def attitude_gains(point, p, r, spectrum):
-    """Return K3: rows p, q, r; columns int alpha, alpha, int beta, beta, int bank, bank.
+    """Return gains K3: rows p, q, r; columns int alpha, alpha, int beta, beta, int bank, bank.
 
     ``p`` and ``r`` are the nominal rates from :func:`attitude_inverse`.
     """
@@ -120,7 +120,7 @@ def attitude_gains(point, p, r, spectrum):
 
 @scalar
 def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
-    """Return the moments for angular accelerations: ``J w' + w x J w``, (17)."""
+    """Return the moments required for angular accelerations: ``J w' + w x J w``, (17)."""
     hx = inertia.xx * p + inertia.e13 * r
     hy = inertia.yy * q
     hz = inertia.zz * r + inertia.e13 * p
@@ -132,7 +132,7 @@ def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
 
 @scalar
 def rate_gains(inertia, p, q, r, spectrum):
-    """Return the gains K4 of eq. (18); before each rate p, q or r is the column of its integral."""
+    """Return the gains K4 of eq. (18); the column of each rate follows that of its integral."""
     jx, jy, jz, j13 = inertia.xx, inertia.yy, inertia.zz, inertia.e13
     roll_by_p, roll_by_q = jx * spectrum.a2_0 - j13 * q, -(jz - jy) * r - j13 * p
     pitch_by_p, pitch_by_r = -(jx - jz) * r + 2.0 * j13 * p, -(jx - jz) * p - 2.0 * j13 * r
@@ -153,7 +153,7 @@ def differentiator_output(bandwidth, state, command):
 
 @scalar
 def differentiator_next(decay, state, command):
-    """Return the state after one control period, exact for a constant input.
+    """Return the differentiator's state after a control period, exact for a constant input.
 
     The result is ``x + (1 - decay)(u - x)`` with ``decay = exp(-wd tick)``.
     """

@@ -1,4 +1,4 @@
-"""Look-up of the trim tables in lanes; each lane keeps its cell from tick to tick."""
+"""Look-up of the trim tables in all lanes; each lane keeps its cell from tick to tick."""
 
 from typing import NamedTuple
 
@@ -13,25 +13,25 @@ from abhv_mc.kernel.plant.vehicle import CHUNK
 
 AXES = 3  # number of axes: Mach, angle of attack, equivalence ratio
 
-# quantities of the trim tables: rad (not limited), -, -, T / (q_bar S), s
+# quantities of the trim tables; units: rad (not limited), -, -, T / (q_bar S), s
 TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse")
 ELEVATOR, LIFT, DRAG, THRUST, IMPULSE = range(len(TRIM_ROWS))
 
 
 class TrimCells(NamedTuple):
-    """Cell of each lane on each axis, and buffers for the interpolated values."""
+    """Table cell of each lane on each axis, and buffers for the interpolated values."""
 
     cell: Ints  # cell of each lane [axis, lane]
     low: Floats  # [axis, lane] lower end of the cell, which a command rarely leaves
     high: Floats  # [axis, lane] upper end of the cell
     per_step: Floats  # [axis, lane] 1 / length of the cell
-    fraction: Floats  # [axis, lane] fraction of the cell's length
+    fraction: Floats  # [axis, lane] position within the cell, as a fraction of its length
     value: Floats  # buffer of values [CHUNK]
     slope: Floats  # buffer of slopes [CHUNK]
 
 
 def make_trim_cells(width: int) -> TrimCells:
-    """Return memory of ``width`` lanes with empty cells, so that the first look-up searches."""
+    """Return memory for ``width`` lanes with empty cells, so that the first look-up searches."""
     shapes: list[tuple[int, ...]] = [(AXES, width)] * 4 + [(CHUNK,)] * 2
     return TrimCells(aligned_zeros((AXES, width), np.int64), *map(aligned_zeros, shapes))
 
@@ -74,10 +74,10 @@ def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
 
 @lanes
 def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
-    """Look up trimmed lift, drag, thrust, and slopes of lift and thrust over alpha.
+    """Look up trimmed lift, drag and thrust, and the slopes of lift and thrust over alpha.
 
-    The five results are in the rows from ``first_row`` on. The arguments are Mach number, angle of
-    attack and equivalence ratio.
+    The five results are in the rows starting at ``first_row``. The arguments are Mach number, angle
+    of attack and equivalence ratio.
     """
     follow(Z, W, s.V_MACH, trim, 0, cells)
     follow(Z, W, alpha_row, trim, 1, cells)

@@ -30,7 +30,7 @@ NO_EQUIVALENCE_RATIO, NO_ANGLE_OF_ATTACK, NO_BANK, NO_ELEVATOR = 1, 2, 4, 8
 
 
 class GuidancePoints(NamedTuple):
-    """Trim points with prescribed accelerations, each ``[point]``, SI and radians."""
+    """Trim points with prescribed accelerations; fields are ``[point]``, SI and radians."""
 
     speed: Floats
     density: Floats
@@ -46,7 +46,7 @@ class GuidancePoints(NamedTuple):
 
 
 class SearchBounds(NamedTuple):
-    """Intervals of the searches."""
+    """Intervals of the searches, and the number of attempts."""
 
     alpha_low: float
     alpha_high: float
@@ -54,7 +54,7 @@ class SearchBounds(NamedTuple):
     eta_high: float
     elevator_low: float
     elevator_high: float
-    # always 2, because a shortened bracket may fail once; numba would unroll a constant
+    # number of attempts: always 2, as a shortened bracket may fail; numba would unroll a constant
     searches: int
 
 
@@ -79,7 +79,7 @@ class Cut(NamedTuple):
 
 @routine
 def _cut_at_mach(tables, mach, cut):
-    """Interpolate the trim tables at a Mach number, into ``cut.plane``."""
+    """Interpolate the trim tables at a Mach number; store the result in ``cut.plane``."""
     start, length = tables.axis_start[0], tables.axis_length[0]
     nodes, inverse_step = (
         tables.grid[start : start + length],
@@ -111,7 +111,7 @@ def _locate(nodes, x):
 
 @routine
 def _cut_at_eta(eta, cut):
-    """Interpolate ``cut.plane`` at an equivalence ratio, into ``cut.line``."""
+    """Interpolate ``cut.plane`` at an equivalence ratio; store the result in ``cut.line``."""
     k, u = _locate(cut.eta, eta)
     for j in range(cut.alpha.size):
         for row in range(cut.line.shape[1]):
@@ -120,7 +120,7 @@ def _cut_at_eta(eta, cut):
 
 @routine
 def _look_up(alpha, row, cut):
-    """Interpolate one of TRIM_ROWS along the line."""
+    """Interpolate one of the TRIM_ROWS of ``cut.line`` at an angle of attack."""
     j, t = _locate(cut.alpha, alpha)
     return (1.0 - t) * cut.line[j, row] + t * cut.line[j + 1, row]
 

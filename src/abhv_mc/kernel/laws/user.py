@@ -1,4 +1,4 @@
-"""Custom control law for one control tick in lanes: inputs, call and commands.
+"""Custom control law for one control tick in all lanes: inputs, call and commands.
 
 The code is compiled separately (:mod:`abhv_mc.user_code`) and called once per tick for all lanes,
 by an address in the plan, so that all control laws share the machine code of the flight.
@@ -24,7 +24,7 @@ from abhv_mc.kernel.plant.effectors import count_driven, leave_effectors, share_
 from abhv_mc.kernel.plant.state import LAW
 from abhv_mc.kernel.plant.thrust import thrust
 
-MAX_MEMORY = 256  # maximum numbers in a control law's memory
+MAX_MEMORY = 256  # maximum number of values in a control law's memory
 
 # Rows of the lane memory after the rows of TLC; the nominal vehicle of TLC is also used here.
 FAULT = LAW + N_TLC_ROWS  # outcome with which the control law ends the flight, 0 for none
@@ -99,11 +99,11 @@ def finish_commands(Z, width, constants, effectors, reference, tick):
 
 @lanes
 def nominal_onboard(plan, memory, width, tick):
-    """Compute the nominal vehicle at the measured state, in rows from ``ONBOARD`` on."""
+    """Store nominal vehicle data for the measured state in rows starting at ``ONBOARD``."""
     Z, vehicle = memory.Z, plan.vehicle
     constants = vehicle.constants
     nominal_variables(Z, width, vehicle, plan.reference, tick)
-    # The three evaluations are the point, another angle of attack, and another throttle.
+    # The model is evaluated at the point, at another angle of attack, and at another throttle.
     for probe in range(3):
         for lane in range(width):
             eta = Z[s.CMD_ETA, lane]

@@ -1,1 +1,1 @@
-"""Lane-safe mathematics, quaternions, tables and the root finder."""
+"""Mathematics for loops over lanes, quaternions, table look-up and a root finder."""

@@ -135,7 +135,7 @@ def log(x: float) -> float:
 
 @scalar
 def power(x: float, y: float) -> float:
-    """Return a power of positive x as exp(y log x), with relative error 1e-16 |y log x|."""
+    """Return a power of positive x as exp(y log x), with a relative error of 1e-16 |y log x|."""
     return exp(y * log(x))
 
 
@@ -191,7 +191,7 @@ def reciprocals(a: float, b: float) -> tuple[float, float]:
 
 
 class Octant(NamedTuple):
-    """Angle as a number of quarters of pi and the arc tangent of a quotient <= tan(pi/8)."""
+    """Angle as a multiple of pi/4 plus or minus the arc tangent of a quotient <= tan(pi/8)."""
 
     numerator: float
     denominator: float
@@ -258,7 +258,7 @@ def is_shallow(y: float, x: float) -> bool:
 
 @scalar
 def shallow_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, float]:
-    """Return :func:`two_angles` of two shallow points, bit for bit, at a third of its cost."""
+    """Return the same bits as :func:`two_angles` for shallow points, at a third of the cost."""
     per_x_1, per_x_2 = reciprocals(x_1, x_2)
     u_1, u_2 = y_1 * per_x_1, y_2 * per_x_2
     angle_1, angle_2 = u_1 + atan_excess(u_1), u_2 + atan_excess(u_2)

@@ -29,7 +29,7 @@ def modulo(x, m, inverse_m):
 
 @scalar
 def seed_word(seed, number, m):
-    """Return word ``number``, 1..m-1, of the initial state for a seed in [0, 1)."""
+    """Return word ``number`` of the initial state, a value 1..m-1, for a seed in [0, 1)."""
     x = (seed + 0.137) * (number + 1.0) * 7919.0 + _GOLDEN * number
     fraction = x - ((x + _ROUND) - _ROUND)
     fraction = fraction + 1.0 if fraction < 0.0 else fraction

@@ -29,7 +29,9 @@ def brent(
     x_tolerance: float,
     max_iterations: int,
 ) -> tuple[float, int, int]:
-    """Find a zero of ``function(x, *arguments)`` in [low, high]: (root, iterations, status).
+    """Find a zero of ``function(x, *arguments)`` in [low, high].
+
+    Return (root, iterations, status).
 
     The root is within ``x_tolerance`` (absolute) and a few rounding errors. Iterations are the
     function calls after those at the ends. Without a change of sign, or with NaN at an end, the

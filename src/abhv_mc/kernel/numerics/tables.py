@@ -16,7 +16,7 @@ def natural(i):
 
 @scalar
 def bracket(grid, inverse_step, length, hint, x):
-    """Return the cell 0..length-2 and the fraction 0..1 of ``x``, clamped to the axis.
+    """Return the cell (0..length-2) of ``x`` and its fraction (0..1), clamped to the axis.
 
     The search starts at ``hint``, which does not affect the result.
     """
@@ -56,7 +56,10 @@ def mix(weights, corners):
 
 @scalar
 def interpolate_1d(data, corner, s0, t0, width, out):
-    """Interpolate ``width`` contiguous tables at ``corner`` between two nodes into ``out``."""
+    """Interpolate ``width`` contiguous tables between the node at ``corner`` and the next.
+
+    The results are stored in ``out``.
+    """
     a, b = natural(corner), natural(corner + s0)
     for k in range(width):
         out[k] = (1.0 - t0) * data[a + k] + t0 * data[b + k]
@@ -64,7 +67,10 @@ def interpolate_1d(data, corner, s0, t0, width, out):
 
 @scalar
 def interpolate_2d(data, corner, s0, s1, t0, t1, width, out):
-    """Interpolate ``width`` contiguous tables from ``corner`` on in one 2-D cell into ``out``."""
+    """Interpolate ``width`` contiguous tables within one 2-D cell, starting at ``corner``.
+
+    The results are stored in ``out``.
+    """
     weights = weigh(t0, t1)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s1), natural(corner + s0 + s1)
@@ -74,7 +80,10 @@ def interpolate_2d(data, corner, s0, s1, t0, t1, width, out):
 
 @scalar
 def interpolate_3d(data, corner, s0, s1, s2, t0, t1, t2, width, out):
-    """Interpolate ``width`` contiguous tables from ``corner`` on in one 3-D cell into ``out``."""
+    """Interpolate ``width`` contiguous tables within one 3-D cell, starting at ``corner``.
+
+    The results are stored in ``out``.
+    """
     weights = weigh(t0, t1)
     a, b = natural(corner), natural(corner + s0)
     c, d = natural(corner + s1), natural(corner + s0 + s1)

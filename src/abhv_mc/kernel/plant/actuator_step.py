@@ -21,25 +21,25 @@ COLUMNS = (
     *("dead_zone", "backlash"),
 )
 LOW, HIGH, RATE_LIMIT, BANDWIDTH, DAMPING, KIND, DEAD_ZONE, BACKLASH = range(len(COLUMNS))
-SLACK = COLUMNS[DEAD_ZONE:]  # nonlinearities within the limits
+SLACK = COLUMNS[DEAD_ZONE:]  # nonlinearities that act within the limits
 KINDS = ("second_order", "first_order", "ideal")
 SECOND_ORDER, FIRST_ORDER, IDEAL = range(len(KINDS))
-AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # indices in the list: three axes, the engine, effectors
+AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # indices of actuators: three axes, the engine, effectors
 
-SUBSTEPS = 16  # short steps per integrator step
-_TERMS = 40  # terms of the matrix exponential's series
+SUBSTEPS = 16  # number of short steps per integrator step
+_TERMS = 40  # number of terms in the series of the matrix exponential
 
 # rows of an actuator's block in the lane memory
 STIFFNESS, FRICTION = range(2)  # wn^2 and 2 zeta wn
 END = 2  # position error and rate after a step: four coefficients of [e, r] by rows
 MIDDLE = 6  # position at the middle stages: two coefficients
-SHORT = 8  # coefficients like END, for a short step
+SHORT = 8  # coefficients as in END, but for a short step
 REACH = 12  # coefficients of |rate| and |error| that bound the rate in a step
 N_ACTUATOR_ROWS = 14
 
 
 class Response(NamedTuple):
-    """Coefficients of an actuator's equation and its transition over a short step, by rows."""
+    """Coefficients of an actuator's equation, and its transition matrix over a short step."""
 
     stiffness: float  # stiffness, 1/s2
     friction: float  # friction, 1/s

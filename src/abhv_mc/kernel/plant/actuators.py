@@ -1,4 +1,4 @@
-"""Step of all actuators in lanes.
+"""Integration step of all actuators, in all lanes.
 
 The list contains the actuators of the three axes and the engine, followed by those of the
 effectors. They depend only on their commands, which are constant over a tick, and are therefore
@@ -61,7 +61,7 @@ def pass_commands(Z, width):
 
 
 class Actuator(NamedTuple):
-    """Rows of one actuator in its memory.
+    """Row numbers of the values of one actuator in its memory.
 
     ``position`` and ``rate`` are values before the step, ``end`` and ``end_rate`` after it;
     ``middle`` is the position at the middle stages.
@@ -80,7 +80,7 @@ class Actuator(NamedTuple):
 
 @scalar
 def actuator_rows(i):
-    """Return the rows of an actuator of the list.
+    """Return the row numbers of actuator ``i``.
 
     The three axes have the same actuator and share a block.
     """
@@ -115,7 +115,7 @@ def actuator_rows(i):
 
 @lanes
 def limits_of(Z, lane, actuators, i):
-    """Return an actuator's lowest and highest position; axes have symmetric limits."""
+    """Return an actuator's lowest and highest positions; axes have symmetric limits."""
     if i == ENGINE:
         return actuators[i, LOW], actuators[i, HIGH] * Z[_K_ETA_LIMIT, lane]
     if i < AXES:
@@ -140,7 +140,7 @@ def prepare_actuators(Z, M, width, actuators, first, last, step):
 
 @lanes
 def prepare_actuator(Z, lane, block, bandwidth, damping, step):
-    """Compute the coefficients of an actuator's step, in its block of rows."""
+    """Compute the coefficients of an actuator's step, and store them in its block of rows."""
     stiffness, friction = bandwidth * bandwidth, 2.0 * damping * bandwidth
     Z[block + STIFFNESS, lane], Z[block + FRICTION, lane] = stiffness, friction
     e11, e12, e21, e22, i11, i12 = transition(stiffness, friction, step)
@@ -226,7 +226,7 @@ def has_slack(actuators, i):
 @lanes
 def find_slack(Z, width, actuators, i, zone, play):
     """Compute an actuator's dispersed dead zone, and half of its dispersed backlash [lane]."""
-    # The backlash row follows the dead zone.
+    # The row of the backlash follows the row of the dead zone.
     first = s.K_ENGINE_DEAD_ZONE if i == ENGINE else s.K_DEAD_ZONE
     for lane in range(width):
         zone[lane] = actuators[i, DEAD_ZONE] * Z[first, lane]
@@ -268,7 +268,7 @@ def place_actuator(Z, lane, row, position):
 
 @routine
 def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step):
-    """Compute the step of a first-order actuator, or one with a dead zone or backlash.
+    """Compute the step of an actuator that is first-order or has a dead zone or backlash.
 
     The results are those of :func:`run_actuator`. ``bandwidth`` [lane] is that of a first-order
     actuator, 0 for second order.
@@ -316,7 +316,7 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
 
 @lanes
 def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
-    """Compute the motion of the listed actuators over a step, after its first stage.
+    """Compute the step of actuators ``first``..``last - 1``, after the step's first stage.
 
     Ideal actuators keep their positions. If ``active`` is None, no actuator has slack
     (:func:`has_slack`).
@@ -330,7 +330,7 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
                 M[rows.end_rate, lane] = 0.0
             continue
         fastest = actuators[i, RATE_LIMIT]
-        if i == first or i >= AXES:  # All axes have the same slack.
+        if i == first or i >= AXES:  # All axes have the same limits.
             for lane in range(width):
                 low[lane], high[lane] = limits_of(Z, lane, actuators, i)
         if i == ENGINE:

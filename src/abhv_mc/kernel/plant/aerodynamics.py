@@ -1,4 +1,4 @@
-"""Table look-up and build-up of the six aerodynamic coefficients, in lanes."""
+"""Table look-up and build-up of the six aerodynamic coefficients, in all lanes."""
 
 from typing import NamedTuple
 
@@ -34,7 +34,7 @@ class TableCells(NamedTuple):
     """Table cells of the lanes from the last look-up, and buffers for interpolation."""
 
     cell: Ints  # [axis, lane] cell at which the next search starts
-    fraction: Floats  # [axis, lane] fraction of the cell's length
+    fraction: Floats  # [axis, lane] position within the cell, as a fraction of its length
     lowest: Ints  # [axis] lowest cell over the lanes
     spread: Ints  # [axis] number of cells from the lowest to the highest
     weight: Floats  # weights of the corners [4, lane]
@@ -42,7 +42,7 @@ class TableCells(NamedTuple):
 
 
 def make_cells(width: int) -> TableCells:
-    """Return the memory of ``width`` lanes before their first look-up."""
+    """Return the memory for ``width`` lanes before the first look-up."""
     cell, fraction = aligned_zeros((MAX_AXES, width), np.int64), aligned_zeros((MAX_AXES, width))
     lowest, spread = aligned_zeros(MAX_AXES, np.int64), aligned_zeros(MAX_AXES, np.int64)
     return TableCells(
@@ -52,7 +52,7 @@ def make_cells(width: int) -> TableCells:
 
 @lanes
 def find_cells(Z, W, tables, cells):
-    """Find cell and fraction of every axis and lane; count axes outside their grid.
+    """Find the cell and fraction of every axis and lane; count values outside the grid.
 
     Flights of a campaign are mostly in one cell or two neighbouring cells. Then no search is needed
     and the loop over the lanes vectorizes (four times faster).
@@ -104,7 +104,7 @@ def search_cells(Z, W, cells, a, grid, inverse_step, length, variable):
 
 @lanes
 def interpolate_groups(T, W, tables, cells):
-    """Interpolate all tables, T [row, lane], from the cells and fractions.
+    """Interpolate all tables from the cells and fractions; store them in T [row, lane].
 
     If lanes share a cell, or two neighbouring cells of a 1-D or 2-D table, they use the same corner
     values and the loop over the lanes vectorizes. Otherwise each lane loads its own corners and the
@@ -183,7 +183,7 @@ def interpolate_groups(T, W, tables, cells):
 
 @lanes
 def set_weights(weights, fractions, a0, a1, W):
-    """Compute the weights of the four corners on the first two axes."""
+    """Compute the weights of a cell's four corners on the first two axes."""
     for lane in range(W):
         weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane] = weigh(
             fractions[a0, lane], fractions[a1, lane]
@@ -231,7 +231,7 @@ def share_corners_3d(out, weights, t2, corners, corners_up, W):
 
 @lanes
 def look_up(Z, T, W, tables, cells):
-    """Look up all tables at the variables, T [row, lane]; copy the fixed quantities to Z."""
+    """Look up all tables; store them in T [row, lane], and the fixed quantities in Z."""
     find_cells(Z, W, tables, cells)
     interpolate_groups(T, W, tables, cells)
     for i in range(len(FIXED_TABLE_ROWS)):
@@ -242,7 +242,7 @@ def look_up(Z, T, W, tables, cells):
 
 @lanes
 def build_up(Z, T, W, terms, factors):
-    """Sum the terms of each coefficient: parameter ``factors`` * table * variable."""
+    """Sum the terms (parameter * table * variable) of each coefficient."""
     for c in range(s.N_COEFFICIENTS):
         for lane in range(W):
             Z[COEF + c, lane] = 0.0

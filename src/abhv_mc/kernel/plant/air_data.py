@@ -1,4 +1,4 @@
-"""Air data and table variables from the state, the first loop of a stage.
+"""Computation of air data and table variables, in the first loop of a stage.
 
 The mission's nominal air consists of wind and a factor on the standard density over altitude, from
 a table; without a table it is not computed. The factor is constant over a control tick, like the
@@ -146,7 +146,7 @@ def between_knots(profile, column, altitude):
 
 @lanes
 def nominal_density(Z, width, profile):
-    """Multiply the tick's density factor by the profile's, and set the temperature factor."""
+    """Multiply the tick's density factor by the profile's factor; set the temperature factor."""
     if profile.shape[0] > 0:
         for lane in range(width):
             altitude = Z[X + s.ALTITUDE, lane]
@@ -156,7 +156,7 @@ def nominal_density(Z, width, profile):
 
 @lanes
 def is_warm(Z, width, profile):
-    """Return whether any flight has a non-standard temperature; constant over the flight."""
+    """Return whether any flight has a non-standard temperature; this never changes in flight."""
     differs = False
     for knot in range(profile.shape[0]):
         differs |= profile[knot, _TEMPERATURE] != 1.0
@@ -165,7 +165,7 @@ def is_warm(Z, width, profile):
 
 @lanes
 def warm_air(Z, width, density_row, per_sound_row):
-    """Apply profile temperature and the flight's offset to density and 1 / speed of sound.
+    """Apply the profile's temperature and the flight's offset to density and sound speed.
 
     The density already includes the temperature of the profile. The pressure does not change. The
     offset cools the air to a tenth of its temperature at most.

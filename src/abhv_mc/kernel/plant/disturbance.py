@@ -29,15 +29,15 @@ from abhv_mc.kernel.world.turbulence import (
     roll_gust_sigma,
 )
 
-# first of three rows: north, east and down component of the gust
+# first of three rows: north, east and down components of the gust
 _GUST = parameter_row("wind.gust_north")
 _GUST_START = parameter_row("wind.gust_start")
 _GUST_LENGTH = parameter_row("wind.gust_length")
-# first of the rows of the wind's north and east component and of both shears
+# first row of the wind's north and east components and of both shears
 _WIND = parameter_row("wind.north")
 _SIGMA = parameter_row("wind.turbulence")
 _LENGTH = parameter_row("wind.turbulence_length")
-# first of three rows: forward, right and down axis
+# first of three rows: forward, right and down axes
 _AXIS_SIGMA = parameter_row("wind.turbulence_forward")
 _AXIS_LENGTH = parameter_row("wind.turbulence_length_forward")
 _ROTARY = parameter_row("wind.turbulence_rotary")
@@ -50,7 +50,7 @@ _KNOT_STEP = 1000.0 * (DENSITY_KNOTS_KM[1] - DENSITY_KNOTS_KM[0])
 
 @lanes
 def any_lane(Z, width, first, rows, value):
-    """Return whether any of ``rows`` rows from ``first`` on differs from a value in a lane."""
+    """Return whether any of ``rows`` rows, starting at ``first``, differs from ``value``."""
     different = 0
     for row in range(first, first + rows):
         for lane in range(width):
@@ -60,7 +60,7 @@ def any_lane(Z, width, first, rows, value):
 
 @lanes
 def seed_stream(Z, width, first_row, seed_row, stream):
-    """Initialize random stream number ``stream`` of the flight's seed, in six rows."""
+    """Initialize random stream number ``stream`` from each flight's seed, in six rows."""
     for word in range(N_STREAM_ROWS):
         modulus = M1 if word < 3 else M2
         for lane in range(width):
@@ -92,7 +92,7 @@ def draw_normals(Z, lane, r):
 
 
 class Disturbances(NamedTuple):
-    """Disturbances that are active in any lane; inactive ones are not computed."""
+    """Disturbances that are active in any lane; inactive disturbances are not computed."""
 
     gusty: bool
     turbulent: bool
@@ -148,7 +148,7 @@ def gust(Z, width, time):
 
 @lanes
 def turbulence(Z, width, span, dt, first):
-    """Add Dryden turbulence along and about body axes, stationary from the start.
+    """Add Dryden turbulence along and about the body axes, stationary from the start.
 
     The rotation of the air follows from the gusts' derivatives along the path, q = -dw/dx and r =
     dv/dx, each with a lag that depends on the span.
@@ -196,7 +196,7 @@ def turbulence(Z, width, span, dt, first):
 
 @lanes
 def density_profile(Z, width):
-    """Set the factor on the density, linear between the knots and constant beyond them."""
+    """Set the density factor, linear between the knots and constant beyond them."""
     for lane in range(width):
         x = (Z[X + s.ALTITUDE, lane] - _FIRST_KNOT) / _KNOT_STEP
         x = 0.0 if x < 0.0 else x

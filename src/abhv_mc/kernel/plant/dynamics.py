@@ -1,4 +1,4 @@
-"""Custom dynamics of a vehicle: states of a custom function, integrated with the vehicle.
+"""Custom dynamics of a vehicle: states of a custom function, integrated with its motion.
 
 The function is called once per stage, after all other forces, and receives the acceleration caused
 by these. Its force and moment are added to the derivatives, which are linear in both.
@@ -17,7 +17,10 @@ _N_MOTION = s.MASS - s.U + 1  # number of rows of velocity, attitude, rates and 
 
 @lanes
 def start_states(Z, width, states, settings, initial_state):
-    """Set the initial states with their initial dispersions, which follow the settings."""
+    """Set the custom states to their initial values plus their initial dispersions.
+
+    The rows of the dispersions follow the rows of the settings.
+    """
     for i in range(states):
         for lane in range(width):
             start = initial_state[N_STATES + i] + Z[s.SETTING + settings + i, lane]
@@ -26,7 +29,7 @@ def start_states(Z, width, states, settings, initial_state):
 
 @lanes
 def load_settings(Z, width, parameters, flights, n):
-    """Load settings and initial dispersions of each flight, in columns after the parameters."""
+    """Load each flight's settings and initial dispersions from columns after the parameters."""
     for lane in range(width):
         flight = flights[min(lane, n - 1)]
         for i in range(parameters.shape[1] - N_PARAMETERS):
@@ -43,7 +46,7 @@ def keep_motion(Z, width):
 
 @lanes
 def run_dynamics(Z, width, vehicle, user_code, stage):
-    """Call the function; add its force, moment and rates to the integrator's sums."""
+    """Call the custom function; add its force, moment and rates to the integrator's sums."""
     for i in range(3):
         for lane in range(width):
             Z[s.MOTION_ACCELERATION + i, lane] = Z[s.SPECIFIC_X + i, lane] + Z[s.GRAVITY + i, lane]
@@ -77,7 +80,7 @@ def run_dynamics(Z, width, vehicle, user_code, stage):
 
 @lanes
 def finish_states(Z, width, states, step, alive):
-    """Compute the states after the step; ended flights (``alive`` 0) keep their states."""
+    """Compute custom states after the step; ended flights (``alive`` 0) keep their states."""
     sixth = step / 6.0
     for i in range(states):
         for lane in range(width):
@@ -90,7 +93,7 @@ def finish_states(Z, width, states, step, alive):
 
 @lanes
 def add_sensed(Z, width, measured):
-    """Add the effect of the custom states on the first ``measured`` sensors."""
+    """Add the custom function's sensor effects to the first ``measured`` measurements."""
     for i in range(measured):
         for lane in range(width):
             Z[s.MEASURED + i, lane] += Z[s.SENSED + i, lane]

@@ -36,13 +36,13 @@ A_ROWS = MAX_ACTUATORS * N_EFFECTOR_ROWS
 
 @lanes
 def count_driven(vehicle):
-    """Return the number of effectors with actuators, which is all of the list or none."""
+    """Return the number of effectors with actuators: either all of the effectors, or 0."""
     return vehicle.effectors.mix.shape[0] if vehicle.constants.driven > 0.0 else 0
 
 
 @lanes
 def mix_axes(Z, lane, mix, e, row):
-    """Return an effector's mix of the three axes' rows."""
+    """Return an effector's mix of the three axis values in the rows starting at ``row``."""
     mixed = 0.0
     for i in range(3):
         mixed += mix[e, i] * Z[row + i, lane]
@@ -51,7 +51,7 @@ def mix_axes(Z, lane, mix, e, row):
 
 @lanes
 def set_effectors(Z, width, mix):
-    """Set effectors that follow the three (effective) axis deflections."""
+    """Set the deflections of effectors that follow the three (effective) axis deflections."""
     for e in range(mix.shape[0]):
         aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
         for lane in range(width):
@@ -64,7 +64,7 @@ def set_effectors(Z, width, mix):
 
 @lanes
 def place_effectors(Z, A, width, vehicle, failing, without):
-    """Set deflections at the stage, from effective axis deflections or from actuators.
+    """Set effector deflections at the stage, from axis deflections or from actuators.
 
     ``failing`` means that an effector of some flight fails, see
     :mod:`abhv_mc.kernel.plant.failures`. ``without`` is an axis whose contribution is omitted (-1
@@ -96,7 +96,7 @@ def fail_effector(Z, width, row, e):
 
 @lanes
 def weaken_effector(Z, A, width, vehicle, e, i, without):
-    """Reduce an axis' contribution to an effector, given the positions of its set."""
+    """Reduce an axis's contribution to an effector, given the positions of the effectors."""
     share, row = vehicle.effectors.share, natural(VAR + vehicle.effectors.variable[e])
     for f in range(share.shape[1]):
         if share[i, e, f] != 0.0:
@@ -109,7 +109,7 @@ def weaken_effector(Z, A, width, vehicle, e, i, without):
 
 @lanes
 def leave_effectors(Z, width, vehicle):
-    """Reset the direct commands of effectors."""
+    """Reset the direct commands to the effectors."""
     for e in range(count_driven(vehicle)):
         for lane in range(width):
             Z[s.EFFECTOR_COMMAND + e, lane] = math.inf
@@ -162,7 +162,7 @@ def start_effectors(Z, A, width, vehicle, step):
 
 @lanes
 def show_axes(Z, A, width, vehicle):
-    """Set axis deflections and rates to those produced by the effectors."""
+    """Set axis deflections and rates to the values that the effectors produce together."""
     axes, count = vehicle.effectors.axes, count_driven(vehicle)
     if count > 0:
         for i in range(3):
@@ -177,7 +177,7 @@ def show_axes(Z, A, width, vehicle):
 
 @lanes
 def command_effectors(Z, A, width, vehicle):
-    """Compute the limited commands of the tick, either direct or mixed from the axes."""
+    """Compute the effectors' limited commands, either direct or mixed from the axes."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
@@ -193,7 +193,7 @@ def command_effectors(Z, A, width, vehicle):
 
 @lanes
 def begin_effectors(Z, A, width, vehicle):
-    """Set effectors without dynamics to their commands, and update all saturations."""
+    """Set effectors without dynamics to their commands, and update all saturation flags."""
     for lane in range(width):
         Z[s.ANY_SATURATED, lane] = 0.0
     count = count_driven(vehicle)
@@ -214,14 +214,14 @@ def begin_effectors(Z, A, width, vehicle):
 
 @lanes
 def run_effectors(Z, A, width, vehicle, step, active):
-    """Compute effectors with actuators over a step, after its first stage."""
+    """Compute the motion of effectors with actuators over a step, after its first stage."""
     last = FIRST_EFFECTOR + count_driven(vehicle)
     run_actuators(Z, A, width, vehicle.actuators, FIRST_EFFECTOR, last, step, False, active)
 
 
 @lanes
 def end_effectors(A, width, vehicle):
-    """Set the positions to those at the end of the step, for its last stage."""
+    """Set the effectors to their positions at the end of the step, for its last stage."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
@@ -230,7 +230,7 @@ def end_effectors(A, width, vehicle):
 
 @lanes
 def finish_effectors(Z, A, width, vehicle, alive):
-    """Set the state after the step; ended flights (``alive`` 0) keep their state."""
+    """Set the effectors' state after the step; ended flights (``alive`` 0) keep theirs."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):

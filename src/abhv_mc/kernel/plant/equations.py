@@ -1,4 +1,4 @@
-"""Forces, derivatives of the 22 states and the integrator's sums, last loop of a stage.
+"""Forces, derivatives of the states and integrator sums, in the last loop of a stage.
 
 Body axes are forward-right-down, the local frame is north-east-down, and the Earth is a rotating
 ellipsoid. The equations are (2)-(4) of Zhu & Shen (2014) in these axes; moments are about the
@@ -51,12 +51,12 @@ class Stage(NamedTuple):
     """Stage of the integrator: ``sum = sum + weight k``, next stage's state ``x + ahead k``."""
 
     weight: float
-    ahead: float  # time to the next stage, s
+    ahead: float  # time from the start of the step to the next stage, s
 
 
 @scalar
 def runge_kutta_stage(stage, step):
-    """Return stage 0..3 of the classical method of order 4, see :func:`finish_step`.
+    """Return stage 0..3 of the classical Runge-Kutta method, see :func:`finish_step`.
 
     Stage -1 does not change sum or state; it evaluates the forces at a control tick, for
     measurement.
@@ -113,7 +113,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         Z[s.THRUST, lane] = t
         fuel_divisor = constants.standard_gravity * isp * Z[s.K_ISP, lane]
         per_mass, per_fuel = reciprocals(mass, fuel_divisor if fuel_divisor > 0.0 else 1.0)
-        # The thrust factor changes the thrust at the same fuel flow.
+        # The thrust factor changes the thrust but not the fuel flow.
         fuel_flow = (
             nominal_thrust * per_fuel if fuel_divisor > 0.0 and constants.burns_fuel > 0.0 else 0.0
         )
@@ -209,7 +209,7 @@ def finish_step(Z, width, step, alive):
     Ended flights (``alive`` 0) keep their state.
     """
     sixth = step / 6.0
-    for i in range(s.AILERON):  # The actuators, which follow in the state, are already complete.
+    for i in range(s.AILERON):  # The actuator states, which come last, are already updated.
         for lane in range(width):
             Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
             Z[SUM + i, lane] = 0.0

@@ -19,10 +19,10 @@ from abhv_mc.kernel.plant.state import XS, X, parameter_row, parameter_rows
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
-_N_FIRST = 4  # effectors whose failures are in the first block of parameters
-_SAME_TIME = 1e-9  # tolerance of ticks before a failure's time, s
+_N_FIRST = 4  # number of effectors whose failures are in the first block of parameters
+_SAME_TIME = 1e-9  # time by which a tick may precede a failure's time, s
 
-_TIMES = parameter_row(FAILURE_TIMES[0])  # three times per surface and effector: stuck, loss, slow
+_TIMES = parameter_row(FAILURE_TIMES[0])  # three failure times per surface: stuck, loss, slow
 _EFFECTOR_TIMES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_time")
 _ENGINE_TIME = parameter_row("failure.engine.time")
 _SENSOR_TIMES = parameter_row("failure.sensor.altitude.time")
@@ -67,7 +67,7 @@ def possible_failures(Z, width, constants):
 
 @lanes
 def start_failures(Z, width):
-    """Initialize a lane without failures, after its parameters have been set."""
+    """Initialize all lanes without failures, after their parameters have been set."""
     for lane in range(width):
         for i in range(N_AXES):
             Z[s.RATE_FACTOR + i, lane] = 1.0
@@ -187,7 +187,7 @@ def failure_rows(e):
 
 @lanes
 def has_failed(Z, lane, times, time):
-    """Return three flags: a surface is stuck, has lost effectiveness, is slow."""
+    """Return three flags: whether a surface is stuck, has lost effectiveness, or is slow."""
     return (
         time >= Z[times, lane] - _SAME_TIME,
         time >= Z[times + 1, lane] - _SAME_TIME,
@@ -255,7 +255,7 @@ def fails_now(Z, lane, time, begin, duration):
 
 @lanes
 def fail_engine(Z, width, vehicle, time, tick):
-    """Compute thrust, drag and pitching moment of an engine that has failed or unstarted.
+    """Compute thrust, drag and pitching moment after an engine failure or inlet unstart.
 
     The thrust decays with the lag of the engine, which relights after a delay with a time constant.
     """
@@ -320,7 +320,7 @@ def fail_engines(Z, width, vehicle, engine_fails, time, tick):
 
 @lanes
 def watch_inlet(Z, width, inlet, time):
-    """Update whether the inlet is unstarted, with effect from the next tick on.
+    """Update whether the inlet is unstarted; this takes effect at the next tick.
 
     The inlet restarts after the flow has been within its range for the restart delay.
     """

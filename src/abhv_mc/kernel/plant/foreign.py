@@ -24,7 +24,7 @@ N_PARTS = s.V_DELTA_E - s.V_BETA + 1
 
 @lanes
 def find_dispersed(Z, width):
-    """Determine whether a flight disperses coefficients by variable."""
+    """Determine which flights disperse coefficients by variable."""
     for lane in range(width):
         Z[s.F_DISPERSED, lane] = 0.0
     for i in range(N_COEFFICIENTS * N_PARTS):
@@ -63,7 +63,7 @@ def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
 
 @lanes
 def add_dispersion(Z, A, width, vehicle, user_code, failing, variable):
-    """Add the effect of one variable's dispersions to ``F_COEF``, leaving ``Z[COEF]``."""
+    """Add the effect of one variable's dispersions to ``F_COEF``; ``Z[COEF]`` is unchanged."""
     row = s.V_BETA + variable
     for lane in range(width):
         Z[s.F_MASS, lane] = Z[row, lane]
@@ -89,7 +89,7 @@ def add_dispersion(Z, A, width, vehicle, user_code, failing, variable):
 
 @lanes
 def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
-    """Compute nominal coefficients at the variables, with given density and speed rows."""
+    """Compute nominal coefficients; the density and the speed are in the given rows."""
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
     call_aerodynamics(Z, vehicle.foreign, user_code, NOMINAL)
@@ -97,7 +97,7 @@ def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
 
 @lanes
 def nominal_slopes(Z, width, vehicle, user_code, first_row):
-    """Compute the derivatives by aileron, rudder, elevator and sideslip.
+    """Compute the derivatives with respect to aileron, rudder, elevator and sideslip.
 
     The results are in the rows ``first_row + coefficient * N_INPUTS + input``. ``Z[COEF]`` and the
     variables are unchanged.

@@ -1,4 +1,4 @@
-"""Derivatives of the coefficients by deflections and sideslip, for control allocation."""
+"""Slopes of the coefficients over deflections and sideslip, for control allocation."""
 
 from typing import NamedTuple
 
@@ -63,7 +63,7 @@ def table_slopes(T, W, tables, effectiveness, cells, high):
 
 @lanes
 def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
-    """Compute the slopes of every lane in rows ``first_row + coefficient * N_INPUTS + input``."""
+    """Store every lane's slopes in rows ``first_row + coefficient * N_INPUTS + input``."""
     for i in range(N_COEFFICIENTS * N_INPUTS):
         for lane in range(W):
             Z[first_row + i, lane] = 0.0

@@ -55,8 +55,8 @@ ROLL_RATE, PITCH_RATE, YAW_RATE, MASS, AILERON, RUDDER, ELEVATOR = range(10, 17)
 AILERON_RATE, RUDDER_RATE, ELEVATOR_RATE, ETA, ETA_RATE = range(17, 22)
 
 # Capacity of a lane; load_vehicle rejects larger vehicles. Unused capacity costs nothing.
-MAX_TABLE_ROWS = 1024  # rows of tables and of their slopes with the deflections, including padding
-MAX_AXES = 64  # number of different grids
+MAX_TABLE_ROWS = 1024  # rows of tables and of their slopes over deflections, including padding
+MAX_AXES = 64  # maximum number of different grids
 
 # Contiguous blocks of the lane memory Z; each module defines the number of rows of its block.
 # Unpacking named rows fails for a range of another length.
@@ -73,15 +73,15 @@ NAV = FIXED + len(FIXED_TABLE_ROWS)  # true motion relative to the Earth
 MEASURED = NAV + 8  # measurement, the input of the control laws
 N_MEASURED = len(SENSORS)
 N_SEEN = len(ALL_SENSORS)  # number of measurements, including the additional ones of custom laws
-COUNTED = MEASURED + N_SEEN  # 1 if the sample of the tick counts
-COMMANDS = COUNTED + 1  # commands of the guidance to the attitude loop
+COUNTED = MEASURED + N_SEEN  # 1 if the tick's sample is counted
+COMMANDS = COUNTED + 1  # commands from the guidance to the attitude loop
 GUST = (
     COMMANDS + 3
 )  # gust and turbulence of the tick in body axes, and density and temperature factors
 TURBULENCE = GUST + 8  # random numbers, followed by the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
-PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, constant in a flight
-# coefficients of the actuators of surfaces and engine, constant in a flight
+PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, constant during a flight
+# coefficients of the surface and engine actuators, constant during a flight
 ACTUATORS = PER_MASS_FACTOR + 1
 # current actuator: lowest, highest, rate, dead zone, half the backlash, bandwidth
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS
@@ -90,7 +90,7 @@ FAILURE = AHEAD + 4  # failures at the tick, and their memory
 FOREIGN = (
     FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
 )  # arguments and results of custom functions of the vehicle
-# direct commands of effectors by a control law, infinite if there is none
+# direct commands to effectors by a control law, infinite if there is no command
 EFFECTOR_COMMAND = FOREIGN + 23
 # effectors with actuators: position, unlimited command, whether each or any is at its limit
 EFFECTOR_AT, EFFECTOR_ASKED, EFFECTOR_SATURATED = (

@@ -8,7 +8,7 @@ from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.rigid_body import add_derivative, add_force, add_moment
 from abhv_mc.kernel.plant.state import XS, parameter_rows
 
-# settings passed to the engine function: of the vehicle file, or of each flight (``SETTING``)
+# The engine function receives the vehicle file's settings or those of each flight (``SETTING``).
 NOMINAL, DISPERSED = range(2)
 _INCLINATION, _AZIMUTH = parameter_rows("thrust.inclination", 2)
 
@@ -25,15 +25,16 @@ def thrust(Z, lane, constants, eta, rho, airspeed, q_bar):
 
 @lanes
 def nominal_thrust(Z, width, vehicle, user_code, density_row, speed_row):
-    """Compute thrust, moment and fuel flow of the nominal engine, in rows from ``F_THRUST``."""
+    """Store the nominal engine's thrust, moment and fuel flow, starting at row ``F_THRUST``."""
     call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, NOMINAL)
 
 
 @lanes
 def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settings):
-    """Compute thrust, moment and fuel flow by the engine function, in rows from ``F_THRUST``.
+    """Compute thrust, moment and fuel flow with the engine function.
 
-    The moment is about the aerodynamic moment reference.
+    The results are stored in the rows starting at ``F_THRUST``. The moment is about the aerodynamic
+    moment reference.
     """
     for lane in range(width):
         Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
@@ -52,10 +53,10 @@ def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settin
 
 @lanes
 def foreign_thrust(Z, width, vehicle, user_code):
-    """Compute the dispersed thrust of the engine function at the stage's state.
+    """Compute the dispersed thrust with the engine function at the stage's state.
 
-    The results are in the rows from ``F_THRUST`` on. The moment is about the centre of gravity and
-    includes the asymmetry caused by failed engines.
+    The results are stored in the rows starting at ``F_THRUST``. The moment is about the centre of
+    gravity and includes the asymmetry caused by failed engines.
     """
     call_propulsion(Z, width, vehicle, user_code, s.RHO, s.AIRSPEED, DISPERSED)
     constants = vehicle.constants
@@ -99,13 +100,13 @@ def add_thrust(Z, width, stage):
 
 @lanes
 def is_misaligned(Z, width):
-    """Return whether the thrust of any flight is misaligned; constant over the flight."""
+    """Return whether the thrust of any flight is misaligned; this never changes in flight."""
     return any_lane(Z, width, _INCLINATION, 2, 0.0)
 
 
 @lanes
 def turn_thrust(Z, width, vehicle, by_function, stage):
-    """Turn the thrust about its point of application, upward, then to the right.
+    """Turn the thrust about its point of application, first upward and then to the right.
 
     The changes of force and moment are added to accumulated derivatives, which are linear in both;
     the state of the next stage is updated as well. A moment that an engine function returns in

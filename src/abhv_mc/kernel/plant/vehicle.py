@@ -47,16 +47,16 @@ FIXED_TABLE_ROWS = (
     "inertia_yy",
     "inertia_zz",
     "inertia_13",  # matrix element 13, positive for GHAME
-    "center_of_gravity_x",  # distance forward of the moment reference, m
-    "center_of_gravity_z",  # distance below the moment reference, m
+    "center_of_gravity_x",  # distance of the centre of gravity forward of the moment reference, m
+    "center_of_gravity_z",  # distance of the centre of gravity below the moment reference, m
 )
 
 MAX_DIMENSIONS = 3
-CHUNK = 8  # doubles in one AVX-512 register or two AVX2 registers
+CHUNK = 8  # number of doubles in one AVX-512 register or two AVX2 registers
 
 
 class Tables(NamedTuple):
-    """Look-up tables grouped by their axes, with a group contiguous at each node.
+    """Look-up tables grouped by their axes; at each node, a group's values are contiguous.
 
     Rows of the output are numbered 0..n_rows-1; a group fills ``group_width`` consecutive
     rows from ``group_row``. Node (i, j, k) of group g starts at
@@ -77,7 +77,7 @@ class Tables(NamedTuple):
     group_width: (
         Ints  # [group] multiple of CHUNK, padded with zeros for vector loops without a remainder
     )
-    group_used: Ints  # [group] number of tables without padding
+    group_used: Ints  # [group] number of tables, without padding
     group_row: Ints  # [group] first output row
     data: Floats  # values of all tables
     fixed_row: Ints  # [entry] table row of each of FIXED_TABLE_ROWS
@@ -94,7 +94,7 @@ class BuildUp(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """Reference of measured values: 1 relative to the air, 0 relative to the Earth."""
+    """Reference for measured values: 1 is relative to the air, 0 relative to the Earth."""
 
     angle_of_attack: int = 0
     sideslip: int = 0
@@ -137,13 +137,13 @@ class Foreign(NamedTuple):
     engine_x: float  # reference point of the thrust's moments, m from the moment reference
     engine_z: float
     digest: Ints  # [4] SHA-256 of the code and its calling conventions; zeros without code
-    settings: Floats  # [setting] of aerodynamics, propulsion and dynamics
+    settings: Floats  # [setting] settings of aerodynamics, propulsion and dynamics
     states: int  # number of custom states
     state_limit: Floats  # [state] largest magnitude, beyond which a flight ends
 
 
 def no_functions() -> Foreign:
-    """Return the empty custom functions of a vehicle defined by tables."""
+    """Return a placeholder for the custom functions of a vehicle defined by tables."""
     return Foreign(0, 0, 0.0, 0.0, np.zeros(4, np.int64), np.zeros(0), 0, np.zeros(0))
 
 
@@ -161,7 +161,7 @@ class Constants(NamedTuple):
     thrust_offset_z: float  # distance of the thrust line below the moment reference, m
     mass_start: float  # initial mass, kg
     mass_empty: float  # mass without fuel, kg
-    burns_fuel: float  # 1, or 0 without an empty mass: constant mass and a running engine
+    burns_fuel: float  # 1; 0 without an empty mass: the mass is constant and the engine runs
     surface_limit: float  # largest axis deflection that a control law commands, rad
     equivalence_ratio_min: float  # minimum and maximum throttle
     equivalence_ratio_max: float
@@ -170,7 +170,7 @@ class Constants(NamedTuple):
     sideslip_max: float
     # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
     drag_in_wind_axes: float
-    nose_radius: float  # nose radius, m; 0 if the file has none
+    nose_radius: float  # nose radius, m; 0 if the vehicle file has none
     inlet: Inlet
     bounds: LoadBounds  # limits beyond which a flight ends
     # delay from the end of an engine's failure to the start of its recovery, s
@@ -182,7 +182,7 @@ class Constants(NamedTuple):
 
 
 class Effectors(NamedTuple):
-    """Effectors with actuators: those of the file, then axes that the aerodynamics use."""
+    """Effectors with actuators: effectors of the vehicle file, then axes used by aerodynamics."""
 
     variable: Ints  # [effector] index in VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)

@@ -9,9 +9,10 @@ from abhv_mc.kernel.jit import kernel
 def fill_loop_gains(
     plant_A, plant_B, plant_C, law_A, law_B, law_C, law_D, delay, system, angle, result
 ):
-    """Fill ``result`` [point, input, input]; ``angle`` is in rad per control period.
+    """Fill ``result`` [point, input, input] with the loop gains of all points.
 
-    The other arguments are those of ``stability.margins``.
+    ``angle`` [point] is in rad per control period. The other arguments are those of
+    ``stability.margins``.
     """
     n, m = plant_A.shape[1], law_A.shape[1]
     inputs, outputs = law_D.shape[1], law_D.shape[2]

@@ -31,7 +31,7 @@ from abhv_mc.kernel.plant.state import SUM, XS, X
 class PlantAnswer(NamedTuple):
     """Rates and measurements of the plant at given states."""
 
-    rates: Floats  # [point, 14] rates of the states before those of the actuators
+    rates: Floats  # [point, 14] rates of the states that precede the actuator states
     custom_rates: Floats  # [point, state] rates of custom dynamics
     variables: Floats  # [point, variable] variables of the tables
     # [point, measured] without bias, noise and delay, but with failed sensors
@@ -40,7 +40,7 @@ class PlantAnswer(NamedTuple):
 
 @lanes
 def _load(Z, row, width, values, numbers, start, n):
-    """Load columns of ``values[numbers[start + lane]]`` into the rows from ``row`` on.
+    """Load ``values[numbers[start + lane]]`` into the rows of each lane, starting at ``row``.
 
     Spare lanes repeat the last point.
     """
@@ -52,7 +52,7 @@ def _load(Z, row, width, values, numbers, start, n):
 
 @lanes
 def _store(Z, row, values, start, n):
-    """Store rows from ``row`` on in the points [point, column] from ``start`` on."""
+    """Copy rows starting at ``row`` to ``values`` [point, column], from point ``start``."""
     for lane in range(n):
         for i in range(values.shape[1]):
             values[start + lane, i] = Z[row + i, lane]
@@ -90,7 +90,7 @@ def _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting
 
 
 def make_probe_begin(lean: bool) -> Callable[..., Any]:
-    """Return the kernel of a tick's start; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
+    """Return the kernel for a tick's start; ``lean`` is as in ``fly_lanes.make_fly_lanes``."""
 
     def probe_begin(plan, memory, before, moving, numbers, tick, sensed, acting):
         """Start a tick from memory ``before`` [point, row] and effector memory ``moving``.
@@ -171,7 +171,7 @@ def _answer_all(
 
 
 def make_probe_plant(lean: bool) -> Callable[..., Any]:
-    """Return the kernel of the plant at states; ``lean`` as in ``fly_lanes.make_fly_lanes``."""
+    """Return the kernel for the plant at given states; ``lean`` is as in ``make_fly_lanes``."""
 
     def probe_plant(
         plan, memory, centred, acting, flight, states, custom, positions, numbers, tick, answer
@@ -228,10 +228,10 @@ def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
 
 
 def make_probe_law(lean: bool) -> Callable[..., Any]:
-    """Return the kernel of a control law's tick; ``lean`` as in ``make_fly_lanes``."""
+    """Return the kernel for a control law's tick; ``lean`` is as in ``make_fly_lanes``."""
 
     def probe_law(plan, memory, tick, rows, numbers, before, after, seen):
-        """Compute a control tick from memory rows ``before`` to ``after`` [point, row]."""
+        """Compute a control tick, from memory rows ``before`` to ``after``, both [point, row]."""
         if has_width(memory, LANES):
             _law_all(
                 plan,

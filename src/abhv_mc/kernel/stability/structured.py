@@ -24,7 +24,7 @@ def _sigma(M, x, H, V, gradient):
     H and V are buffers; the gradient is filled in place.
     """
     n = M.shape[0]
-    # H = N^H N with the scaled matrix N, whose eigenvectors are found by Jacobi rotations.
+    # H = N^H N with the scaled matrix N; Jacobi rotations give the eigenvectors of H.
     for i in range(n):
         for j in range(n):
             total = complex(0.0, 0.0)
@@ -77,7 +77,7 @@ def _sigma(M, x, H, V, gradient):
 
 @routine
 def _osborne(M, x):
-    """Fill x with log scalings that balance rows and columns, without the diagonal."""
+    """Fill x with log scalings that balance rows and columns, ignoring the diagonal."""
     n = M.shape[0]
     largest = 1e-300
     for i in range(n):

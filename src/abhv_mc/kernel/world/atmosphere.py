@@ -1,4 +1,4 @@
-"""U.S. Standard Atmosphere 1976 up to 86 km, in lanes: selects, one log and one exp.
+"""U.S. Standard Atmosphere 1976 up to 86 km in lanes, with selects, one log and one exp.
 
 "U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table 2), layers
 (table 4), pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The temperature is the
