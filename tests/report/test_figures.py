@@ -6,6 +6,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from abhv_mc.flight.metrics import MARGINS, METRICS
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import template_text
@@ -14,6 +15,7 @@ from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import BLUE, CYCLE, INK
 from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.flights.model import channel_of
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.registry import make_figures
 from abhv_mc.topics.topic import Models
@@ -194,6 +196,14 @@ def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, faili
     assert everywhere.excluded is None
     (first, end), *_ = failing.campaign.simulator.find_transients()
     assert first == 0.0 and end > 5.0
+
+
+def test_a_margin_has_no_channel():
+    """Regression: a channel without unit, such as `mach`, was that of any metric."""
+    channels = {"mach", "bank_deg"}
+    metrics = {metric.name: metric for metric in METRICS}
+    assert channel_of(MARGINS[0], channels) is None
+    assert channel_of(metrics["bank_error_settled_max_deg"], channels) == "bank_deg"
 
 
 def test_failed_flights_keep_the_curve_from_100_percent():

@@ -128,7 +128,7 @@ def plot_envelopes(
     """Plot rows of panels, one column per controller; the panels of a row share the y axis."""
     count = len(rows) * len(titles)
     figure, grid = new_panels(
-        count, len(titles), 0.8, between=(0.2, 0.24), sharex="row", sharey="row"
+        count, len(titles), 0.8, between=(0.2, 0.24), sharex=True, sharey="row"
     )
     for r, row in enumerate(rows):
         for c, panel in enumerate(row.panels):
@@ -141,21 +141,26 @@ def plot_envelopes(
             axes.tick_params(labelbottom=r == len(rows) - 1)
             if r == len(rows) - 1:
                 axes.set_xlabel("time (s)")
-        flown = np.concatenate([panel.x[np.isfinite(panel.x)] for panel in row.panels])
-        if flown.size:  # No value is finite if every flight has terminated early.
-            grid[r, 0].set_xlim(float(flown.min()), float(flown.max()) or 1.0)
-        _set_y_limits(grid[r, 0], row)
-    if any(panel.flights for row in rows for panel in row.panels):
+    panels = [panel for row in rows for panel in row.panels]
+    times = np.concatenate(
+        [time for panel in panels for time in (panel.x, *(x for x, _ in panel.flights))]
+    )
+    times = times[np.isfinite(times)]
+    if times.size:  # No value is finite if every flight has terminated early.
+        grid[0, 0].set_xlim(float(times.min()), float(times.max()) or 1.0)
+    for axes, row in zip(grid[:, 0], rows, strict=True):
+        _set_y_limits(axes, row)
+    if any(panel.flights for panel in panels):
         lines: list[Patch | Line2D] = [
             Line2D([], [], color=INK, linewidth=1.5, label="worst flight"),
             Line2D([], [], color=INK, linewidth=0.35, label="next worst flights"),
         ]
-        if any(panel.limits for row in rows for panel in row.panels):
+        if any(panel.limits for panel in panels):
             lines.append(Line2D([], [], label="limit", **LIMIT))
-        if any(panel.excluded for row in rows for panel in row.panels):
+        if any(panel.excluded for panel in panels):
             lines.append(Patch(label="excluded from the requirement", **_EXCLUDED))
     else:
-        two = any(MOST_MEDIAN in panel.bands for row in rows for panel in row.panels)
+        two = any(MOST_MEDIAN in panel.bands for panel in panels)
         lines = [
             Line2D(
                 [], [], color=INK, linewidth=1.6, label="least and most median" if two else "median"

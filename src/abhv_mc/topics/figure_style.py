@@ -116,17 +116,18 @@ def new_panels(
     *,
     between: tuple[float, float] = (0.68, 0.48),
     top: float = 0.24,
+    left: float = 0.74,
     **shared: Any,
 ) -> tuple[Figure, Any]:
     """Return a figure with axes [row, column] for ``count`` panels; surplus axes are hidden.
 
-    Sizes are in inches. ``row_height`` is the height of the axes, ``top`` the space for titles, and
-    ``between`` the space to the side of and below each axes. The layout is fixed, because measuring
-    text would take as long as drawing the figure. If there are several panels, each has a letter.
-    ``shared`` is passed to :meth:`Figure.subplots`.
+    Sizes are in inches. ``row_height`` is the height of the axes, ``top`` the space for titles,
+    ``left`` that for labels, and ``between`` that to the side of and below each axes. The layout is
+    fixed, because measuring text would take as long as drawing the figure. If there are several
+    panels, each has a letter. ``shared`` is passed to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
-    left, bottom, right = 0.68, 0.63, 0.12
+    bottom, right = 0.63, 0.12
     height = top + rows * row_height + (rows - 1) * between[1] + bottom
     width = (WIDTH - left - right - (columns - 1) * between[0]) / columns
     figure = Figure(figsize=(WIDTH, height), dpi=DPI)
@@ -144,7 +145,7 @@ def new_panels(
         for axis in (axes.xaxis, axes.yaxis):
             axis.get_major_locator().set_params(nbins=6)
         axes.xaxis.set_label_coords(0.5, -0.24 / row_height)
-        axes.yaxis.set_label_coords(-0.5 / width, 0.5)
+        axes.yaxis.set_label_coords(-0.55 / width, 0.5)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
     for letter, axes in zip(ascii_lowercase, grid.flat[:count] if count > 1 else (), strict=False):
@@ -318,7 +319,7 @@ def write_svg(figure: Figure, path: Path) -> None:
     write_bytes(path, file.getvalue())
 
 
-LOG_AXIS = "log axis"  # text added to the label of a logarithmic axis
+LOG_AXIS = "log\N{NO-BREAK SPACE}axis"  # text added to the label of a logarithmic axis
 
 
 def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) -> bool:
@@ -366,5 +367,6 @@ def make_value_axis(
             axes.axvline(limit, label="limit", **LIMIT)
         else:
             quantity = "\N{NO-BREAK SPACE}".join(filter(None, ["limit", f"{limit:g}", unit]))
-            notes.append(f"{quantity} further {'right' if limit > high else 'left'}")
+            side = "right" if limit > high else "left"
+            notes.append(f"{quantity}\N{NO-BREAK SPACE}further\N{NO-BREAK SPACE}{side}")
     axes.set_xlabel(wrap(axes, ", ".join([label, *notes]), beyond))

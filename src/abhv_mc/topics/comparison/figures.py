@@ -109,6 +109,7 @@ def plot_error_against_usage(
                 **large,
                 linestyle="none",
                 markeredgecolor="white",
+                clip_on=False,
             )
         values = list(trade.errors.values())
         least = min((v[np.isfinite(v)].min(initial=np.inf) for v in values), default=0.0)

@@ -101,7 +101,9 @@ def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure
     columns = min(len(charts), 3 if longest <= _SHORT else 2)
     row = most * (len(labels) + 1.2) * _ROW
     beside = 0.35 + 0.065 * min(longest, 26)
-    figure, grid = new_panels(len(charts), columns, row, between=(beside, 0.54), top=0.18)
+    figure, grid = new_panels(
+        len(charts), columns, row, between=(beside, 0.54), top=0.18, left=max(beside, 0.74)
+    )
     colors = [controller_colors(tuple(labels))[name] for name in labels]
     for axes, chart in zip(grid.flat, charts, strict=False):
         _draw_panel(axes, chart, colors)

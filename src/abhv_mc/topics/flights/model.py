@@ -58,7 +58,8 @@ def ended_words(outcome: str, missed: int, required: int) -> str:
 def channel_of(record: Metric, channels: Collection[str]) -> str | None:
     """Return the channel of a metric: its source, or the channel with which its name begins."""
     stems = {
-        name: (name.rpartition("_")[0] if name in CHANNEL_INDEX else name) for name in channels
+        name: ((name.rpartition("_")[0] or name) if name in CHANNEL_INDEX else name)
+        for name in channels
     }
     if record.of in stems:
         return record.of
