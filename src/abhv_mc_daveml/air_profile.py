@@ -11,7 +11,7 @@ from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.signals import find_signals
 from abhv_mc_daveml.writer import make_function
 
-ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table, m
+ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table in m
 _GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
 _CHOICES = ("density", "pressure"), ("pressure", "temperature"), ("density",)
 _KELVIN = {  # factor and offset from the temperature units of S-119 to K

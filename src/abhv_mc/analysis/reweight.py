@@ -22,7 +22,9 @@ from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"
-_SLACK = 1e-9  # tolerance within which interval ends count as equal, as a share of the width
+_SLACK = (
+    1e-9  # tolerance within which interval ends count as equal, as a share of the interval's width
+)
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def _check_plausible(
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
     """Return the grids of the axes from sorted points [row, axis].
 
-    ``order`` contains the row in the file of each point.
+    ``order`` contains, for each point, its row in the file.
 
     Raise InputError if the grid is incomplete.
     """

@@ -120,7 +120,7 @@ def estimate_switched(
     target_cov: float = 0.2,
     flights: int = 20000,
 ) -> tuple[RareEstimate, tuple[Stratum, ...]]:
-    """Return P(severity > threshold) with switches, and the contribution of each combination.
+    """Return P(severity > threshold), and the contribution of each combination of switches.
 
     Switches [switch] occur with `probabilities`. `evaluate` returns severities [point] of standard
     normal points [point, dimension] and the mask of active switches [point, switch]. Pilot flights

@@ -176,7 +176,7 @@ def _gain_words(entry: ComparedMetric) -> str:
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
     """Return a table, by requirement, of flights that fail under one controller only.
 
-    The last row counts early terminations. ``requirements`` contains texts to print.
+    The last row counts early terminations. ``requirements`` contains the strings to print.
     """
     a, b = names.label(pair.a), names.label(pair.b)
     ended = "Completed the mission" if names.campaign.kind == "controller" else "Completed"

@@ -285,7 +285,7 @@ def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) 
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:
-    """Return the root sum of squares of the rms deflections of three surfaces, deg [flight]."""
+    """Return the root sum of squares (deg) of three surfaces' rms deflections [flight]."""
     squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
 

@@ -76,7 +76,7 @@ class FailureCases:
 
 
 def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
-    """Return the failure case of each flight, and the time of its first failure, s [flight].
+    """Return the failure case and the time (s) of the first failure of each flight [flight].
 
     The time is infinite if no failure occurs.
     """

@@ -18,7 +18,7 @@ from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
 FAMILY_RISK = 0.10  # risk of any false PASS among the verdicts that hold jointly
-_SHARES = (5.0, 50.0, 95.0)  # quantiles in the overview, percent
+_SHARES = (5.0, 50.0, 95.0)  # quantiles in percent in the overview
 
 
 @dataclass(frozen=True, kw_only=True)
