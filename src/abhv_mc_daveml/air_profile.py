@@ -26,7 +26,7 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
     """Return a CSV table of density, or of pressure and temperature.
 
     The table has pressure and temperature if the model computes a pressure. Answers replace missing
-    inputs. Raise InputError if one of these is not positive below 80 km.
+    inputs. Raise InputError if one of these quantities is not positive below 80 km.
     """
     function, inputs = make_function(model), dict[str, tuple[float, float]]()
     for variable in model.inputs:

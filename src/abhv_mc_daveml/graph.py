@@ -94,7 +94,7 @@ class Model:
 
     @property
     def inputs(self) -> list[Variable]:
-        """Input variables; those with an initial value come last."""
+        """Input variables; variables with an initial value come last."""
         inputs = [variable for variable in self.variables.values() if variable.is_input]
         return sorted(inputs, key=lambda variable: variable.initial is not None)
 

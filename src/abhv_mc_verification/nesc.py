@@ -36,7 +36,7 @@ STEP = 0.01  # default integration step of abhv-mc in s
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
 # tolerance of F-16 cases relative to the largest difference of two simulators
 _NEEDED = 1.25
-_LIKE = 6  # simple-body case whose tolerances are added
+_LIKE = 6  # number of the simple-body case whose tolerances are added
 _LONGEST = 3600.0  # maximum duration of a case in s
 
 VELOCITY = [f"feVelocity_ft_s_{axis}" for axis in "XYZ"]  # velocity north, east and down

@@ -28,9 +28,8 @@ class RequirementCount:
     binds: bool  # whether the requirement applies to the controller
     missed: Mask  # [flight] whether the flight violates the requirement
     flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
-    ended_early: NDArray[
-        np.int64
-    ]  # [point] number of flights that failed only by early termination
+    # [point] number of flights that failed only by early termination
+    ended_early: NDArray[np.int64]
     measured: NDArray[np.int64]  # [point] number of flights whose metric violates the limits
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # Worker processes do not import these modules.
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # number of flights in the first pieces of a divided block, and per time limit
+PIECE = 16  # number of flights in each first piece of a divided block, and per time limit
 _reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)

@@ -144,7 +144,7 @@ class WorkerPool:
         self._limits: dict[int, float | None] = {}  # time limits in s by key of the plan
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
-        self._failed_starts = 0  # consecutive failed starts, weighted
+        self._failed_starts = 0  # weighted number of consecutive failed starts
         self._last_end = ""
         self._closed = False
 

@@ -105,7 +105,7 @@ class FlightPlan:
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)
     # [channel, 2] name and unit of custom channels
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)
-    period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
+    period: int = 0  # declared period of a custom law in ticks; 0 if undeclared
     # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
     # dispersed settings of control laws; they follow the vehicle's settings

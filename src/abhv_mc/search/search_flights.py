@@ -156,7 +156,7 @@ class SearchFlights:
 
     @property
     def flown(self) -> int:
-        """Number of flights so far, including those of earlier runs."""
+        """Number of flights so far, including the flights of earlier runs."""
         return self.blocks[-1].stop if self.blocks else 0
 
     @property

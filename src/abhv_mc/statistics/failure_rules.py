@@ -216,7 +216,7 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
 
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
-    """Return each candidate's largest exact p-value over its tables, times its `tried`."""
+    """Return each candidate's largest p-value over its tables, times the number of trials."""
     rows = np.array(
         [table for candidate in candidates for table in candidate.tables], dtype=np.int64
     )
@@ -322,7 +322,7 @@ def _best_corners(
     def sides(
         counts: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return counts of flights that meet both conditions [pair, side, side] or one of them.
+        """Return counts of flights that meet both conditions [pair, side, side] or a single one.
 
         The counts for a single condition have the shapes [pair, side, 1] and [pair, 1, side].
         """

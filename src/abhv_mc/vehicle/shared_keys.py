@@ -105,7 +105,7 @@ def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
 
 
 def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
-    """Describe the conflict of an oscillation limit with gusts or noise; '' if there is none."""
+    """Describe the conflict of an oscillation limit with gusts or noise, or return ''."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
     return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 

@@ -30,7 +30,7 @@ ALIASES = {
 _ANGLES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 _DIMENSIONS = {"altitude": LENGTH, "mass": MASS} | dict.fromkeys(_ANGLES, ANGLE)
 _PLAIN = ("mach", "equivalence_ratio")
-# Plausible ranges, SI and radians; values outside indicate a wrong unit or column.
+# Plausible ranges in SI units and radians; values outside a range indicate a wrong unit or column.
 _PLAUSIBLE = {
     "mach": (0.0, 50.0),
     "equivalence_ratio": (0.0, 20.0),

@@ -54,7 +54,7 @@ class CustomState(NamedTuple):
 
     name: str
     unit: str
-    start: float | None  # initial value, SI; None if the state starts in equilibrium at the trim
+    start: float | None  # initial value in SI; None if the state starts in equilibrium at the trim
     limit: float = math.inf  # maximum magnitude of the state
 
 

@@ -119,7 +119,7 @@ class Unknowns:
         return self.low + 0.5 * (positions + 1.0) * (self.high - self.low)
 
     def words(self, point: int) -> str:
-        """Return a point as text, such as 'lift +10 %, drag -15 %'."""
+        """Return a description of a point, such as 'lift +10 %, drag -15 %'."""
         parts = []
         for name, value in zip(self.names, self.points[point].tolist(), strict=True):
             parameter = self.parameters[name]

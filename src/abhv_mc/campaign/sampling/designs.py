@@ -33,7 +33,7 @@ EXTENSIBLE = frozenset(
 )  # designs in which additional flights do not change the samples of earlier flights
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
-_BITS = 30  # bits of a Sobol point: at most 2**30 flights
+_BITS = 30  # number of bits of a Sobol point: at most 2**30 flights
 _PIECE = 4096  # number of points drawn together; Sobol sequences require a power of two
 NOMINAL = -1.0  # marks a nominal value in a factorial design
 _WORDS = 4  # number of 64-bit words of one Philox4x64 counter value

@@ -50,7 +50,7 @@ class CaseFlights:
 
     flights: int
     lost: int
-    lost_before: int  # flights lost before their first failure
+    lost_before: int  # number of flights lost before their first failure
     survived: Interval  # share of the flights that survive, with its 95 % interval
     median_time_to_loss_s: float | None
     # verdicts by requirement text, for requirements on this controller

@@ -82,7 +82,7 @@ def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """Return the rows of the flights to list, worst first; those with histories are preferred."""
+    """Return the rows of the worst flights; only flights with histories if there are any."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
         results.flights[name].flight[rows], list(flights_with_history(results.folder, name))

@@ -82,7 +82,7 @@ class GlanceRow:
     metric: str
     label: str
     unit: str
-    text: str  # text of the limit
+    text: str  # description of the limit
     limit: float
     below: bool  # whether values below the limit are good
     # unit of distances: size of the limit or, if this is 0, the 5 to 95 % range
