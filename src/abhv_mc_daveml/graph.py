@@ -100,7 +100,7 @@ class Model:
 
     @property
     def outputs(self) -> list[Variable]:
-        """Variables marked as outputs or, without marks, variables that no other one uses."""
+        """Variables marked as outputs or, without marks, variables that no other variable uses."""
         everything = self.variables.values()
         needed = {name for variable in everything for name in variable.needs}
         left = [
@@ -213,7 +213,7 @@ def _read_uncertainty(node: Node) -> Uncertainty | None:
 
 
 def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]:
-    """Return the variables in an order in which each follows its operands."""
+    """Return the variables in an order in which each variable follows its operands."""
     done: dict[str, Variable] = {}
     for start in variables:
         pending = [start]

@@ -104,7 +104,7 @@ def fly_remote(
 
 @contextmanager
 def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
-    """Report to the launching command that this worker compiles, unless another one does."""
+    """Report to the launching command that this worker compiles, unless another worker does."""
     from distributed import get_worker
 
     with suppress(ValueError):  # The thread may not belong to a worker.

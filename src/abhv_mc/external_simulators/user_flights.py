@@ -97,8 +97,8 @@ class _Flights:
     """Flights of one call with their results.
 
     Replies without the text of the request are matched by order, so that one surplus line would
-    give every later flight the numbers of another. Surplus lines are detected only when the process
-    is idle, so flights are accepted if the process is silent afterwards, and computed again
+    give every later flight the numbers of another flight. Surplus lines are detected only when the
+    process is idle, so flights are accepted if the process is silent afterwards, and computed again
     otherwise.
     """
 

@@ -247,7 +247,7 @@ def line_look(number: int, count: int) -> dict[str, Any]:
     """Return the look of a controller's line, chosen by its position among ``count``.
 
     The first controller, to which the requirements apply, is drawn last, as a solid line. The lines
-    below are wider, paler and dashed, so that they are visible if all lines coincide.
+    below it are wider, paler and dashed, so that they are visible if all lines coincide.
     """
     return {
         "color": CYCLE[number % len(CYCLE)],
@@ -356,7 +356,7 @@ def make_value_axis(
     if log_if_wide(axes, "x", values):
         notes.append(LOG_AXIS)
         finite = np.concatenate([v[np.isfinite(v)] for v in values])
-        # Rare values close to zero would compress the others.
+        # Rare values close to zero would compress the other values.
         lowest = 0.05 * float(np.quantile(finite, 0.02))
         if finite.min() < lowest:
             axes.set_xlim(left=lowest)

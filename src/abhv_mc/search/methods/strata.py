@@ -124,10 +124,10 @@ def estimate_switched(
 
     Switches [switch] occur with `probabilities`. `evaluate` returns severities [point] of standard
     normal points [point, dimension] and the mask of active switches [point, switch]. Pilot flights
-    are simulated for all combinations. The most probable one is estimated by subset simulation
-    unless plain flights are enough; the remaining flights go to the combination with the largest
-    product of weight and interval width. The result contains the repetitions for the most probable
-    combination.
+    are simulated for all combinations. The most probable combination is estimated by subset
+    simulation unless plain flights are enough; the remaining flights go to the combination with the
+    largest product of weight and interval width. The result contains the repetitions for the most
+    probable combination.
     """
     if not len(probabilities):
         return estimate_rare(

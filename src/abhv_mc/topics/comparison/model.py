@@ -244,7 +244,7 @@ def _lost_everywhere(
 ) -> ListedFailures:
     """Return paired failures, with the largest p-value over the points of the unknowns.
 
-    The p-value is 1 at a point where the controller that loses fewer flights overall loses more.
+    The p-value is 1 at points at which the controller with fewer lost flights overall loses more.
     """
     failures = _failures(a, b, flight)
     point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
