@@ -119,7 +119,8 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
                 f"{name} is a mixture with a discrete choice",
                 "a mixture of continuous distributions, or a new campaign",
             )
-        # Each component of the new distribution must lie within one component of the old one.
+        # Each component of the new distribution must lie within a component of the old
+        # distribution.
         for component in _parts(new):
             faults = [_unsupported(name, flown, component) for flown in _parts(old)]
             if all(faults):

@@ -258,7 +258,7 @@ def _check_same(
     inputs: FolderInputs,
     request: Request,
 ) -> None:
-    """Raise InputError unless the requested campaign equals or extends the stored one."""
+    """Raise InputError unless the requested campaign equals or extends the stored campaign."""
     root, shard = flown.folder.root, flown.manifest.shard
     if flown.manifest.search:
         raise InputError(

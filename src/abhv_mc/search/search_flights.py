@@ -136,7 +136,7 @@ class SearchFlights:
         """Prepare the flights of a search.
 
         `campaign` has the searched controller as its only system; `margins` adds stability margins
-        to every flight. `writer` is a thread that writes a block while the next one is simulated.
+        to every flight. `writer` is a thread that writes a block while the next block is simulated.
         """
         self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)

@@ -221,8 +221,8 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
 def _combine(space: Space, best: Floats) -> Iterator[Floats]:
     """Yield the best point [1, dimension] with all combinations of discrete values.
 
-    Yield nothing if there are too many. The search itself moves one or all parameters at a time,
-    and discrete values have no slope.
+    Yield nothing if there are too many combinations. The search itself moves one or all parameters
+    at a time, and discrete values have no slope.
     """
     values = {
         i: marginal.values

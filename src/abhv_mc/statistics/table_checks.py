@@ -75,7 +75,7 @@ class Level:
 
 @dataclass(frozen=True)
 class PairCorrelation:
-    """Pair of columns whose rank correlation contradicts the stated one."""
+    """Pair of columns whose rank correlation contradicts the stated correlation."""
 
     columns: tuple[int, int]
     found: float

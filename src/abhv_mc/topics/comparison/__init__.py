@@ -90,7 +90,7 @@ def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[
 
 
 def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return a row with each controller's median and its difference from the first one."""
+    """Return a row with each controller's median and its difference from the first median."""
     first, *rivals = names.controllers
     pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (
