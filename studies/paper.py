@@ -194,15 +194,15 @@ smallest CD of the winged cone occurs at a single node of its polynomial fit, at
 
 The figures do not determine pitch damping. The searches, including those for the [predictions](paper.md), ran without
 a limit on the radius of pitch damping; afterwards, Cm_q was reduced on {reduced} members to satisfy the limit and to
-differ between members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change moved no end of the curves by more than
-5 % of its axis, and no end out of its interval. The limit on the radius is an upper bound, which would be reached
-only if all lift acted at nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for
-GHAME. The pitch damping of `abhv` is thus large, but a smaller value would change no figure.
+differ between members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change moved the end points of the curves by at
+most 5 % of the axis range, and none of them out of its interval. The limit on the radius is an upper bound, which
+would be reached only if all lift acted at nose and tail: the radius is 2.5 m for lift that is uniform along the body,
+and 3.1 m for GHAME. The pitch damping of `abhv` is thus large, but a smaller value would change no figure.
 
 A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
--2 CY_dr (arm/span)^2, to which other surfaces add. The searches ran without this limit, too; afterwards, the magnitude
-of Cn_r was increased by 4 % on `seed-16` and by 13 % on `seed-23`, which moved no end of the curves by more than 0.2 %
-of its axis.
+-2 CY_dr (arm/span)^2, to which other surfaces add. The searches also ran without this limit. Afterwards, the magnitude
+of Cn_r was increased by 4 % on `seed-16` and by 13 % on `seed-23`; this moved the end points of the curves by at most
+0.2 % of the axis range.
 
 ## Control powers
 

@@ -91,7 +91,7 @@ def _factor_of(model: Model, variable: Variable, name: str) -> float:
 
 
 def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
-    """Return the factor from a variable's unit to a quantity's. Raise InputError if invalid."""
+    """Return the factor from a variable's to a quantity's unit. Raise InputError if invalid."""
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal as refusal:

@@ -11,7 +11,7 @@ from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.signals import find_signals
 from abhv_mc_daveml.writer import make_function
 
-ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table, m
+ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table in m
 _GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
 _CHOICES = ("density", "pressure"), ("pressure", "temperature"), ("density",)
 _KELVIN = {  # factor and offset from the temperature units of S-119 to K
@@ -26,7 +26,7 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
     """Return a CSV table of density, or of pressure and temperature.
 
     The table has pressure and temperature if the model computes a pressure. Answers replace missing
-    inputs. Raise InputError if one of these is not positive below 80 km.
+    inputs. Raise InputError if one of these quantities is not positive below 80 km.
     """
     function, inputs = make_function(model), dict[str, tuple[float, float]]()
     for variable in model.inputs:

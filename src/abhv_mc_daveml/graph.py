@@ -94,13 +94,13 @@ class Model:
 
     @property
     def inputs(self) -> list[Variable]:
-        """Input variables; those with an initial value come last."""
+        """Input variables; variables with an initial value come last."""
         inputs = [variable for variable in self.variables.values() if variable.is_input]
         return sorted(inputs, key=lambda variable: variable.initial is not None)
 
     @property
     def outputs(self) -> list[Variable]:
-        """Variables marked as outputs or, without marks, variables that no other one uses."""
+        """Variables marked as outputs or, without marks, variables that no other variable uses."""
         everything = self.variables.values()
         needed = {name for variable in everything for name in variable.needs}
         left = [
@@ -213,7 +213,7 @@ def _read_uncertainty(node: Node) -> Uncertainty | None:
 
 
 def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]:
-    """Return the variables in an order in which each follows its operands."""
+    """Return the variables in an order in which each variable follows its operands."""
     done: dict[str, Variable] = {}
     for start in variables:
         pending = [start]

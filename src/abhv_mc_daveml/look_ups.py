@@ -25,7 +25,9 @@ class Argument:
     variable: str  # varID of the variable
     low: float | None  # bounds to which the variable is clamped
     high: float | None
-    extrapolate: str  # ends at which values are extrapolated: neither, min, max or both
+    extrapolate: (
+        str  # ends of the range at which values are extrapolated: neither, min, max or both
+    )
 
 
 @dataclass(frozen=True)

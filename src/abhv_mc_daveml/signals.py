@@ -158,7 +158,8 @@ def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
 def kinds_of(model: Model) -> tuple[str, ...]:
     """Return the kinds to which a model belongs, as determined by its outputs.
 
-    The kinds are aerodynamics, propulsion, inertia, control, and atmosphere if there is no other.
+    The kinds are aerodynamics, propulsion, inertia, control, and atmosphere if no other kind
+    applies.
     """
     outputs = find_signals(model.outputs)
     markers = {

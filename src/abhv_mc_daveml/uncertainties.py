@@ -21,7 +21,7 @@ _INCREMENTS = {name: f"{_FACTORS[name]}.increment" for name in ("CL", "CD", "Cm"
 
 
 def write_dispersions(models: Sequence[Model]) -> str:
-    """Return the text of dispersions and correlations; '' if there are no uncertainties.
+    """Return dispersions and correlations as YAML text; '' if there are no uncertainties.
 
     The text also lists the uncertainties that no campaign parameter represents.
     """

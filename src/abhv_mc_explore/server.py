@@ -35,7 +35,7 @@ from abhv_mc_explore.counts import (
 )
 
 _HOST = "127.0.0.1"
-_MOST_BYTES = 100_000  # maximum size of a request, bytes
+_MOST_BYTES = 100_000  # maximum size of a request in bytes
 _MOST_TIMES = 1000  # maximum number of times in a plotted history
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
@@ -184,7 +184,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _admitted(self, query: str) -> bool:
         """Return whether the request contains the token and names this server as its host.
 
-        Requests from pages of other origins do not.
+        Requests from pages of other origins do not meet these conditions.
         """
         token = parse_qs(query).get("token", [""])[0]
         host = self.headers.get("Host", "")

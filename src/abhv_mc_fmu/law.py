@@ -28,7 +28,7 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
 from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
 
-# FMI version -> functions to set up a flight, for a tick, and to create and free an instance.
+# FMI version -> functions that set up a flight, compute a tick, and create and free an instance
 _FUNCTIONS = {
     2: (
         *("Reset", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode"),

@@ -14,7 +14,7 @@ from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, indent, lane_
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
 from abhv_mc.user_code.native_loop import build_native
 
-FLAGS = 8  # numbers reserved for the flags returned by a step in FMI 3.0
+FLAGS = 8  # array elements reserved for the flags that a step returns in FMI 3.0
 
 
 FLOAT = "Float64"
@@ -35,7 +35,7 @@ class Wire(NamedTuple):
     reference: int
     factor: float
     offset: float
-    kind: str = FLOAT  # FMI 3.0 type; for Boolean, with its number of bytes
+    kind: str = FLOAT  # FMI 3.0 type; Boolean is followed by its number of bytes
 
 
 def _ends(kind: str) -> tuple[float, float]:

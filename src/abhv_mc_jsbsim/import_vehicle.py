@@ -35,7 +35,7 @@ from abhv_mc_jsbsim.properties import AREA, CHORD, CONSTANTS, FOOT, POUND, SLUG,
 
 _MODULE, _VEHICLE = "aerodynamics.py", "vehicle.yaml"
 _LIMIT = 30.0  # assumed deflection limit, deg; the limits in the model are not read
-_ANGLES = (-20.0, 45.0)  # widest range of angles of attack, deg
+_ANGLES = (-20.0, 45.0)  # widest range of angles of attack in deg
 _LOW_SPEED = {
     "altitude": 0.0,
     "mach": 0.3,

@@ -19,7 +19,7 @@ _AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 def quantity(node: Node | None, kind: str, unit: str, missing: float = 0.0) -> float:
-    """Return the number in an element, SI; ``unit`` is the default unit.
+    """Return the number in an element in SI units; ``unit`` is the default unit.
 
     Raise InputError if the number or its unit is invalid.
     """
@@ -105,7 +105,7 @@ def _located(node: Node, name: str) -> Node | None:
 
 
 def reference_point(metrics: Node) -> Floats:
-    """Return the reference point of the aerodynamic forces in the structural frame, m."""
+    """Return the reference point (m) of the aerodynamic forces in the structural frame."""
     return location(_located(metrics, "AERORP"))
 
 

@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray]
 
-_LIMIT = 600.0  # time limit for one flight, or for 16 flights of a batch, s
-_CONNECT = 10.0  # time limit for connecting to the scheduler, s
-_PER_THREAD = 2  # blocks submitted per worker thread, so that threads need not wait
+_LIMIT = 600.0  # time limit in s for one flight, or for 16 flights of a batch
+_CONNECT = 10.0  # time limit in s for connecting to the scheduler
+_PER_THREAD = 2  # number of blocks submitted per worker thread, so that threads need not wait
 _MOST_PLANS = 32  # maximum number of plans stored on the cluster
 _FEWEST = 16  # minimum number of submitted blocks, for workers that join later
 _COMPILING = "abhv-mc-compiling"  # topic of events sent by workers
@@ -104,7 +104,7 @@ def fly_remote(
 
 @contextmanager
 def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
-    """Report to the launching command that this worker compiles, unless another one does."""
+    """Report to the launching command that this worker compiles, unless another worker does."""
     from distributed import get_worker
 
     with suppress(ValueError):  # The thread may not belong to a worker.
@@ -141,7 +141,7 @@ def fly_user_remote(
 
 
 class _Watch:
-    """Timer that ends the process if a batch takes longer than ``limit``, s."""
+    """Timer that ends the process if a batch takes longer than ``limit`` seconds."""
 
     def __init__(self, limit: float) -> None:
         self._limit, self._timer = limit, threading.Timer(limit, os._exit, (1,))

@@ -23,12 +23,12 @@ from pyarrow import fs as pyarrow_fs
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 
-_PATIENCE = 20.0  # time limit for replies of Google Cloud Storage, s
+_PATIENCE = 20.0  # time limit in s for replies of Google Cloud Storage
 _OBJECT_STORES = ("s3", "gcs", "abfs")
 LEASE_NAME = ".lock"
-LEASE = 60.0  # time after which a lease expires unless renewed, s
-RENEWAL = 15.0  # interval between renewals of a lease, s
-_SETTLE = 1.0  # time until all readers of a store see the same content, s
+LEASE = 60.0  # time in s after which a lease expires unless renewed
+RENEWAL = 15.0  # interval in s between renewals of a lease
+_SETTLE = 1.0  # time in s until all readers of a store see the same content
 
 
 class Objects:

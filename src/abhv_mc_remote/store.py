@@ -21,7 +21,7 @@ from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
 from abhv_mc_remote.objects import LEASE_NAME, Lease, Objects, open_objects, read_holder
 
-PUSH_INTERVAL = 5.0  # interval between copies, s
+PUSH_INTERVAL = 5.0  # interval in s between copies
 _MANIFEST = "manifest.json"
 
 

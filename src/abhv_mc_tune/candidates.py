@@ -26,7 +26,7 @@ from abhv_mc.vehicle_simulator.margin_plans import make_steady
 _NUMBER = re.compile(
     r"\s*(\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$"
 )  # number with its unit
-Time = Literal["trim"] | float  # trim, or a time of the flight, s
+Time = Literal["trim"] | float  # trim, or a time of the flight in s
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import make_generator
 
-_STALE = 15  # generations without improvement before a restart at the best candidate
+_STALE = 15  # number of generations without improvement before a restart at the best candidate
 _SMALL = 0.3  # step after a restart, relative to the initial step
 
 

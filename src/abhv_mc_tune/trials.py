@@ -62,7 +62,7 @@ class Trials:
     executor: FlightRunner
     vehicles: Floats  # [vehicle, parameter] vehicles whose margins are limited
     margins_at: tuple[Time, ...]
-    flights_at: tuple[Time, ...] = ()  # times of the margins of flights, if any
+    flights_at: tuple[Time, ...] = ()  # times at which margins of flights are computed, if any
 
     def draw(self, seed: int, flights: int) -> Floats:
         """Draw the inputs [flight, column] that are common to all candidates."""
@@ -134,7 +134,7 @@ class Trials:
             for start in starts
         ]
         metrics = np.concatenate([block.metrics for block in blocks])
-        missing = len(self.columns) - metrics.shape[1]  # margins are missing if there is no trim
+        missing = len(self.columns) - metrics.shape[1]  # Margins are missing if there is no trim.
         metrics = np.hstack([metrics, np.zeros((len(metrics), missing))])
         lost = np.concatenate([block.outcome for block in blocks]) != Outcome.OK
         return np.where(lost[:, None], np.nan, metrics)
@@ -156,7 +156,7 @@ class Trials:
 
 
 def severities_of(trial: Trial, metric: Metric) -> Floats:
-    """Return the severities [flight] of a metric; larger is worse, lost flights infinite.
+    """Return the severities [flight] of a metric; larger is worse; infinite if lost.
 
     The severity of a metric with two limits is the distance outside the limits.
     """

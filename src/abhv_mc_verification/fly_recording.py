@@ -75,7 +75,7 @@ def make_start(
     *,
     latitude: float = 0.0,
 ) -> Floats:
-    """Return the state [state] of a level vehicle at longitude 0, SI and radians.
+    """Return the state [state] of a level vehicle at longitude 0, in SI units and radians.
 
     `rates` are inertial body rates.
     """
@@ -125,7 +125,7 @@ def replay(plan: FlightPlan, parameters: Floats | None = None) -> Floats:
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion [time] in quantities published by other simulators, SI and radians."""
+    """Motion [time] in quantities published by other simulators, in SI units and radians."""
 
     altitude: Floats  # [time]
     longitude: Floats

@@ -39,15 +39,15 @@ CADAC_EARTH = Earth(
 )
 # Ratio of the air density in CADAC++ (column rho) to the standard density at 20 km.
 CADAC_DENSITY = 1.0 / 1.0000134861
-FULL_MASS = 136077.0  # mass with full tanks, kg
-LONGEST_STEP = 0.01  # maximum integration step, s
+FULL_MASS = 136077.0  # mass in kg with full tanks
+LONGEST_STEP = 0.01  # maximum integration step in s
 
-POSITION = [f"sbii{i}" for i in (1, 2, 3)]  # inertial position, m
-VELOCITY = [f"vbii{i}" for i in (1, 2, 3)]  # inertial velocity, m/s
+POSITION = [f"sbii{i}" for i in (1, 2, 3)]  # inertial position in m
+VELOCITY = [f"vbii{i}" for i in (1, 2, 3)]  # inertial velocity in m/s
 ATTITUDE = [
     f"tbi{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)
 ]  # rotation from inertial to body axes
-RATES = [f"wbib{i}" for i in (1, 2, 3)]  # inertial body rates, rad/s
+RATES = [f"wbib{i}" for i in (1, 2, 3)]  # inertial body rates in rad/s
 CONTROLS = ["delax", "delrx", "delex", "throttle"]  # units deg, deg, deg, -
 COMPARED = ["alt", "dvbe", "thtvdx", "alphax", "betax"]
 
@@ -69,7 +69,7 @@ _REPLAYED = {
 
 @dataclass(frozen=True)
 class Recording:
-    """Recorded flight in the quantities of abhv-mc, SI and radians."""
+    """Recorded flight in the quantities of abhv-mc, in SI units and radians."""
 
     times: Floats
     states: Floats  # [time, state] without surfaces and engine
@@ -119,10 +119,11 @@ def read_recording(path: Path) -> Recording:
 
 
 def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Convert positions [..., 3] in E, m, to geodetic latitude, longitude and altitude.
+    """Convert positions [..., 3] in E (m) to geodetic latitude, longitude and altitude.
 
-    Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323), to rounding, a few
-    1e-9 m near the ground, where a double itself resolves 1e-9 m. On the axis the longitude is 0.
+    Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323) is accurate to
+    rounding: a few 1e-9 m near the ground, where a double resolves 1e-9 m. On the axis the
+    longitude is 0.
     """
     x, y, z = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
     a, f = earth.equatorial_radius, earth.flattening

@@ -32,12 +32,12 @@ from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_case
 if TYPE_CHECKING:
     import pandas as pd
 
-STEP = 0.01  # default integration step of abhv-mc, s
+STEP = 0.01  # default integration step of abhv-mc in s
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
 # tolerance of F-16 cases relative to the largest difference of two simulators
 _NEEDED = 1.25
-_LIKE = 6  # simple-body case whose tolerances are added
-_LONGEST = 3600.0  # maximum duration of a case, s
+_LIKE = 6  # number of the simple-body case whose tolerances are added
+_LONGEST = 3600.0  # maximum duration of a case in s
 
 VELOCITY = [f"feVelocity_ft_s_{axis}" for axis in "XYZ"]  # velocity north, east and down
 EULER = [f"eulerAngle_deg_{angle}" for angle in ("Yaw", "Pitch", "Roll")]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from abhv_mc.kernel.world.earth import Earth
 
-FOOT = 0.3048  # length of a foot, m
+FOOT = 0.3048  # length of a foot in m
 _DEG = math.pi / 180.0
 
 # Ellipsoid of the report; GM from the published gravity (32.1988102141 ft/s2 at 0 ft, equator).
@@ -16,7 +16,7 @@ ROUND = Earth(20_902_255.199 * FOOT, 0.0, 1.407644311e16 * FOOT**3, 0.0, 7.29211
 _DROP = 30_000.0 * FOOT
 _TUMBLING = (10.0 * _DEG, 20.0 * _DEG, 30.0 * _DEG)
 _AT_REST = (0.0, 0.0, 0.0)
-_LOCAL = 0.004178073 * _DEG  # rotation rate of the Earth, rad/s
+_LOCAL = 0.004178073 * _DEG  # rotation rate of the Earth in rad/s
 
 
 @dataclass(frozen=True)

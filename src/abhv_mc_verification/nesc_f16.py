@@ -31,9 +31,9 @@ from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.fly_recording import make_replay_plan, replay
 from abhv_mc_verification.nesc_cases import ELLIPSOID
 
-RATE = 500.0  # rate of the autopilot, which is continuous in the cases, Hz
-_TRIM_STEP = 1e-3  # time step of the accelerations in the trim, s
-_FULL_STICK = math.radians(-25.0)  # elevator at full aft stick, rad
+RATE = 500.0  # rate in Hz of the autopilot, which is continuous in the cases
+_TRIM_STEP = 1e-3  # time step in s of the accelerations in the trim
+_FULL_STICK = math.radians(-25.0)  # elevator deflection in rad at full aft stick
 
 
 class Step(StrictModel):
@@ -88,7 +88,7 @@ def _read_law(path: Path) -> Law:
 
 
 def heading_of(case: AircraftCase) -> float:
-    """Return the initial heading of the velocity, rad."""
+    """Return the initial heading (rad) of the velocity."""
     return math.atan2(case.velocity[1], case.velocity[0])
 
 
@@ -134,8 +134,8 @@ def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
     """Return the commands: initial course and airspeed, and the steps of the case.
 
     The stick and throttle commands are solved for with the autopilot off, as its notes require. In
-    cases 13 they also compensate for the difference between the autopilot's design point and this
-    trim, because in the published flights the elevator does not move at the start.
+    the variants of case 13, they also compensate for the difference between the autopilot's design
+    point and this trim, because in the published flights the elevator does not move at the start.
     """
     speed = math.hypot(*case.velocity)
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])

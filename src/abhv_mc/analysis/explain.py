@@ -66,7 +66,7 @@ class Explanation:
     flight: int
     failure: Failure
     ended: str  # description of how the flight ended
-    samples: dict[str, float]  # all dispersions of the flight, SI units
+    samples: dict[str, float]  # all dispersions of the flight in SI units
     # dispersions that suffice for the failure; empty if the nominal flight fails too
     causes: tuple[str, ...]
     # other sets of dispersions of the same size with which the flight also fails

@@ -63,7 +63,8 @@ def group_failures(explanations: Sequence[Shrunk | None], high: Mask) -> list[Ca
 
 
 MOST_FLIGHTS = 50  # maximum number of analysed flights per controller
-# maximum number of sets tried per flight in order of size, e.g. all pairs of 27 dispersions
+# maximum number of sets of dispersions tried per flight, smallest sets first (enough for all pairs
+# of 27 dispersions)
 _BUDGET = 400
 
 
@@ -82,7 +83,7 @@ class Dispersed:
 class FailureGroup:
     """Flights that fail in the same way due to the same set of dispersions."""
 
-    failure: str  # kind of failure, as text
+    failure: str  # description of the kind of failure
     dispersions: tuple[Dispersed, ...]
     flights: tuple[int, ...]  # flight numbers, most severe failure first
 
@@ -186,7 +187,7 @@ def _group(
     *,
     explanations: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
-    """Return the failure groups of each kind, and the flight numbers in all groups."""
+    """Return the groups for each kind of failure, and the numbers of all grouped flights."""
     groups = []
     for description in dict.fromkeys(failure.words for failure in failures):
         members = [k for k, failure in enumerate(failures) if failure.words == description]

@@ -91,8 +91,8 @@ def place_flights(
     """Compare test flights with the simulated flights of a campaign.
 
     A file with a column `time` is a history: the largest, smallest, mean and last value of each
-    channel are ranked, and the history is compared with the simultaneous band. Any other file has a
-    row for each flight and metrics of the campaign as columns. `noise` maps channels to standard
+    channel are ranked, and the history is compared with the simultaneous band. Any other file has
+    one row per flight, and metrics of the campaign as columns. `noise` maps channels to standard
     deviations of measurement noise; the default is the noise in the campaign file or the errors of
     its sensors. Raise InputError if flights cannot be compared.
     """

@@ -22,7 +22,9 @@ from abhv_mc.io.documents import InputError, Refusal, one_of, validate
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"
-_SLACK = 1e-9  # tolerance within which interval ends count as equal, as a share of the width
+_SLACK = (
+    1e-9  # tolerance within which interval ends count as equal, as a share of the interval's width
+)
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,8 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
                 f"{name} is a mixture with a discrete choice",
                 "a mixture of continuous distributions, or a new campaign",
             )
-        # Each component of the new distribution must lie within one component of the old one.
+        # Each component of the new distribution must lie within a component of the old
+        # distribution.
         for component in _parts(new):
             faults = [_unsupported(name, flown, component) for flown in _parts(old)]
             if all(faults):

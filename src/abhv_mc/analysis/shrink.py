@@ -1,7 +1,7 @@
 """Smallest set of inputs that still causes a failure if all other inputs are nominal.
 
-If there are few sets, they are tried in order of size. Otherwise the full set is reduced until
-every remaining input is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002),
+If there are few sets, they are tried in order of increasing size. Otherwise the full set is reduced
+until every remaining input is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002),
 testing many candidates at a time.
 """
 
@@ -17,7 +17,7 @@ from abhv_mc.array_types import Floats, Mask
 
 Sets = list[tuple[int, ...]]
 
-BUDGET = 4000  # maximum number of candidate sets tried in order of size
+BUDGET = 4000  # maximum number of candidate sets tried, smallest sets first
 
 
 @dataclass(frozen=True)

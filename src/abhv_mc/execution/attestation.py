@@ -30,7 +30,7 @@ class Attestation:
     def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
         """Prepare the check of all workers.
 
-        One flight of each host with another kind of processor (or of each worker if
+        One flight from each host with another kind of processor (or of each worker if
         ``every_worker``) is computed again in this process.
         """
         self._engine, self._every = engine, every_worker

@@ -9,7 +9,7 @@ from abhv_mc.array_types import Mask
 from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
-_WORK = 10.0  # computing time of a block of a custom simulator, s
+_WORK = 10.0  # computing time in s of a block of a custom simulator
 # Maximum number of flights in a block without histories: ten seconds of work, which is lost if the
 # worker is killed.
 _MOST_FLIGHTS = 8192
@@ -45,7 +45,7 @@ def choose_unrecorded(flights: int, workers: int, batch: int) -> int:
 def choose_timed(flights: int, workers: int, seconds: float) -> int:
     """Return the block size for a custom simulator: about ten seconds of computing time.
 
-    ``seconds`` is the computing time of one flight, s.
+    ``seconds`` is the computing time of one flight in s.
     """
     share = -(-flights // (4 * workers))
     return max(1, min(_MOST_FLIGHTS, share, int(_WORK / seconds) if seconds else _MOST_FLIGHTS))

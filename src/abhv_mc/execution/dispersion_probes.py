@@ -19,8 +19,8 @@ from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.user_code.child import run_in_thread
 
 _ROWS = 3  # number of trials for each dispersion
-_DEFAULT_LIMIT = 600.0  # default time limit for 16 flights, s
-_COMPILING = 1800.0  # time allowed for compilation on a busy machine, s
+_DEFAULT_LIMIT = 600.0  # default time limit in s for 16 flights
+_COMPILING = 1800.0  # time in s allowed for compilation on a busy machine
 
 
 def make_trials(campaign: Experiment) -> Floats:
@@ -89,7 +89,10 @@ def find_ineffective(
 def _fly_temporary(
     campaign: Experiment, name: str, trials: Floats, every: int, limit: float
 ) -> FlightBlock:
-    """Simulate trials without storing them. Raise InputError if they exceed ``limit``, s."""
+    """Simulate trials without storing them.
+
+    Raise InputError if they take longer than ``limit`` seconds.
+    """
     try:
         return run_in_thread(lambda: simulate(campaign, name, trials, every), limit)
     except TimeoutError:

@@ -28,29 +28,30 @@ TRIAL_FLIGHTS = 64
 class Estimate:
     """Estimated time and disk space of a campaign."""
 
-    flights: int  # flights per controller
+    flights: int  # number of flights per controller
     controllers: int
     kind: str  # noun for a compared system: 'controller' or 'system'
     workers: int
-    batch: int  # flights per block
-    flight_s: float  # time of one flight on one core, s, averaged over controllers
-    flying_s: float  # wall time of all flights, s
+    batch: int  # number of flights per block
+    flight_s: float  # time of one flight on one core in s, averaged over controllers
+    flying_s: float  # wall time of all flights in s
     rows_bytes: int
     histories_bytes: int
-    searched: int  # flights per controller in the search for the worst values of unknowns
-    # flights per controller whose histories are stored, without those selected by 'failed'
+    searched: int  # number of flights per controller in the search over the unknowns
+    # number of flights per controller whose histories are stored, without those selected by
+    # 'failed'
     kept: int
     envelope_bytes: int  # disk space of envelope data during the run
     warnings: tuple[str, ...]  # warnings about the mission
 
     @property
     def search_s(self) -> float:
-        """Wall time of the search for worst values of unknowns, s, included in ``flying_s``."""
+        """Wall time in s of the search over the unknowns, included in ``flying_s``."""
         return self.controllers * self.flight_s * self.searched / self.workers
 
     @property
     def disk_bytes(self) -> int:
-        """Maximum disk space during the run, bytes."""
+        """Maximum disk space during the run in bytes."""
         return self.rows_bytes + self.histories_bytes + self.envelope_bytes
 
 

@@ -48,7 +48,7 @@ class FlightRunner:
 def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
     """Yield a thread pool that does not wait for its flights after an interrupt.
 
-    The executor of the flights ends them.
+    The executor ends these flights.
     """
     threads = ThreadPoolExecutor(number)
     try:

@@ -25,7 +25,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability
 
-_LONG = 1.0  # time of a flight, s, above which only one flight is repeated in each process
+_LONG = 1.0  # time of a flight in s, above which only one flight is repeated in each process
 _CHECKED = 8  # number of rows of inputs that are checked
 _PAIRS = 4  # maximum number of pairs of processes
 
@@ -191,7 +191,7 @@ def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]
     """Yield each row of inputs with its results in two processes."""
     yield from zip(a.rows, outcome_and_metrics(a.first), outcome_and_metrics(b.first), strict=True)
     if len(a.again.outcome) == len(b.again.outcome):
-        # The numbers of repeated flights differ if one process was slow.
+        # If one process was slow, it repeated fewer flights than the other process.
         again = outcome_and_metrics(a.again), outcome_and_metrics(b.again)
         yield from zip(a.again_rows, *again, strict=True)
 

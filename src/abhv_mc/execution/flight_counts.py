@@ -28,8 +28,9 @@ class RequirementCount:
     binds: bool  # whether the requirement applies to the controller
     missed: Mask  # [flight] whether the flight violates the requirement
     flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
-    ended_early: NDArray[np.int64]  # [point] flights that failed only by early termination
-    measured: NDArray[np.int64]  # [point] flights whose metric violates the limits
+    # [point] number of flights that failed only by early termination
+    ended_early: NDArray[np.int64]
+    measured: NDArray[np.int64]  # [point] number of flights whose metric violates the limits
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by the value of the metric; NaN is a failure."""

@@ -29,7 +29,7 @@ class FlightTable:
     """Flights of all systems, in the units of the campaign."""
 
     path: Path  # path of the table of inputs
-    samples: Floats  # [flight, input], equal for all systems
+    samples: Floats  # inputs [flight, input], which are the same for all systems
     lines: Ints  # [flight] line number of the inputs in the file
     factors: Floats  # [input] conversion factors from units of the file to units of the campaign
     blocks: tuple[FlightRows, ...]

@@ -29,9 +29,9 @@ def merge_campaign(
 
     The envelopes, histories and verdicts of all flights are created too. The same call resumes an
     interrupted merge. ``trust_code`` permits running custom code of the folders that the user has
-    not run before. ``requirements`` is the set for all flights, needed if the parts have different
-    sets. Raise InputError, before files are created, if the parts belong to different campaigns,
-    were run with different code or plans, or share flights.
+    not run before. ``requirements`` is the requirement set for all flights, needed if the parts
+    have different requirement sets. Raise InputError, before files are created, if the parts belong
+    to different campaigns, were run with different code or plans, or share flights.
     """
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_poolable(parts)

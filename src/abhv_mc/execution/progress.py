@@ -7,9 +7,9 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
-# intervals between plain progress lines and between updates of the clock, s
+# intervals in s between plain progress lines and between updates of the clock
 _PLAIN_INTERVAL, _CLOCK = 10.0, 1.0
-_printed = [time.monotonic()]  # time of the last plain line of any task, s
+_printed = [time.monotonic()]  # time in s of the last plain line of any task
 
 
 def _print_plain(line: str, stream: TextIO | None) -> None:
@@ -93,7 +93,7 @@ class Waiting:
 
     @property
     def seconds(self) -> float:
-        """Elapsed time, s."""
+        """Elapsed time in s."""
         return time.monotonic() - self._start
 
     def __enter__(self) -> "Waiting":

@@ -57,7 +57,7 @@ def select_flights(
 
 @dataclass(frozen=True)
 class HistoryFile:
-    """File of the time histories of some flights of one controller."""
+    """File with the time histories of some of a controller's flights."""
 
     product: Product
     controller: str

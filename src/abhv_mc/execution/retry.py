@@ -25,14 +25,14 @@ if TYPE_CHECKING:  # Worker processes do not import these modules.
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # flights in the first pieces of a divided block, and flights per time limit
+PIECE = 16  # number of flights in each first piece of a divided block, and per time limit
 _reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)
 
 
 class FlightLostError(Exception):
-    """Error: flights were lost by an exception, the time limit (``hung``) or a crash."""
+    """Error: flights were lost due to an exception, the time limit (``hung``) or a crash."""
 
     def __init__(self, message: str, process: bool = False, hung: bool = False) -> None:
         super().__init__(message)
@@ -44,7 +44,7 @@ class UnusableError(Exception):
 
 
 def time_limit(flights: int, piece_limit: float) -> float:
-    """Return the time limit of ``flights``, s; ``piece_limit`` applies to up to PIECE flights."""
+    """Return the time limit (s) for ``flights`` flights; ``piece_limit`` is for up to PIECE."""
     return piece_limit * math.ceil(flights / PIECE)
 
 

@@ -54,7 +54,7 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request
 
-_SAVE_INTERVAL = 5.0  # interval between updates of the manifest, s
+_SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class _Run:
         is_complete = self.manifest.complete and self.completion.is_complete()
         adds_flights = not is_complete
         if is_complete and (self._has_products() or self._keeps_products()):
-            if self._judge() != self.manifest:  # if the order of controllers changed
+            if self._judge() != self.manifest:  # The order of controllers may have changed.
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)

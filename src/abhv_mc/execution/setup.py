@@ -258,7 +258,7 @@ def _check_same(
     inputs: FolderInputs,
     request: Request,
 ) -> None:
-    """Raise InputError unless the requested campaign equals or extends the stored one."""
+    """Raise InputError unless the requested campaign equals or extends the stored campaign."""
     root, shard = flown.folder.root, flown.manifest.shard
     if flown.manifest.search:
         raise InputError(
@@ -287,7 +287,7 @@ def _fly_nominal(
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
     """Run the nominal flight and the trial flights of the dispersions.
 
-    Return the times [time], s, and the history [time, channel] of the nominal flight of each
+    Return the times [time] in s, and the history [time, channel] of the nominal flight of each
     controller.
     """
     simulator = campaign.simulator

@@ -46,7 +46,7 @@ def simulate(
     *,
     margins: bool = False,
 ) -> FlightBlock:
-    """Simulate ``rows`` [flight, input], SI, with the columns ``experiment.inputs``.
+    """Simulate ``rows`` [flight, input] in SI, with the columns ``experiment.inputs``.
 
     Other parameters are nominal. ``recording`` is a Recording, or the number of control ticks
     between samples of all channels. ``executor`` runs the flights, by default in the calling

@@ -20,7 +20,7 @@ from abhv_mc.user_code.child import allow_here
 if TYPE_CHECKING:  # Worker processes do not import these modules.
     from abhv_mc.interfaces import Fly, Recorded
 
-_LEAST = 30.0  # minimum time limit for 16 flights, s
+_LEAST = 30.0  # minimum time limit in s for 16 flights
 _TIMES = 20.0  # time limit as a multiple of the processor time of 16 nominal flights
 
 

@@ -31,9 +31,9 @@ from abhv_mc.user_code.child import describe_exit
 # Give up after 20 + workers consecutive failed starts; a crash counts as four failed starts.
 _FAILED_STARTS = 20
 _CRASH = 4
-_PAUSE = 0.05  # pause before a start, multiplied by the number of failed starts, s
-_COMPILE_LIMIT = 600.0  # time to start a process and load or compile a flight, s
-_RESPONSE_LIMIT = 60.0  # time for a ready process to begin the next block, s
+_PAUSE = 0.05  # pause in s before a start, multiplied by the number of failed starts
+_COMPILE_LIMIT = 600.0  # time in s to start a process and load or compile a flight
+_RESPONSE_LIMIT = 60.0  # time in s for a ready process to begin the next block
 # Limit on wall time: the larger of 600 s and 20 times the limit on processor time.
 _ASLEEP, _WALL = 600.0, 20.0
 _start_lock = threading.Lock()
@@ -133,7 +133,7 @@ class WorkerPool:
     """Pool of worker processes, which start when first needed; :meth:`fly` is thread-safe."""
 
     def __init__(self, fly: Fly, workers: int, limit: float | None) -> None:
-        """Prepare the pool; ``limit`` is the processor time (s) of up to 16 flights."""
+        """Prepare the pool; ``limit`` is the limit on processor time (s) for 16 flights."""
         self._fly, self.workers, self._limit = fly, workers, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
@@ -141,10 +141,10 @@ class WorkerPool:
         self._workers: set[_Worker] = set()
         # Key and plan by id of the plan; the stored reference keeps the id unique.
         self._plans: dict[int, tuple[int, FlightPlan]] = {}
-        self._limits: dict[int, float | None] = {}  # time limits by key of the plan, s
+        self._limits: dict[int, float | None] = {}  # time limits in s by key of the plan
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
-        self._failed_starts = 0  # consecutive failed starts, weighted
+        self._failed_starts = 0  # weighted number of consecutive failed starts
         self._last_end = ""
         self._closed = False
 

@@ -91,7 +91,7 @@ def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
 def sample_histories(
     histories: Mapping[int, Floats], flights: int, channels: int, rate: float, beyond: int = 0
 ) -> tuple[Floats, Singles]:
-    """Return times [time], s, and histories [flight, time, channel] at these times.
+    """Return times [time] in s, and histories [flight, time, channel] at these times.
 
     Times have ``rate`` samples per second and extend ``beyond`` samples on either side of the
     flights. Histories are interpolated linearly, and are NaN before and after a flight.

@@ -24,10 +24,10 @@ from abhv_mc.user_code.child import describe_exit
 _AHEAD = 64  # maximum number of requests sent ahead of replies
 _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe
 _READ = 1 << 18
-_ENDING = 2.0  # time for a process to end after closing standard output, s
-_LOOK = 1.0  # interval between checks of a computing process, s
-_EXCERPT = 2000  # bytes kept at each end of the standard error output
-_MOST_ERRORS = 1 << 20  # maximum standard error output on disk, bytes
+_ENDING = 2.0  # time in s for a process to end after closing standard output
+_LOOK = 1.0  # interval in s between checks of a computing process
+_EXCERPT = 2000  # number of bytes kept at each end of the standard error output
+_MOST_ERRORS = 1 << 20  # maximum size in bytes of the standard error output on disk
 # Linux does not run a script that is open for writing, so processes start one by one.
 _starting = threading.Lock()
 
@@ -82,8 +82,8 @@ class Process:
         self.flights = 0  # number of completed flights
         # replies since the last check that do not repeat the string of their request
         self.unproven = 0
-        self.first_time = 0.0  # time from the start to the first reply, s
-        self.longest = 0.0  # longest time to a reply after the first, s
+        self.first_time = 0.0  # time in s from the start to the first reply
+        self.longest = 0.0  # longest time in s to any later reply
         if plan.python:
             error = self._answer(plan.start_limit, "loaded").get("error")
             if error is not None:
@@ -93,7 +93,7 @@ class Process:
     def answers(
         self, requests: Sequence[bytes], limit: float, *, start: float = 0.0, ahead: bool = False
     ) -> Iterator[dict[str, Any]]:
-        """Yield the reply to each of ``requests``, each within ``limit`` s of the previous one.
+        """Yield the reply to each of ``requests``, each within ``limit`` s of the previous reply.
 
         ``start`` gives additional seconds for the first reply of the process; with ``ahead``
         several requests are sent in advance. Raise LostFlightError or OutOfStepError.

@@ -21,12 +21,12 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
 
-_AHEAD = 1e-3  # computing time of a flight, s, below which flights are requested ahead of replies
-_SLACK = 0.02  # time of a silence check in addition to twice the longest reply time, s
-_SHORT_PROOF = 0.25  # duration of a silence check after few flights, s
-_PROOF = 20  # flights of a process before its silence checks take the full time
+_AHEAD = 1e-3  # computing time of a flight in s, below which requests are sent ahead of replies
+_SLACK = 0.02  # time in s of a silence check in addition to twice the longest reply time
+_SHORT_PROOF = 0.25  # duration in s of a silence check after few flights
+_PROOF = 20  # number of flights of a process before its silence checks take the full time
 _RARE = 300  # minimum number of pieces between two surplus lines, on average
-# limits on the start time: multiple of earlier start times, and seconds
+# limits on the start time: a multiple of earlier start times, and a time in s
 _START_TIMES, _START_SLACK = 10.0, 10.0
 
 
@@ -34,10 +34,10 @@ class _Record:
     """Times and surplus output of the flights of one system in this process."""
 
     def __init__(self) -> None:
-        self.seconds = 0.0  # mean computing time of a flight in the last block, s
-        # longest reply time before each recent silence check, s
+        self.seconds = 0.0  # mean computing time in s of a flight in the last block
+        # longest reply time in s before each recent silence check
         self.longest: deque[float] = deque(maxlen=_PROOF)
-        self.start: float | None = None  # longest time to a first reply, s
+        self.start: float | None = None  # longest time in s to a first reply
         self.is_stuck = False  # whether a process exceeded its start limit without a reply
         self.flights = self.surplus = 0
 
@@ -47,7 +47,7 @@ _told: set[str] = set()  # reasons already printed
 
 
 def seconds_of_a_flight(plans: Iterable[Any]) -> float:
-    """Return the mean time of recent flights of the slowest system, s, initially 0."""
+    """Return the mean time (s) of recent flights of the slowest system, initially 0."""
     return max(_records[plan.system].seconds for plan in plans)
 
 
@@ -97,8 +97,8 @@ class _Flights:
     """Flights of one call with their results.
 
     Replies without the text of the request are matched by order, so that one surplus line would
-    give every later flight the numbers of another. Surplus lines are detected only when the process
-    is idle, so flights are accepted if the process is silent afterwards, and computed again
+    give every later flight the numbers of another flight. Surplus lines are detected only when the
+    process is idle, so flights are accepted if the process is silent afterwards, and computed again
     otherwise.
     """
 
@@ -118,7 +118,7 @@ class _Flights:
         flights, surplus = plan.seen
         self.record.flights = max(self.record.flights, flights)
         self.record.surplus = max(self.record.surplus, surplus)
-        self.waited = 0.0  # time spent on process starts and silence checks, s
+        self.waited = 0.0  # time in s spent on process starts and silence checks
         self.is_ahead = 0.0 < self.record.seconds < _AHEAD
 
     def run(self) -> None:
@@ -227,7 +227,7 @@ class _Flights:
                 return process
 
     def _start(self) -> float:
-        """Return the time allowed for the start of a program in addition to a flight, s."""
+        """Return the time (s) allowed for the start of a program in addition to a flight."""
         if self.plan.python:
             return 0.0  # Python simulators report when they are loaded.
         if self.record.is_stuck:
@@ -236,7 +236,7 @@ class _Flights:
         return limit if before is None else min(limit, _START_TIMES * before + _START_SLACK)
 
     def _full_proof(self, process: Process) -> float:
-        """Return the time after which a surplus line would have arrived, s."""
+        """Return the time (s) after which a surplus line would have arrived."""
         longest = max(process.longest, *self.record.longest, 0.0)
         return 2.0 * (longest or process.first_time) + _SLACK
 

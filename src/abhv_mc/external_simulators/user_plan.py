@@ -31,15 +31,15 @@ class UserPlan:
     seeds: tuple[bool, ...]  # whether each input is an integer seed
     metrics: tuple[Metric, ...]
     outcomes: dict[str, int]  # numbers of the outcome codes
-    time_limit: float  # limit on the elapsed time of a flight, s
+    time_limit: float  # limit in s on the elapsed time of a flight
     channels: tuple[Signal, ...] = ()  # channels of the returned history
-    rate: float = 10.0  # sampling rate of histories and envelopes, Hz
+    rate: float = 10.0  # sampling rate of histories and envelopes in Hz
     band_rate: float = 5.0
 
     timing: ClassVar = None  # None: each flight has its own times
     sources: ClassVar[tuple[UserSource, ...]] = ()
     folders: tuple[str, ...] = ()  # required empty folders
-    start_limit: float = 600.0  # time limit for the start, s
+    start_limit: float = 600.0  # time limit in s for the start
     flights_per_process: int | None = None
     campaign_folder: str = ""  # folder of the campaign file
     check: int = 0  # number of a process used only for checks, or 0

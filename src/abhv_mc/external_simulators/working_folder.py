@@ -13,7 +13,7 @@ from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.io.input_error import InputError, is_exhausted
 
-_LARGEST_COPY = 1 << 24  # size above which files are linked, bytes
+_LARGEST_COPY = 1 << 24  # size in bytes above which files are linked
 _BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 

@@ -151,7 +151,7 @@ def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
     """Return rows [flight, parameter] with added settings and initial custom states.
 
     Rows that already have these values are unchanged, except for settings of control laws at the
-    end: only those of the plan's law are kept.
+    end: only the settings of the plan's law are kept.
     """
     foreign = plan.vehicle.foreign
     nominal = np.concatenate([foreign.settings, np.zeros(foreign.states)])

@@ -26,9 +26,9 @@ from abhv_mc.user_code.child import LostError, in_child, may_run_here
 from abhv_mc.user_code.law_interface import Measured, find_unit
 from abhv_mc.user_code.unpack import laws_folder
 
-_LIMIT = 60.0  # time limit for up to 16 flights, s
+_LIMIT = 60.0  # time limit in s for up to 16 flights
 _FEW = 16
-_ROWS = Z_ROWS + O_ROWS + 1  # rows of the file; the last contains the control period
+_ROWS = Z_ROWS + O_ROWS + 1  # number of rows of the file; the last row contains the control period
 _compiled: set[int] = set()  # lane counts of the compiled flights loaded by the child
 
 

@@ -52,7 +52,7 @@ class SourceRow(NamedTuple):
 def _make_row(source: Source) -> SourceRow:
     """Return the row of a source; ``effector_at+3`` is the fourth row of ``effector_at``.
 
-    Rows are in SI and radians, except rows of derived quantities, in the unit of the source.
+    Rows are in SI and radians, except that rows of derived quantities are in the source's unit.
     """
     name, _, offset = source.source.partition("+")
     is_in_unit = source.unit not in ("deg", "deg/s") or name.endswith("_deg")
@@ -108,7 +108,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
             factors[i], program.constant[0] = (
                 program.constant[0],
                 1.0,
-            )  # convert after the difference, to avoid rounding
+            )  # Convert units after taking the difference, to avoid rounding errors.
     return Counted(
         Lean(
             row=np.array([row.row for row in rows], np.int64),

@@ -50,6 +50,6 @@ def failure_cases(
 
 
 def failure_times(names: Sequence[str], samples: Floats) -> Floats:
-    """Return the time of the first drawn failure of each flight, s, or infinity."""
+    """Return the time (s) of the first drawn failure of each flight, or infinity."""
     columns = [i for i, name in enumerate(names) if name in FAILURE_TIMES]
     return samples[:, columns].min(axis=1, initial=np.inf)

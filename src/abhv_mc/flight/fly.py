@@ -28,8 +28,8 @@ from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
-_SAMPLED = 512  # flights per call if quantiles need all ticks; limits memory
-_LONGEST = 600.0  # time limit for fly_until with native code, s
+_SAMPLED = 512  # number of flights per call if quantiles need all ticks; this limits memory
+_LONGEST = 600.0  # time limit in s for fly_until with native code
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)

@@ -38,8 +38,8 @@ class Metric(Signal):
     of: str  # source or expression of sources; "" for a margin
     statistic: Statistic
     limit: float = 0.0  # limit used by the statistic, or probability of a quantile
-    start: float = 0.0  # start of the time window, s
-    end: float = math.inf  # end of the time window, s
+    start: float = 0.0  # start of the time window in s
+    end: float = math.inf  # end of the time window in s
     settled: bool = False  # exclude 5 s after each step of the reference
     empty: float = math.nan  # value if a flight ends before the window
     never_negative: bool = False

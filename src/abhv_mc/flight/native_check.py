@@ -20,7 +20,7 @@ _TICKS = 50
 _SLOW_TICKS = 200  # number of ticks during which the effects of hidden memory grow
 # Relative tolerance if states are set at each tick, which restarts integrators of some FMUs.
 _ALIKE = 1e-6
-_LONGEST = 600.0  # time limit including compilation, s
+_LONGEST = 600.0  # time limit in s including compilation
 
 
 def check_native(plan: FlightPlan) -> None:

@@ -123,7 +123,7 @@ def simulator_outcomes(declared: Mapping[str, str]) -> Outcomes:
 
 
 class EndBounds(NamedTuple):
-    """Ranges whose violation completes the mission, SI and radians."""
+    """Ranges whose violation completes the mission, in SI units and radians."""
 
     altitude: tuple[float, float] = (-math.inf, math.inf)
     speed: tuple[float, float] = (-math.inf, math.inf)
@@ -134,7 +134,7 @@ class EndBounds(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Limits that end a flight, SI and radians."""
+    """Limits that end a flight, in SI units and radians."""
 
     altitude_min: float
     altitude_max: float
@@ -143,7 +143,7 @@ class Limits(NamedTuple):
     sideslip_max: float
     loads: LoadBounds = LoadBounds()
     end: EndBounds = EndBounds()
-    fuel_min: float = -math.inf  # minimum mass, kg
+    fuel_min: float = -math.inf  # minimum mass in kg
     speed_max: float = math.inf
 
 

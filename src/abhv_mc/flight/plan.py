@@ -30,7 +30,7 @@ NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 class Recording(NamedTuple):
     """Specification of the time histories to record."""
 
-    every: int  # control ticks between samples; 0 records nothing
+    every: int  # number of control ticks between samples; 0 records nothing
     channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # indices into the plan's channels
     extremes: bool = False  # record extremes over all flights and control ticks
 
@@ -67,7 +67,7 @@ SENSOR_TIMES = (
 def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str] | None:
     """Return an invalid sensor delay, lag or interval and its valid range, or None.
 
-    ``parameters`` is [flight, parameter], ``tick`` the control period in s.
+    ``parameters`` has shape [flight, parameter]; ``tick`` is the control period in s.
     """
     for name in SENSOR_TIMES:
         limit = (MAX_DELAY_TICKS + 0.5) * tick if name == "sensor.delay" else np.inf
@@ -105,7 +105,7 @@ class FlightPlan:
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)
     # [channel, 2] name and unit of custom channels
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)
-    period: int = 0  # period of a custom law in ticks, as declared; 0 if undeclared
+    period: int = 0  # declared period of a custom law in ticks; 0 if undeclared
     # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
     # dispersed settings of control laws; they follow the vehicle's settings
@@ -172,10 +172,10 @@ class FlightBlock:
     """Results of flights simulated in one call, in the order of their parameters."""
 
     outcome: NDArray[np.int64]  # [flight] values of Outcome
-    end_time: Floats  # [flight] end time, s
+    end_time: Floats  # [flight] end time in s
     metrics: Floats  # [flight, metric], in the order of the plan's metrics
     history: Singles  # [flight, time, channel] recorded channels; NaN after the end
-    times: Floats  # [time] times of the history, s
+    times: Floats  # [time] times of the history in s
     # [flight, time, state]; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
     # [time, channel] extremes over flights and control ticks between the adjacent times; NaN if

@@ -30,8 +30,8 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
 def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
     """Rebuild a record of type ``kind`` from the result of :func:`flatten`.
 
-    Arrays are contiguous. Raise KeyError if an item is missing, and ValueError if one has the
-    wrong type.
+    Arrays are contiguous. Raise KeyError if an item is missing, and ValueError if an item has
+    the wrong type.
     """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)

@@ -74,9 +74,9 @@ from abhv_mc.vehicle.warnings import find_vehicle_warnings
 _find_warnings = cache_results(
     find_vehicle_warnings
 )  # Controllers of a campaign share the vehicle.
-_LEAST_FUEL = 1e-9  # fuel mass at which the tank counts as empty, kg
+_LEAST_FUEL = 1e-9  # fuel mass in kg at which the tank counts as empty
 _SPEED_FACTOR = 2.0  # default speed limit relative to the largest reference speed
-_OUTSIDE = 1.0  # minimum time outside the tables that causes a warning, s
+_OUTSIDE = 1.0  # minimum time in s outside the tables that causes a warning
 _ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle of attack that is a node in few tables
 
 
@@ -425,7 +425,7 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
 def local_frame_rate(
     earth: Earth, altitude: float, latitude: float, v_north: float, v_east: float
 ) -> tuple[float, float, float]:
-    """Return the inertial angular rate of the NED frame in NED components, rad/s."""
+    """Return the inertial angular rate (rad/s) of the NED frame in NED components."""
     meridian, vertical = radii(earth, float(np.sin(latitude)))
     longitude_rate = v_east / ((vertical + altitude) * np.cos(latitude)) + earth.rotation_rate
     return (

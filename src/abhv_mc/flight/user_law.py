@@ -120,7 +120,7 @@ def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
 
 
 def extra_measurements(plan: FlightPlan) -> int:
-    """Return 1 if the plan's law may read measurements beyond the ten standard ones.
+    """Return 1 if the plan's law may read measurements beyond the ten standard measurements.
 
     Return 2 if these may include accelerations, and 0 if the law reads none of them.
     """

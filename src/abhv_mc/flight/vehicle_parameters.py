@@ -1,4 +1,4 @@
-"""Parameters of a vehicle's flights: built-in ones and settings of custom code."""
+"""Parameters of a vehicle's flights: built-in parameters and settings of custom code."""
 
 import ast
 import functools

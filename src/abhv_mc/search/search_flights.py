@@ -63,7 +63,7 @@ _DRAWN = 3  # number of worst flights whose time histories a page shows
 # minimum distance between the plotted flights, as a share of the simulated range (rms over
 # parameters)
 DRAWN_APART = 0.1
-_DRAWN_STEP = 0.1  # time step of the histories, s
+_DRAWN_STEP = 0.1  # time step of the histories in s
 
 
 def read_searched(
@@ -116,7 +116,7 @@ class DrawnFlights:
     """Time histories of the nominal flight and of selected flights, in this order."""
 
     numbers: tuple[int, ...]
-    times: Floats  # times, s
+    times: Floats  # times in s
     history: NDArray[
         np.float32
     ]  # histories [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
@@ -136,7 +136,7 @@ class SearchFlights:
         """Prepare the flights of a search.
 
         `campaign` has the searched controller as its only system; `margins` adds stability margins
-        to every flight. `writer` is a thread that writes a block while the next one is simulated.
+        to every flight. `writer` is a thread that writes a block while the next block is simulated.
         """
         self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)
@@ -156,7 +156,7 @@ class SearchFlights:
 
     @property
     def flown(self) -> int:
-        """Number of flights so far, including those of earlier runs."""
+        """Number of flights so far, including the flights of earlier runs."""
         return self.blocks[-1].stop if self.blocks else 0
 
     @property
@@ -166,7 +166,7 @@ class SearchFlights:
 
     @property
     def duration(self) -> float:
-        """Duration (s) of a flight that does not terminate early; 0 if this varies."""
+        """Duration (s) of a flight that does not terminate early; 0 if the duration varies."""
         return self.plan.timing.duration if self.plan.timing else 0.0
 
     def rows(self) -> FlightRows:

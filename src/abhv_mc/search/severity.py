@@ -22,7 +22,7 @@ class Severity:
 
     # metric, undesired direction, and limits of a requirement
     criterion: Criterion
-    duration: float  # duration of a flight that does not terminate early, s
+    duration: float  # duration in s of a flight that does not terminate early
     early_is_worse: bool = True
 
     def of(self, rows: FlightRows) -> Floats:

@@ -113,8 +113,8 @@ class Space:
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
         """Return random values [flight, dimension] of the campaign's distributions in the box.
 
-        Values outside the box are redrawn; a parameter that does not occur is always inside. Raise
-        InputError if almost no random flight is inside the box.
+        Values outside the box are redrawn; a parameter that does not occur is always inside the
+        box. Raise InputError if almost no random flight is inside the box.
         """
         absent = np.array(
             [m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals]

@@ -39,7 +39,7 @@ _BATCH = 512  # number of random flights per batch
 _MOST_COMBINATIONS = 64  # maximum number of combinations of discrete values
 _OTHER_SEEDS = 64  # number of flights at the worst point with other turbulence and noise
 MARGIN_EVALUATIONS = 512  # number of evaluations per margin
-_MARGIN_BOX = 3.0  # half width of the box for unbounded distributions, sigma
+_MARGIN_BOX = 3.0  # half width in sigma of the box for unbounded distributions
 _MOVED = 1e-6  # smallest change of a parameter that is reported, in half widths of its range
 
 
@@ -62,7 +62,7 @@ class WorstFound:
     worst: int  # number of the worst flight
     random_worst: int  # number of the worst random flight
     severities: Floats  # severities [flight]
-    duration: float  # duration of a flight that does not terminate early, s
+    duration: float  # duration in s of a flight that does not terminate early
     failed_to_run: int
     drawn: DrawnFlights | None
     known: Parameters
@@ -221,8 +221,8 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
 def _combine(space: Space, best: Floats) -> Iterator[Floats]:
     """Yield the best point [1, dimension] with all combinations of discrete values.
 
-    Yield nothing if there are too many. The search itself moves one or all parameters at a time,
-    and discrete values have no slope.
+    Yield nothing if there are too many combinations. The search itself moves one or all parameters
+    at a time, and discrete values have no slope.
     """
     values = {
         i: marginal.values
@@ -244,7 +244,7 @@ class WorstMargin:
     metric: str
     nominal: float  # nominal margin in the metric's unit; 0 if unstable or if there is no trim
     found: float
-    parameters: dict[str, float]  # parameters at the smallest margin, SI
+    parameters: dict[str, float]  # parameters in SI units at the smallest margin
     moved: tuple[str, ...]  # parameters away from the middle of their range, farthest first
     fault: str  # 'unstable', the reason why there is no trim, or ''
     evaluations: int

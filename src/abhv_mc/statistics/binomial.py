@@ -108,8 +108,8 @@ def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple
 def jeffreys(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the equal-tailed Jeffreys interval of the failure probability.
 
-    Its coverage is close to `confidence` on average over the failure probabilities, not for each of
-    them (Brown, Cai & DasGupta 2001).
+    Its coverage is close to `confidence` on average over the failure probabilities, not for each
+    failure probability (Brown, Cai & DasGupta 2001).
     """
     _check(failures, runs, confidence=confidence)
     tail, a, b = (1.0 - confidence) / 2.0, failures + 0.5, runs - failures + 0.5

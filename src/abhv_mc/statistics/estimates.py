@@ -82,7 +82,7 @@ def spread(values: Floats) -> float:
 def worst_first(lost_at: Floats, beyond: Floats) -> NDArray[np.intp]:
     """Return the flight indices, worst first.
 
-    Lost flights come first, sorted by the time `lost_at` [flight] at which they ended; it is
+    Lost flights come first, sorted by the time `lost_at` [flight] at which they ended, which is
     infinite for completed flights. Completed flights follow by their excess `beyond` a limit
     [flight], largest first.
     """

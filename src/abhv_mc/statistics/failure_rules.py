@@ -32,7 +32,7 @@ _DECILES = [
 _COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
     np.uint8
 )  # index of the decile bin that contains each fine bin
-_CLEAR = 2.0  # score, in standard deviations, below which both ends of an input are not tested
+_CLEAR = 2.0  # score, in standard deviations, below which two ends are not tested together
 _DIFFERED = 6  # number of inputs, those most related to failures, whose differences are tested
 _MOST_RULES = 20
 _CHUNK = 4096
@@ -216,7 +216,7 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
 
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
-    """Return each candidate's largest exact p-value over its tables, times its trials."""
+    """Return each candidate's largest p-value over its tables, times the number of trials."""
     rows = np.array(
         [table for candidate in candidates for table in candidate.tables], dtype=np.int64
     )
@@ -237,7 +237,7 @@ class _Candidate:
     """Best region of one or two inputs, with its counts of flights and reference counts."""
 
     conditions: tuple[Condition[int], ...]
-    # tables of flights inside, failures inside, all flights and all failures
+    # tables of counts: flights in the region, failures in the region, all flights, all failures
     tables: tuple[tuple[int, int, int, int], ...]
     tried: int
     either: bool = False
@@ -322,7 +322,7 @@ def _best_corners(
     def sides(
         counts: NDArray[np.int64],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return counts of flights inside both conditions [pair, side, side] and inside each one.
+        """Return counts of flights that meet both conditions [pair, side, side] or a single one.
 
         The counts for a single condition have the shapes [pair, side, 1] and [pair, 1, side].
         """

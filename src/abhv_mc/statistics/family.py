@@ -1,7 +1,7 @@
 """Joint assessment of all verdicts of a campaign, for the manifest and the report.
 
 Holm's procedure (1979) bounds the chance that any PASS is false. It does not require the verdicts
-to be independent; those on the same flights are not.
+to be independent; verdicts on the same flights are not independent.
 """
 
 from collections.abc import Sequence

@@ -28,7 +28,7 @@ class Gate:
     pairs: int
     within: int  # number of pairs in which b <= a + margin |a|
     within_low: float  # one-sided lower bound on the share of pairs within the margin
-    # levels of the quantiles of `b` that are significantly beyond the quantile of a + margin |a|
+    # levels at which the quantile of `b` is significantly beyond the quantile of a + margin |a|
     worse_tails: tuple[float, ...]
     worst_doubled: (
         # whether b's worst completed flight is worse than a's by more than the size of a's value

@@ -4,9 +4,9 @@ First-order indices are estimated by ranks (Gamboa, Gremaud, Klein & Lagnoux, "G
 analysis: a novel generation of mighty estimators based on rank statistics", Bernoulli 28, 2022): if
 an input determines the output, flights with neighbouring values of the input have similar outputs.
 The interaction of two inputs is the variance between the cells of a two-dimensional grid that its
-rows and columns do not explain. The total index is the first-order index plus those of the input's
-significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails need no
-exclusion.
+rows and columns do not explain. The total index is the first-order index plus the indices of the
+input's significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails
+need no exclusion.
 """
 
 from dataclasses import dataclass

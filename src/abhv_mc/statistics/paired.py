@@ -38,7 +38,7 @@ def compare_metric(a: Floats, b: Floats) -> PairedMetric:
 
 
 def pairing_gain(a: Floats, b: Floats) -> float | None:
-    """Return the variance of an unpaired mean difference divided by that of a paired one.
+    """Return the ratio of the variances of an unpaired and a paired mean difference.
 
     The result is None for fewer than three finite pairs or for identical differences.
     """

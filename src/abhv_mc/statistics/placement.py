@@ -95,7 +95,7 @@ def set_p_value(pool: Floats, tests: int) -> float:
 
 @dataclass(frozen=True)
 class Band:
-    """Simultaneous band that contains a new history at all times with `confidence`.
+    """Simultaneous band that contains a whole new history with probability `confidence`.
 
     A spread is the distance from the median to the 2.5 or 97.5 % quantile of the flights at a time:
     the band is the pointwise band, widened about the median by a single factor.
@@ -157,7 +157,7 @@ class _Quantiles:
     def at(self, share: float) -> tuple[Floats, Floats]:
         """Return the quantile [column], and the quantile without each flight [flight, column].
 
-        NaN with too few values.
+        The result is NaN if there are too few values.
         """
         judged = self.count >= _FEWEST
         place = np.where(judged, share * (self.count - 1.0), 0.0)
@@ -171,7 +171,7 @@ class _Quantiles:
         return quantile, others
 
     def deviation(self) -> Floats:
-        """Return the standard deviation [column]; NaN with too few values."""
+        """Return the standard deviation [column]; NaN if there are too few values."""
         judged = self.count >= _FEWEST
         deviation = np.full(self.count.shape, np.nan)
         deviation[judged] = np.nanstd(self.values[:, judged], axis=0, ddof=1)

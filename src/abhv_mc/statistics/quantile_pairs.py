@@ -61,8 +61,8 @@ def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
     """Return the minimum number of flights that bounds a difference of two quantiles.
 
     No flight may be lost. The bound on the worse side is a value of the first controller above its
-    quantile; there is none if all flights lie below the quantile. The chance of this must be within
-    one tail of the confidence for the scores used.
+    quantile; there is no such value if all flights lie below the quantile. The chance of this must
+    be within one tail of the confidence for the scores used.
     """
     tail, draws = _draws(confidence)
     # The bound is infinite if for more than `rank` scores all flights lie below the quantile.

@@ -48,7 +48,7 @@ def split_partners(
 
     `together` [input, input] is the similarity of two inputs, zero on the diagonal. An input is
     related to a driver if their similarity is at least `partners`. Of inputs with a similarity of
-    at least `twins`, which a regression cannot distinguish, only the one with the largest `size`
+    at least `twins`, which a regression cannot distinguish, only the input with the largest `size`
     stays in `is_driver` [input, output], which is modified in place.
     """
     moves_with = np.full(is_driver.shape, -1, dtype=np.intp)

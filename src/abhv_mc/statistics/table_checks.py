@@ -22,7 +22,7 @@ from scipy.special import bdtr, bdtrc, chdtr, chdtrc, ndtr, ndtri, pdtrc
 from abhv_mc.array_types import Floats, Ints, Mask
 
 RISK = 1e-6  # risk of rejecting a table of independent draws
-_DIGITS = 15  # significant decimal digits of a double-precision number
+_DIGITS = 15  # number of significant decimal digits of a double-precision number
 _SLACK = 1e-12  # relative rounding error of values converted from other units
 _FEWEST_CORRELATED = 60  # minimum number of rows for Fisher's z
 _MOST_CORRELATED = 20_000  # maximum number of ranked rows, enough to show correlations of 0.05
@@ -75,7 +75,7 @@ class Level:
 
 @dataclass(frozen=True)
 class PairCorrelation:
-    """Pair of columns whose rank correlation contradicts the stated one."""
+    """Pair of columns whose rank correlation contradicts the stated correlation."""
 
     columns: tuple[int, int]
     found: float

@@ -54,7 +54,7 @@ class MostFailures(NamedTuple):
     search: int  # index of the controller
     requirement: int
     point: int
-    failures: int  # failures among the search flights at the point
+    failures: int  # number of failures among the search flights at the point
 
 
 class JudgedPoints(NamedTuple):

@@ -29,7 +29,7 @@ class Verdict:
     """Verdict on one requirement for one controller, with the counts that determine it."""
 
     status: Status
-    failures: int  # failures, including flights that were not computed
+    failures: int  # number of failures, including flights that were not computed
     flights: int
     probability: float  # required success probability
     consumer_risk: float  # risk of a PASS for a system that just misses the requirement
@@ -37,7 +37,7 @@ class Verdict:
     E_pass: float  # evidence for a PASS, which needs at least 1 / consumer_risk
     # evidence for a FAIL, which needs at least 1 / producer_risk; 0 for fewer than two failures
     E_fail: float
-    uncomputed: int = 0  # flights that failed to run; they count against both a PASS and a FAIL
+    uncomputed: int = 0  # number of flights that failed to run; they count against PASS and FAIL
     note: str = ""  # reason for the status if the counts do not determine it
 
     @property

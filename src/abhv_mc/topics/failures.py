@@ -142,8 +142,9 @@ def _difference_words(
 ) -> str:
     """Describe how two inputs deviate in a rule's region, with their medians over failures.
 
-    Return text such as 'density and drag deviating in opposite directions (e.g. density -7 %, drag
-    +9 %)' if this is true of every failure, else 'density far below drag, each in its own range'.
+    Return a phrase such as 'density and drag deviating in opposite directions (e.g. density -7 %,
+    drag +9 %)' if this is true of every failure, else 'density far below drag, each in its own
+    range'.
     """
     condition = rule.conditions[0]
     inputs = condition.parameter, condition.minus or 0
@@ -248,7 +249,7 @@ def _typical(dispersion: Dispersed, names: Names) -> str:
 
 
 def _rest(failure_map: ControllerFailures) -> str:
-    """Return text that counts the failures outside all groups.
+    """Return a phrase that counts the failures outside all groups.
 
     For example, '3 of 50 not explained by any tested set'.
     """

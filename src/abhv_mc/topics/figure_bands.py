@@ -40,7 +40,7 @@ MEDIANS = ("q50", MOST_MEDIAN)
 _EXCLUDED: dict[str, Any] = {"color": INK, "alpha": 0.13, "linewidth": 0}
 # position of the inset in axes coordinates: left edge, lower edge, width, height
 _INSET = (0.3, 0.66, 0.69, 0.34)
-_SHOWN = 3.0  # time shown in the inset before and after the largest change, s
+_SHOWN = 3.0  # time in s that the inset shows before and after the largest change
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def plot_sheet(rows: Sequence[EnvelopeRow], labels: Sequence[str]) -> Figure:
 
 
 def _overlay(axes: Axes, row: EnvelopeRow) -> None:
-    """Draw all controllers; bands of the first are filled, those of the others are outlined."""
+    """Draw all controllers: the first with filled bands, the others with outlined bands."""
     for k, panel in enumerate(row.panels):
         look = line_look(k, len(row.panels))
         color, order = look["color"], look["zorder"]
@@ -252,7 +252,7 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
 
 
 def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
-    """Return a channel minus its reference [time], if there is one; ``x`` is the time, s."""
+    """Return a channel minus its reference [time], if there is one; ``x`` is the time in s."""
     return y if reference is None else y - np.interp(x, time, reference)
 
 

@@ -26,12 +26,12 @@ from abhv_mc.folder.layout import write_bytes
 
 P = ParamSpec("P")
 
-WIDTH = 7.2  # width of two journal columns, inches
+WIDTH = 7.2  # width of two journal columns in inches
 DPI = 200
 _MOST_STEPS = 2000  # maximum number of steps drawn in a distribution curve
 # number of colours in a PNG palette, which reduces files to a third without visible difference
 _COLORS = 128
-SMALLEST = 8.0  # size of all text, pt; figures are printed at the drawn width
+SMALLEST = 8.0  # size of all text in pt; figures are printed at the drawn width
 
 # Okabe and Ito's palette (jfly.uni-koeln.de/color), in the order of the controllers.
 # The last three colours are darker than the original ones, to be legible on white.
@@ -52,8 +52,8 @@ GRID = "#80808050"
 # Line styles with one meaning in all figures.
 LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
-_LETTER = 0.0545  # mean width of a letter, inches
-_LINE = 0.135  # height of a line of text, inches
+_LETTER = 0.0545  # mean width of a letter in inches
+_LINE = 0.135  # height in inches of a line of text
 
 _RC: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -171,7 +171,7 @@ def title_panel(axes: Axes, title: str) -> None:
 
 
 def wrap(axes: Axes, text: str, beyond: float = 0.0) -> str:
-    """Break text into lines of the width of axes and ``beyond``, inches; units are not split."""
+    """Break text into lines as wide as axes plus ``beyond`` inches; units are not split."""
     figure = axes.get_figure(root=True)
     width = axes.get_position().width * (figure.get_figwidth() if figure else WIDTH) + beyond
     whole = text.replace(" (", "\N{NO-BREAK SPACE}(")
@@ -187,7 +187,7 @@ def label_lowest(grid: Any, count: int, label: str) -> None:
 
 
 def legend_below(figure: Figure, *panels: Axes, more: Iterable[tuple[str, Any]] = ()) -> None:
-    """Add one legend below all panels: ``more`` (label, handle), then each label of them once."""
+    """Add one legend below all panels: ``more`` (label, handle), then the panels' labels."""
     entries = dict(more) | {
         label: handle
         for axes in panels
@@ -219,7 +219,7 @@ def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) ->
 def _make_room(figure: Figure, below: float) -> None:
     """Move rows of panels apart for titles and labels of several lines.
 
-    The panels keep their sizes; ``below`` is additional space at the lower edge, inches.
+    The panels keep their sizes; ``below`` is additional space in inches at the lower edge.
     """
     rows: dict[int, list[Axes]] = {}
     for axes in figure.axes:
@@ -248,7 +248,7 @@ def line_look(number: int, count: int) -> dict[str, Any]:
     """Return the look of a controller's line, chosen by its position among ``count``.
 
     The first controller, to which the requirements apply, is drawn last, as a solid line. The lines
-    below are wider, paler and dashed, so that they are visible if all lines coincide.
+    below it are wider, paler and dashed, so that they are visible if all lines coincide.
     """
     return {
         "color": CYCLE[number % len(CYCLE)],
@@ -260,7 +260,7 @@ def line_look(number: int, count: int) -> dict[str, Any]:
 
 
 def mark_look(number: int, count: int, size: float) -> dict[str, Any]:
-    """Return the look of a controller's marks; the first is on top, those below are larger."""
+    """Return the look of a controller's marks; the first controller's are on top and smaller."""
     return {
         "marker": MARKERS[number % len(MARKERS)],
         "markersize": size * (1.6 + 0.1 * number if number else 1.0),
@@ -290,7 +290,7 @@ def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
 
 
 def write_png(figure: Figure, path: Path) -> tuple[int, int]:
-    """Write a figure at print resolution; return width and height, px.
+    """Write a figure at print resolution; return width and height in px.
 
     Raise StorageFullError or InputError.
     """
@@ -351,13 +351,13 @@ def make_value_axis(
     """Scale and label the x axis of a metric, and draw the limits of requirements.
 
     The axis is extended to a limit that is close to its end; a note names other limits. ``beyond``
-    is the space for the label at the sides of the axis, inches.
+    is the space in inches for the label at the sides of the axis.
     """
     notes = []
     if log_if_wide(axes, "x", values):
         notes.append(LOG_AXIS)
         finite = np.concatenate([v[np.isfinite(v)] for v in values])
-        # Rare values close to zero would compress the others.
+        # Rare values close to zero would compress the other values.
         lowest = 0.05 * float(np.quantile(finite, 0.02))
         if finite.min() < lowest:
             axes.set_xlim(left=lowest)

@@ -37,7 +37,7 @@ REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V),
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
 _ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
 FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
-_Size = Field(ge=1e-6)  # minimum of a reference length or area, SI
+_Size = Field(ge=1e-6)  # minimum of a reference length or area in SI units
 
 
 class Reference(StrictModel):

@@ -1,7 +1,8 @@
 """Table look-up and coefficient build-up with numpy, outside compiled code.
 
 The two look-ups sum over the corners of a cell in different orders. Both are needed: the last
-digits of trims depend on the order in one of them, those of controller designs on the other.
+digits of trims depend on the order in one look-up, and the last digits of controller designs on
+the order in the other look-up.
 """
 
 from typing import Any

@@ -52,7 +52,7 @@ from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
-# upper limit of specific impulses, s
+# upper limit of specific impulses in s
 _LARGEST_IMPULSE = 1e4
 
 

@@ -1,6 +1,7 @@
-"""Keys shared by vehicle and mission files: limits, and the reference of measurements.
+"""Keys shared by vehicle and mission files: limits, and the reference for measurements.
 
-Bank, flight path angle and heading are always relative to the Earth.
+Quantities are measured relative to the air or to the Earth. Bank, flight path angle and heading are
+always relative to the Earth.
 """
 
 import math
@@ -104,7 +105,7 @@ def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
 
 
 def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
-    """Return text on the conflict of an oscillation limit with gusts or noise; '' if none."""
+    """Describe the conflict of an oscillation limit with gusts or noise, or return ''."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
     return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
 
@@ -114,7 +115,7 @@ Against = Literal["air", "inertial"]
 
 
 class SensingKeys(StrictModel):
-    """Reference of measured quantities: the air, or the Earth ("inertial")."""
+    """Reference for measured quantities: the air, or the Earth ("inertial")."""
 
     angle_of_attack: Against | None = Field(
         None, description="reference for the measured angle of attack: air, or inertial (default)"

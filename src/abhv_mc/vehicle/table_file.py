@@ -30,7 +30,7 @@ ALIASES = {
 _ANGLES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
 _DIMENSIONS = {"altitude": LENGTH, "mass": MASS} | dict.fromkeys(_ANGLES, ANGLE)
 _PLAIN = ("mach", "equivalence_ratio")
-# Plausible ranges, SI and radians; values outside indicate a wrong unit or column.
+# Plausible ranges in SI units and radians; values outside a range indicate a wrong unit or column.
 _PLAUSIBLE = {
     "mach": (0.0, 50.0),
     "equivalence_ratio": (0.0, 20.0),
@@ -144,7 +144,7 @@ def _check_plausible(
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
     """Return the grids of the axes from sorted points [row, axis].
 
-    ``order`` contains the row in the file of each point.
+    ``order`` contains, for each point, its row in the file.
 
     Raise InputError if the grid is incomplete.
     """

@@ -27,7 +27,7 @@ from abhv_mc.vehicle.actuator_keys import ThrustFunction
 from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
 
 N_THRUST = 7  # number of values of a propulsion function: force, moment, fuel flow
-STEP = 1e-5  # step of the central differences, rad
+STEP = 1e-5  # step of the central differences in rad
 _ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
 
 
@@ -54,7 +54,7 @@ class CustomState(NamedTuple):
 
     name: str
     unit: str
-    start: float | None  # initial value, SI; None if the state starts in equilibrium at the trim
+    start: float | None  # initial value in SI; None if the state starts in equilibrium at the trim
     limit: float = math.inf  # maximum magnitude of the state
 
 
@@ -67,9 +67,10 @@ class VehicleCode:
     dynamics: FunctionCode | None
     states: tuple[CustomState, ...]
     frame: str  # axes of the aerodynamic forces: body, stability or wind
-    # x and z of the moment reference relative to the point of the engine function's moments, m
+    # x and z (m) of the moment reference, relative to the reference point of the moments that the
+    # engine function returns
     engine: tuple[float, float]
-    # (name, deflection per aileron, rudder and elevator)
+    # (name, deflections per unit of aileron, rudder and elevator)
     effectors: tuple[tuple[str, float, float, float], ...]
     span: float
     chord: float

@@ -22,7 +22,7 @@ def check_gain_format(file: Path) -> None:
 
 
 def write_gains(file: Path, plan: FlightPlan) -> None:
-    """Write gains [tick, gain] with names and times (s), SI and radians.
+    """Write gains [tick, gain] in SI units and radians, with their names and times (s).
 
     Numbers are written without rounding. Raise InputError for other suffixes and for control laws
     without gains.

@@ -94,7 +94,7 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
         plan = replace(plan, vehicle=drive(plan.vehicle), settings=plan.settings.copy())
         if (
             plan.commanding_law not in USER_LAWS
-        ):  # axis limits that remain with actuators at the effectors
+        ):  # Built-in laws limit the axes even if the actuators are at the effectors.
             limits = axis_limits(plan.vehicle)
             plan.settings[-limits.size :] = limits
     if campaign.model.channels is not None:

@@ -73,7 +73,7 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
 
 
 def count_metrics(plan: FlightPlan) -> int:
-    """Return the number of metrics of the flights of a plan, including margins."""
+    """Return the number of metrics that a plan's flights have, including margins."""
     return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
 
 

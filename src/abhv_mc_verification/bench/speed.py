@@ -1,6 +1,6 @@
 """Speed of the compiled flight relative to the peak of a core, start-up times, memory.
 
-Flights are measured in batches, one at a time and on two threads. Times of one core are thread
+Flights are measured in batches, one at a time and on two threads. Single-core times are thread
 times, so that other programs have little influence; two threads are measured by wall time. The
 measurements alternate, so that a slowdown of the machine affects all of them. Start-up times and
 memory are measured in separate processes.
@@ -34,7 +34,7 @@ OPERATIONS_FILE = Path(__file__).with_name(
     "operations.json"
 )  # operations counted by benchmarks/operations.py
 _NUMBERS = 128
-_OPERATIONS = 16  # operations per number in each sweep
+_OPERATIONS = 16  # number of operations per array element in each sweep
 _SWEEPS = 40_000
 
 

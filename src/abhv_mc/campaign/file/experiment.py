@@ -77,7 +77,7 @@ class Experiment:
 
     document: Document
     model: Campaign
-    runs: int  # flights per controller, over all points of the unknowns
+    runs: int  # number of flights per controller, over all points of the unknowns
     # distribution of each parameter, in order; empty for a sample file
     marginals: dict[str, Marginal]
     copula: Copula
@@ -147,7 +147,10 @@ class Experiment:
 
     @property
     def runs_at_point(self) -> int:
-        """Flights per controller at each point; row k is sample k // points at point k % points."""
+        """Number of flights per controller at each point.
+
+        Row k is sample k // points at point k % points.
+        """
         return self.runs // len(self.unknowns.points)
 
     @property

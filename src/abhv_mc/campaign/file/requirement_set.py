@@ -113,7 +113,7 @@ def _named(error: InputError, file: Path) -> InputError:
 def describe_requirement_changes(
     before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> Iterator[str]:
-    """Yield the differences between the requirements of two campaigns as text.
+    """Yield a description of each difference between the requirements of two campaigns.
 
     An example is 'speed_error_max_mps: below 5 -> 3'.
     """

@@ -69,8 +69,8 @@ class _Inputs(StrictModel):
 def _read_inputs(document: Document) -> Document:
     """Return the campaign document with its input table expanded to inputs and dispersions.
 
-    The columns are name, the keys of an input and those of a dispersion. Raise InputErrors if the
-    table is invalid.
+    The columns are name, the keys of an input and the keys of a dispersion. Raise InputErrors if
+    the table is invalid.
     """
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("inputs"), str):

@@ -105,7 +105,7 @@ class Simulator(StrictModel):
         """Return the simulator's files by path relative to ``folder``.
 
         The files that start the simulator come first, then ``files``. Raise Refusal for a file
-        outside.
+        outside ``folder``.
         """
         base = Path(os.path.normpath(folder))
         start_paths = {
@@ -230,9 +230,9 @@ class SimulatorCampaign(Campaign):
     columns: dict[str, str] = Field(
         {},
         description=(
-            "column headings in an imported table, by the name of the input or metric that the "
-            "column contains, or by system, outcome, end_time or flight; default: these names, "
-            "with or without units"
+            "mapping from the name of an input or metric (or `system`, `outcome`, `end_time` or "
+            "`flight`) to the heading of its column in the imported table; default: the name "
+            "itself, with or without a unit"
         ),
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(

@@ -104,9 +104,9 @@ class Unknowns:
     """Bounds of the unknowns, and the simulated points; without unknowns, one empty point."""
 
     names: tuple[str, ...] = ()
-    low: Floats = field(default_factory=lambda: np.empty(0))  # lower and upper bounds [unknown], SI
+    low: Floats = field(default_factory=lambda: np.empty(0))  # lower, upper bounds [unknown] in SI
     high: Floats = field(default_factory=lambda: np.empty(0))
-    points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown], SI
+    points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown] in SI
     tried: int = 0
     shared: int | None = None  # number of points at which all requirements are judged; None: all
     most_failures: tuple[MostFailures, ...] = ()
@@ -119,7 +119,7 @@ class Unknowns:
         return self.low + 0.5 * (positions + 1.0) * (self.high - self.low)
 
     def words(self, point: int) -> str:
-        """Return a point as text, such as 'lift +10 %, drag -15 %'."""
+        """Return a description of a point, such as 'lift +10 %, drag -15 %'."""
         parts = []
         for name, value in zip(self.names, self.points[point].tolist(), strict=True):
             parameter = self.parameters[name]

@@ -7,8 +7,8 @@ al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
 
 A design gives each flight and parameter a number in [0, 1], the probability at which the inverse of
 the parameter's distribution is evaluated. ``random``, ``sobol`` and ``halton`` give flight k the
-same numbers for any number of flights; the others depend on that number, which for ``corners``,
-``grid`` and ``one_at_a_time`` follows from the parameters.
+same numbers for any number of flights; for the other designs, the numbers depend on the number of
+flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the parameters.
 
 A Gaussian copula correlates samples and preserves the marginals: the Cholesky factor of the
 correlation matrix mixes standard normal variables of a flight. A rank correlation (Spearman's rho)
@@ -33,10 +33,10 @@ EXTENSIBLE = frozenset(
 )  # designs in which additional flights do not change the samples of earlier flights
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
-_BITS = 30  # bits of a Sobol point: at most 2**30 flights
-_PIECE = 4096  # points drawn together; Sobol sequences require a power of two
+_BITS = 30  # number of bits of a Sobol point: at most 2**30 flights
+_PIECE = 4096  # number of points drawn together; Sobol sequences require a power of two
 NOMINAL = -1.0  # marks a nominal value in a factorial design
-_WORDS = 4  # 64-bit words of one Philox4x64 counter value
+_WORDS = 4  # number of 64-bit words of one Philox4x64 counter value
 
 
 def stream_key(seed: int, name: str, purpose: str = "sample") -> int:
@@ -68,7 +68,7 @@ class Design:
     seed: int
     names: tuple[str, ...]
     flights: int
-    levels: int = 2  # number of values per parameter; in one_at_a_time on each side
+    levels: int = 2  # number of values per parameter; for one_at_a_time, on each side of nominal
     parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:

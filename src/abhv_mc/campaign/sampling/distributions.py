@@ -1,8 +1,8 @@
 """Distributions in campaign files, and their conversion to marginals.
 
 Values have the unit of the parameter; values of a factor are numbers or percentages. ``half_width``
-and ``sigma`` of a factor are relative to the nominal value 1; those of an error are in the
-parameter's unit, about the nominal value 0.
+and ``sigma`` of a factor are relative to the nominal value 1; for an error, they are in
+the parameter's unit, about the nominal value 0.
 """
 
 import math

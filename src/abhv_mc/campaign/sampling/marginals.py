@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats, Mask
 
 # Factorial designs truncate unbounded distributions at this tail probability (+-3 sigma if normal).
 TAIL_PROBABILITY = 0.0013498980316301
-_HALVINGS = 64  # bisection steps for quantiles of a mixture
+_HALVINGS = 64  # number of bisection steps for quantiles of a mixture
 
 
 class Marginal(Protocol):

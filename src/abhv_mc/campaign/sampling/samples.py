@@ -92,7 +92,8 @@ def seeded_samples(
 ) -> SampleSource:
     """Return samples with appended noise seeds, drawn from (seed, name, flight).
 
-    All flights of a factorial ``design`` share one noise seed, because they are compared.
+    All flights of a factorial ``design`` share one noise seed, because they are compared with each
+    other.
     """
 
     def draw(first: int, stop: int) -> Floats:

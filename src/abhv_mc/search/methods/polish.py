@@ -7,13 +7,13 @@ from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Record, make_generator, round_up
 
 _LEAST_STEP = 1e-3  # smallest step, in half widths of the box
-# largest distances at which the maximum of a fitted quadratic is searched, in steps
+# largest distances, in steps, within which the maximum of a fitted quadratic is searched for
 _REACHES = (2.0, 8.0)
 _SPREADS = (
     1.2,
     2.0,
     4.0,
-)  # number of fitted points per coefficient, from a narrow to a wide neighbourhood
+)  # numbers of fitted points per coefficient, from a narrow to a wide neighbourhood
 _FAR_ENOUGH = 0.3  # minimum move of the best point, in steps, for which the step is not reduced
 _NEAR_BOUND = 0.9  # coordinate beyond which the bound itself is tried
 # squared distance within which weights are similar, as a share of the furthest point's squared

@@ -42,7 +42,7 @@ _ENOUGH = 30.0  # effective number of failures from which importance sampling re
 EXPECTED = 100.0  # effective number of failures needed to show that the estimate is too high
 _HEAVY = 1.5  # factor on the standard error, for heavy weights that most samples miss
 _FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
-_SHARE_OF_LANES = 10_000  # number of flights for each batch of lanes in the chains of a level
+_SHARE_OF_LANES = 10_000  # number of available flights per LANES chains in a repetition
 
 
 def choose_chains(flights: int) -> int:

@@ -7,11 +7,11 @@ move to more likely failures (conditional sampling, as in subset simulation). Ra
 enter such a branch in 16 % of the trials in 5 dimensions and in 1 % in 20 dimensions.
 
 Importance sampling uses a mixture of normals fitted to all failures by cross-entropy: within a
-family of densities, the density closest to that of the failures has the largest likelihood for a
-sample of failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures of
-normals for several failure regions: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance
+family of densities, the density closest to the density of the failures has the largest likelihood
+for a sample of failures (R.Y. Rubinstein, D.P. Kroese, "The Cross-Entropy Method", 2004; mixtures
+of normals for several failure regions: N. Kurtz, J. Song, "Cross-entropy-based adaptive importance
 sampling using Gaussian mixture", Structural Safety 42, 2013). The sampled points are independent of
-the fitted ones.
+the fitted points.
 """
 
 from dataclasses import dataclass

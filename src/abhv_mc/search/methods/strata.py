@@ -120,14 +120,14 @@ def estimate_switched(
     target_cov: float = 0.2,
     flights: int = 20000,
 ) -> tuple[RareEstimate, tuple[Stratum, ...]]:
-    """Return P(severity > threshold) with switches, and the contribution of each combination.
+    """Return P(severity > threshold), and the contribution of each combination of switches.
 
     Switches [switch] occur with `probabilities`. `evaluate` returns severities [point] of standard
     normal points [point, dimension] and the mask of active switches [point, switch]. Pilot flights
-    are simulated for all combinations. The most probable one is estimated by subset simulation
-    unless plain flights are enough; the remaining flights go to the combination with the largest
-    product of weight and interval width. The result contains the repetitions for the most probable
-    combination.
+    are simulated for all combinations. The most probable combination is estimated by subset
+    simulation unless plain flights are enough; the remaining flights go to the combination with the
+    largest product of weight and interval width. The result contains the repetitions for the most
+    probable combination.
     """
     if not len(probabilities):
         return estimate_rare(

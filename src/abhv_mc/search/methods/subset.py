@@ -16,7 +16,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 
-_LENGTH = 10  # points per chain; the most severe tenth of a level's points starts the next level
+# number of points per chain; the most severe tenth of a level's points starts the next level
+_LENGTH = 10
 _MOST_LEVELS = 12
 ACCEPTANCE = 0.44  # optimal acceptance rate for these chains (Papaioannou et al., section 4)
 

@@ -39,7 +39,7 @@ _FIRST_SPREAD = 2.0
 _STARTS = 3
 # factor of growth in the number of runs after which the Gaussian processes are refitted
 _REFIT = 1.1
-# numbers of chains and repetitions of subset simulation on the processes
+# numbers of chains and repetitions of subset simulation on the Gaussian processes
 _CHAINS, _REPETITIONS = 64, 4
 _CANDIDATES, _MOST_CANDIDATES = 2000, 32_000
 _FAILING = 400.0  # required effective number of failing candidates

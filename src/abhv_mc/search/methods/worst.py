@@ -27,7 +27,7 @@ _MOST_IN_BATCH = 512
 _POLISH_SHARE = 0.25  # share of the evaluations for the final local search
 _STEP = 0.3  # initial standard deviation of CMA-ES, in half widths of the box
 _APART = 0.2  # minimum rms distance between starts
-_STALE = 10  # generations without improvement after which an optimizer starts elsewhere
+_STALE = 10  # number of generations without improvement after which an optimizer restarts elsewhere
 _PROBE = 0.1  # step of the sensitivities at the worst point, in half widths of the box
 AT_BOUND = 1.0 - 1e-9
 

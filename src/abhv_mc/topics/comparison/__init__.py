@@ -90,7 +90,7 @@ def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[
 
 
 def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return a row with each controller's median and its difference from the first one."""
+    """Return a row with each controller's median and its difference from the first median."""
     first, *rivals = names.controllers
     pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (
@@ -176,7 +176,7 @@ def _gain_words(entry: ComparedMetric) -> str:
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
     """Return a table, by requirement, of flights that fail under one controller only.
 
-    The last row counts early terminations. ``requirements`` contains texts to print.
+    The last row counts early terminations. ``requirements`` contains the strings to print.
     """
     a, b = names.label(pair.a), names.label(pair.b)
     ended = "Completed the mission" if names.campaign.kind == "controller" else "Completed"

@@ -244,7 +244,7 @@ def _lost_everywhere(
 ) -> ListedFailures:
     """Return paired failures, with the largest p-value over the points of the unknowns.
 
-    The p-value is 1 at a point where the controller that loses fewer flights overall loses more.
+    The p-value is 1 at points at which the controller with fewer lost flights overall loses more.
     """
     failures = _failures(a, b, flight)
     point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
@@ -285,7 +285,7 @@ def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) 
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:
-    """Return the root sum of squares of the rms deflections of three surfaces, deg [flight]."""
+    """Return the root sum of squares (deg) of three surfaces' rms deflections [flight]."""
     squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
 

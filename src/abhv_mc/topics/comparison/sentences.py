@@ -19,7 +19,7 @@ def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
     """Return the metrics in which `pair.a` is better, worse, mixed or undecided.
 
-    If ``full``, the texts include shares of flights or reasons.
+    If ``full``, the descriptions include shares of flights or reasons.
     """
     standings: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
     for metric, entry in asked_of(pair, names).items():

@@ -32,7 +32,7 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-# share of the flights with the lowest, and with the highest, values of a parameter
+# share of the flights in the groups with the lowest and with the highest values of a parameter
 _TENTH = 0.1
 _FEWEST_OF_TENTH = 5  # minimum number of flights in a group with the lowest or highest values
 _KEPT = 12  # maximum number of parameters stored per metric

@@ -24,8 +24,8 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _BARS = 3  # maximum number of parameters per metric
-_ROW = 0.075  # height of a bar, inches
-_SHORT = 14  # longest parameter name for which three panels fit side by side, in characters
+_ROW = 0.075  # height of a bar in inches
+_SHORT = 14  # maximum length of parameter names with which three panels fit side by side
 
 
 @dataclass(frozen=True)

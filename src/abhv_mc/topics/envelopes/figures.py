@@ -143,7 +143,7 @@ def flight_curve(
 def _track(
     east: Bands | None, north: Bands | None, reference: Mapping[str, Floats]
 ) -> EnvelopePanel | None:
-    """Return the panel of the ground track: north position against median east position, km."""
+    """Return the panel of the ground track: north against median east position in km."""
     if east is None or north is None:
         return None
     reference_track = reference["east_reference_m"] / 1e3, reference["north_reference_m"] / 1e3

@@ -50,7 +50,7 @@ class CaseFlights:
 
     flights: int
     lost: int
-    lost_before: int  # flights lost before their first failure
+    lost_before: int  # number of flights lost before their first failure
     survived: Interval  # share of the flights that survive, with its 95 % interval
     median_time_to_loss_s: float | None
     # verdicts by requirement text, for requirements on this controller
@@ -76,7 +76,7 @@ class FailureCases:
 
 
 def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
-    """Return the failure case of each flight, and the time of its first failure, s [flight].
+    """Return the failure case and the time (s) of the first failure of each flight [flight].
 
     The time is infinite if no failure occurs.
     """

@@ -86,10 +86,10 @@ def plot_case_bands(
 
 
 def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
-    """Return the share of flights still flying at ``times``, s, after their failure.
+    """Return the share of flights still flying at ``times`` (s) after their failure.
 
-    This is the Kaplan-Meier estimator, JASA 53 (1958). ``after`` is the time from the failure to
-    the end of the flight, s [flight]; ``lost`` is true if the flight was lost and false if its
+    This is the Kaplan-Meier estimator, JASA 53 (1958). ``after`` [flight] is the time in s from the
+    failure to the end of the flight; ``lost`` is true if the flight was lost and false if its
     mission ended.
     """
     moments = np.unique(after[lost])

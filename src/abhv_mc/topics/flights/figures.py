@@ -104,7 +104,7 @@ def _axis(channel: str, unit: str) -> str:
 
 
 def _limits(channel: str, names: Names, recorded: set[str]) -> tuple[tuple[Floats, Floats], ...]:
-    """Return the limits of requirements on a channel: times, s, and levels [time].
+    """Return the limits of requirements on a channel: times in s, and levels [time].
 
     A level is NaN when the requirement does not apply.
     """

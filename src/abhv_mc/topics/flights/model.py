@@ -83,7 +83,7 @@ def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """Return the rows of the flights to list, worst first; those with histories are preferred."""
+    """Return the rows of the worst flights; only flights with histories if there are any."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
         results.flights[name].flight[rows], list(flights_with_history(results.folder, name))
@@ -184,7 +184,7 @@ def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) ->
     return np.where(nothing, np.nan, values)
 
 
-_CYCLES = 5.0  # smallest peak-to-peak ripple that counts as an oscillation, deg
+_CYCLES = 5.0  # smallest peak-to-peak ripple in deg that counts as an oscillation
 _LIMITS = {
     "saturates": 0.0,
     "leaves_tables": 0.0,
@@ -208,7 +208,7 @@ class Findings:
     """Numbers of flights that saturated, oscillated or left the range of the tables."""
 
     flown: int
-    # flights with a control surface at its deflection or rate limit; None if unknown
+    # number of flights with a control surface at its deflection or rate limit; None if unknown
     saturated: int | None
     outside_tables: int | None
     cycling: Mapping[str, int]  # number of oscillating flights, by channel

@@ -200,10 +200,10 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
 
 
 def _failed_words(entry: FlightMargins) -> str:
-    """Return text on the failures with small and with sufficient gain margins.
+    """Return a phrase on the failures with small and with sufficient gain margins.
 
     For example, '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from 6 dB on'. Without requirements the
-    text is empty.
+    phrase is empty.
     """
     clauses = []
     for counts, side in ((entry.failed_below, "below 6 dB"), (entry.failed_above, "from 6 dB on")):

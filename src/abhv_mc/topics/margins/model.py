@@ -65,9 +65,9 @@ class LeastMargins:
     """Smallest margins of all loops in steady flight; infinite if unbounded."""
 
     stable: bool
-    gain: float = np.inf  # gain margin, dB
+    gain: float = np.inf  # gain margin in dB
     gain_loop: str = ""
-    phase: float = np.inf  # phase margin, deg
+    phase: float = np.inf  # phase margin in deg
     phase_loop: str = ""
 
     @property

@@ -18,7 +18,7 @@ from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
 FAMILY_RISK = 0.10  # risk of any false PASS among the verdicts that hold jointly
-_SHARES = (5.0, 50.0, 95.0)  # quantiles in the overview, percent
+_SHARES = (5.0, 50.0, 95.0)  # quantiles in percent in the overview
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ class GlanceRow:
     metric: str
     label: str
     unit: str
-    text: str  # text of the limit
+    text: str  # description of the limit
     limit: float
     below: bool  # whether values below the limit are good
     # unit of distances: size of the limit or, if this is 0, the 5 to 95 % range
