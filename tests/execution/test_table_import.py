@@ -270,7 +270,7 @@ def latin(values: Any) -> Any:
         (constant, r":1: column 'b' .*spread 1.137, found .*spread 0;.*failed flights may be"),
         (scaled(1 / 3), "column 'a' .*stated mean 10 and spread 1, found mean .*spread 0.2"),
         (scaled(3.0), "column 'a' .*'independent: no'"),
-        (correlated, "rank correlation of 'a' and 'b' of 1, stated 0"),
+        (correlated, "correlation of 'a' and 'b'"),
     ],
 )
 def test_a_table_that_holds_no_independent_draws_is_rejected(
@@ -339,7 +339,7 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
     adopt_table(table, campaign, tmp_path / "out")
     content["correlations"][0]["rank"] = -0.88
     campaign.write_text(json.dumps(content))
-    with pytest.raises(InputError, match=r"stated -0\.88"):
+    with pytest.raises(InputError, match=r"-0\.88"):
         adopt_table(table, campaign, tmp_path / "other")
 
 
