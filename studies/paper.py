@@ -144,7 +144,7 @@ bank), LQR with the printed weights is unstable and TLC with Table 1 saturates, 
 
 ## Prediction of one figure from the others
 
-From three random starts, vehicles were fitted to all figures but one. {predicted}
+For each figure, vehicles were fitted to all other figures, from three random starting points. {predicted}
 
 ## The figures
 
@@ -206,7 +206,7 @@ of Cn_r was increased by 4 % on `seed-16` and by 13 % on `seed-23`; this moved t
 
 ## Control powers
 
-The derivatives are per radian and apply at the trim.
+The derivatives are per radian and apply at the trim point.
 
 [POWERS]
 

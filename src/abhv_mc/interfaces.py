@@ -70,7 +70,7 @@ class Capabilities(NamedTuple):
 
     can_rerun: bool = True  # The simulator can compute flights, not only read them.
     is_repeatable: bool = True  # Equal inputs give bit-identical results.
-    has_margins: bool = True  # Margins can be computed for flights and at the trim.
+    has_margins: bool = True  # Margins can be computed for flights and at the trim point.
     has_mission: bool = True  # All flights have the same times, reference and nominal flight.
 
 

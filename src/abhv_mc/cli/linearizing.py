@@ -114,7 +114,7 @@ def margins(
         )
         notes += hold_notes
         table_rows = make_rows(name, None if time == "trim" else time, stability)
-        description = "at the trim" if time == "trim" else f"at {time:g} s, reference frozen"
+        description = "at the trim point" if time == "trim" else f"at {time:g} s, reference frozen"
         title = f"{name}, {vehicle_file.stem}, {mission_file.stem}, {description}"
         tables.append((title, table_rows, stability))
         rows += table_rows
@@ -168,8 +168,8 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
             )
         print_table(table)
         say(
-            f"Linear analysis at the trim with {MARGIN_EVALUATIONS} points per margin; the true "
-            "minimum may be smaller."
+            f"Linear analysis at the trim point with {MARGIN_EVALUATIONS} points per margin; the "
+            "true minimum may be smaller."
         )
 
     show_result({"rows": results}, json, print_text)

@@ -27,7 +27,7 @@ def worst(request: WorstRequest, json: Json = None) -> None:
     from abhv_mc.report.pages.worst_page import make_worst_answer
 
     if request.metric in MARGIN_NAMES:
-        hint = f"'abhv-mc margins {request.campaign} --worst' searches margins at the trim"
+        hint = f"'abhv-mc margins {request.campaign} --worst' searches margins at the trim point"
         say(f"{hint} without flights", file=sys.stderr)
     result, folder = worst(**vars(request)), Path(request.output)
     show_result(

@@ -178,7 +178,7 @@ class TlcController(ControllerModel):
     differentiators: Differentiators = Field(
         Differentiators(), description="bandwidths of the pseudo-differentiators"
     )
-    limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
+    limits: CommandLimits = Field(CommandLimits(), description="limits on the guidance commands")
 
     def warnings(self) -> list[str]:
         """Return a warning for each outer loop that is not slower than its inner loop."""
@@ -277,7 +277,7 @@ class LqrController(ControllerModel):
     spacing: Annotated[Time, Field(gt=0.0)] = Field(
         1.0, description="time between the reference points at which gains are computed"
     )
-    limits: CommandLimits = Field(CommandLimits(), description="limits of the guidance's commands")
+    limits: CommandLimits = Field(CommandLimits(), description="limits on the guidance commands")
 
 
 Controller = TlcController | LqrController | UserController

@@ -75,7 +75,7 @@ def start_custom(
 
 
 def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
-    """Solve for the custom states with zero rates at the trim with ``push``.
+    """Solve for the custom states with zero rates at the trim point with ``push``.
 
     The iteration starts at ``states``. Raise InputError if it does not converge.
     """
@@ -198,7 +198,7 @@ class _StartPoint:
         return self.trims[push.tobytes()]
 
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
-        """Return the rates of the states and the resulting push at the trim with ``push``."""
+        """Return the rates of the states and the resulting push at the trim point with ``push``."""
         trim, start = self.trim(push), self.mission.start
         x, alpha, mass = (
             self.make_state(trim),

@@ -235,10 +235,10 @@ def make_rows(
 ) -> list[dict[str, Any]]:
     """Return a row for each loop, and a row `all` for all loops together.
 
-    `time` (s) is None at the trim. Infinite values, and all values of an unstable closed loop, are
-    None. The row of a cut loop has its `reason`, and the row `all` of an unstable system has its
-    growing poles (1/s, real and imaginary part). Rows of single effectors have `counts: False` if
-    the controller commands axes.
+    `time` (s) is None at the trim point. Infinite values, and all values of an unstable closed
+    loop, are None. The row of a cut loop has its `reason`, and the row `all` of an unstable system
+    has its growing poles (1/s, real and imaginary part). Rows of individual effectors have
+    `counts: False` if the controller commands axes.
     """
     stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
     effector_loops = [

@@ -42,7 +42,7 @@ class Verdict:
 
     @property
     def p_value(self) -> float:
-        """P-value for missing the requirement, valid at any number of flights."""
+        """P-value of the hypothesis that the requirement is missed, for any number of flights."""
         return min(1.0, 1.0 / self.E_pass) if self.E_pass > 0.0 else 1.0
 
 

@@ -29,7 +29,7 @@ P = ParamSpec("P")
 WIDTH = 7.2  # width of two journal columns in inches
 DPI = 200
 _MOST_STEPS = 2000  # maximum number of steps drawn in a distribution curve
-# number of colours in a PNG palette, which reduces files to a third without visible difference
+# number of colours in the PNG palette, with which files have a third of their size
 _COLORS = 128
 SMALLEST = 8.0  # size of all text in pt; figures are printed at the drawn width
 

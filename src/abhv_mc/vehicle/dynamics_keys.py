@@ -38,7 +38,8 @@ class Dynamics(StrictModel):
 
     file: File = Field(
         description=(
-            "Python file with one function decorated with @dynamics, relative to the vehicle file"
+            "path of a Python file with one function decorated with @dynamics, relative to the "
+            "vehicle file"
         )
     )
     states: dict[

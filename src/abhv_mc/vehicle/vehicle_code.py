@@ -54,7 +54,8 @@ class CustomState(NamedTuple):
 
     name: str
     unit: str
-    start: float | None  # initial value in SI; None if the state starts in equilibrium at the trim
+    # initial value in SI; None if the state starts in equilibrium at the trim point
+    start: float | None
     limit: float = math.inf  # maximum magnitude of the state
 
 

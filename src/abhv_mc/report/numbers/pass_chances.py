@@ -68,7 +68,7 @@ class JointPassChance:
 
 @dataclass(frozen=True)
 class Planned:
-    """Flights and chances of PASS of a planned campaign, by requirement and jointly."""
+    """Planned number of flights, and the chances of PASS by requirement and jointly."""
 
     name: str
     runs: int
