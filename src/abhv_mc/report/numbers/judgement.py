@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import GAIN_MARGIN
@@ -39,7 +40,7 @@ from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
-_REASONS = 3
+_REASONS = 4
 _NAMED = 2  # maximum number of violated requirements or metrics named in a sentence
 _MOST_LONGER = 100  # largest commanded number of flights, as a multiple of the present number
 _FAILS_STAY = "FAIL verdicts are already decided"
@@ -58,8 +59,9 @@ def judge_campaign(models: Models) -> Judgement:
     following = _next_step(models, met)
     sure = " ".join(filter(None, (_changed_words(models), _confidence_words(models, better))))
     answer = ""
-    for detail in (3, 2, 1, 0):
-        sentences = [_runs_words(models), _asked_words(models), _met_words(models, detail)]
+    for detail, leads in product((3, 2, 1, 0), (True, False)):
+        met_words = _met_words(models, detail, leads=leads)
+        sentences = [_runs_words(models), _asked_words(models), met_words]
         answer = " ".join(filter(None, (*sentences, _better_words(models, better))))
         if _count_words(answer, sure, following) <= _MOST_WORDS:
             break
@@ -137,10 +139,11 @@ def _worst_words(models: Models) -> str:
     return f"The worst flight of {names.subject(name)}, {worst.flight}, {text} ({dispersions})."
 
 
-def _met_words(models: Models, detail: int) -> str:
+def _met_words(models: Models, detail: int, *, leads: bool) -> str:
     """State which controllers meet all their requirements and which controllers do not.
 
-    A larger `detail`, up to 3, adds more names and numbers of missed requirements.
+    A larger `detail`, up to 3, adds more names and numbers of missed requirements. If `leads`, the
+    text begins with the statement that no controller meets all requirements.
     """
     verdicts, names = models[VERDICTS], models.names
     number = len(verdicts.requirements)
@@ -178,7 +181,7 @@ def _met_words(models: Models, detail: int) -> str:
         ]
     parts = [*short, meet] if bound.keys() & falling else [meet, *short]
     text = "; ".join(filter(None, parts))
-    if meeting or len(own) == len(falling):  # Every controller is listed.
+    if meeting or len(own) == 1 or (len(own) == len(falling) and not leads):
         return f"{text}."
     all_miss = all(
         any(verdict and verdict.status == "FAIL" for _, verdict in entries)
@@ -246,6 +249,7 @@ def _short_words(
     listed = _listed_entries(own)
     missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
     verb = "misses" if missed else "is not shown to meet"
+    open_end = "" if missed else " undecided"
     passed = sum(verdict is not None and verdict.status == "PASS" for _, verdict in own)
     others = len(own) - len(listed) - passed
     suffix = f", with {others} other requirement{'s' * (others > 1)} undecided" if others else ""
@@ -258,13 +262,14 @@ def _short_words(
         return f"{verb} {subject}{counts[0]}{suffix}"
     number = f"{len(listed)} of {len(own)}"
     if len(listed) == len(own):
-        number = _all_of(len(own)) if missed else f"any of {len(own)}"
+        number = _all_of(len(own))
+    verb = "misses" if missed else "has"
     if len(listed) > _NAMED or not detail:
-        return f"{verb} {number} requirements{suffix}"
+        return f"{verb} {number} requirements{open_end}{suffix}"
     if detail > 2:
         phrases = [phrase + count for phrase, count in zip(phrases, counts, strict=True)]
     noun = " requirements" if len(listed) == len(own) or detail > 2 else ""
-    return f"{verb} {number}{noun}: {joined(phrases)}{suffix}"
+    return f"{verb} {number}{noun}{open_end}: {joined(phrases)}{suffix}"
 
 
 def _failure_words(item: Requirement, verdict: Verdict, with_allowed: bool) -> str:
@@ -524,20 +529,25 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         return None
     statuses = _concerned_statuses(models)
     missing, unshown = _missing_runs(models), statuses.count("NOT SHOWN")
+    verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
+    undecided = sum(
+        verdict.status == "NOT SHOWN"
+        for item in verdicts.requirements
+        for verdict in item.controllers.values()
+    )
     if missing and (unshown or "FAIL" not in statuses):
         remaining = fixed(missing - models.results.campaign.runs_at_point, 0)
         why = f"run the remaining {remaining} flights of the campaign file"
         if unshown:
-            why = f"run the remaining {remaining} flights to decide {unshown} open verdict"
-            why += "s" * (unshown > 1)
+            why = f"run the remaining {remaining} flights, because {undecided} verdict"
+            why += "s are undecided" if undecided > 1 else " is undecided"
         elif "PASS" in statuses:
-            why += "; no verdict is open"
+            why += "; no verdict is undecided"
         if "FAIL" in statuses:
             why += f"; {_FAILS_STAY}"
         return NextStep(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
     if not models.names.campaign.judged:
         return None
-    verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
     if met == "nothing required":
         if not flies:
             return None
@@ -547,8 +557,8 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         changes = models.results.requirement_changes
         if changes and not changes[-1].time:  # Only this report uses the requirements.
             return NextStep(
-                "write these requirements into the campaign file to adopt them; stored flights "
-                "are kept",
+                "these requirements apply only to this report; to adopt them, write them into the "
+                "campaign file and run it, which keeps the stored flights",
                 "abhv-mc run FILE -o DIR",
             )
         stay = f"; {_FAILS_STAY}" if missing else ""
@@ -627,7 +637,7 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
     text = f"no number of flights{each} up to {fixed(MOST_TIMES * flights, 0)} makes {goal} likely"
     if separate:
         need = fixed(max(single.flights for single in separate), 0)
-        number = f"{len(separate)} of the {len(open_ones)} open verdicts"
+        number = f"{len(separate)} of the {len(open_ones)} undecided verdicts"
         text += f"; by itself, a PASS is likely for {number} with up to {need} flights"
     else:
         text += f"; at least {fixed(least, 0)} are needed"

@@ -33,7 +33,7 @@ class Bar:
     high: float | None
     median: float | None
     tolerance: float | None
-    beyond: bool  # whether flights lie beyond the right end of the chart
+    beyond: bool  # whether the bar or the tolerance limit lies beyond the right end of the chart
     # text on the right: tolerance limit with margin, or 'lost' if the median flight was lost
     edge: str
     words: str  # text for screen readers
@@ -88,7 +88,7 @@ def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) 
         high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
         median=None if median == 100.0 else median,
         tolerance=None if tolerance == 100.0 else tolerance,
-        beyond=not {None, 100.0}.isdisjoint((low, high)),
+        beyond=not {None, 100.0}.isdisjoint((low, high)) or tolerance == 100.0,
         edge=_edge(entry, cell) if math.isfinite(cell.median) else "lost",
         words=_bar_words(entry, label, cell),
         status=cell.status,
@@ -190,7 +190,7 @@ def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
 
 
 def requirement_counts(verdicts: Verdicts, name: str) -> str:
-    """Return counts such as '3 of 5 met, 1 missed, 1 not shown'; '' without requirements."""
+    """Return counts such as '3 of 5 met, 1 missed, 1 undecided'; '' without requirements."""
     statuses = verdicts.statuses(name)
     if not statuses:
         return ""
@@ -198,7 +198,7 @@ def requirement_counts(verdicts: Verdicts, name: str) -> str:
         return f"{verdicts.kept(name)} of {len(statuses)} met in every flight"
     shortfalls = [
         f"{statuses.count(status)} {label}"
-        for status, label in (("FAIL", "missed"), ("NOT SHOWN", "not shown"))
+        for status, label in (("FAIL", "missed"), ("NOT SHOWN", "undecided"))
         if status in statuses
     ]
     return ", ".join([f"{statuses.count('PASS')} of {len(statuses)} met", *shortfalls])
