@@ -135,7 +135,7 @@ def plot_envelopes(
             axes = grid[r, c]
             _draw(axes, panel, colors[c])
             if r == 0:
-                axes.set_title(titles[c], color=colors[c])
+                title_panel(axes, titles[c], color=colors[c], weight="bold")
             if c == 0:
                 axes.set_ylabel(fill(row.label, _LABEL), va="center")
             axes.tick_params(labelbottom=r == len(rows) - 1)

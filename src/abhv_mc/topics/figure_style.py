@@ -165,9 +165,10 @@ def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> None:
     )
 
 
-def title_panel(axes: Axes, title: str) -> None:
+def title_panel(axes: Axes, title: str, **look: Any) -> None:
     """Put the title of a panel after its letter, in as many lines as its width needs."""
-    _put_above(axes, wrap(axes, title), 11.0, linespacing=1.1)
+    beyond = -0.3 if look else 0.0  # space for the letter and wider characters
+    _put_above(axes, wrap(axes, title, beyond), 11.0, linespacing=1.1, **look)
 
 
 def wrap(axes: Axes, text: str, beyond: float = 0.0) -> str:
@@ -339,6 +340,22 @@ def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) ->
     return True
 
 
+def draw_limits(
+    axes: Axes, way: Literal["x", "y"], limits: Sequence[float], unit: str
+) -> list[str]:
+    """Draw limits of requirements that are near an axis; return a note for each other limit."""
+    notes = []
+    for limit in limits:
+        low, high = axes.get_xlim() if way == "x" else axes.get_ylim()
+        if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
+            (axes.axvline if way == "x" else axes.axhline)(limit, label="limit", **LIMIT)
+        else:
+            sides = ("left", "right") if way == "x" else ("down", "up")
+            words = ["limit", f"{limit:g}", unit, "further", sides[int(limit > high)]]
+            notes.append("\N{NO-BREAK SPACE}".join(filter(None, words)))
+    return notes
+
+
 def make_value_axis(
     axes: Axes,
     label: str,
@@ -361,12 +378,5 @@ def make_value_axis(
         lowest = 0.05 * float(np.quantile(finite, 0.02))
         if finite.min() < lowest:
             axes.set_xlim(left=lowest)
-    for limit in limits:
-        low, high = axes.get_xlim()
-        if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
-            axes.axvline(limit, label="limit", **LIMIT)
-        else:
-            quantity = "\N{NO-BREAK SPACE}".join(filter(None, ["limit", f"{limit:g}", unit]))
-            side = "right" if limit > high else "left"
-            notes.append(f"{quantity}\N{NO-BREAK SPACE}further\N{NO-BREAK SPACE}{side}")
+    notes += draw_limits(axes, "x", limits, unit)
     axes.set_xlabel(wrap(axes, ", ".join([label, *notes]), beyond))

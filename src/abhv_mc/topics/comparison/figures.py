@@ -5,18 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.topics.comparison.model import Comparison, total_usage
 from abhv_mc.topics.figure_style import (
+    INK,
     LOG_AXIS,
     MARKERS,
     PERCENT,
     REFERENCE,
     controller_colors,
     distribution_steps,
+    draw_limits,
     legend_below,
     line_look,
     log_if_wide,
@@ -51,6 +54,8 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         Trade(
             records[m].label_with_unit,
             {name: table.metrics[m][flown[name]] for name, table in flights.items()},
+            results.campaign.limits_of(m),
+            records[m].with_unit("").strip(),
         )
         for m in errors
     ]
@@ -78,6 +83,8 @@ class Trade:
 
     label: str
     errors: Mapping[str, Floats]  # controller -> one value per flight
+    limits: Sequence[float] = ()  # limits of requirements
+    unit: str = ""
 
 
 @styled
@@ -116,9 +123,15 @@ def plot_error_against_usage(
         is_log = log_if_wide(axes, "y", values)
         if not is_log and least >= 0.0:
             axes.set_ylim(bottom=0.0)
-        title_panel(axes, f"{trade.label}, {LOG_AXIS}" if is_log else trade.label)
+        notes = [LOG_AXIS] * is_log + draw_limits(axes, "y", trade.limits, trade.unit)
+        title_panel(axes, ", ".join([trade.label, *notes]))
         axes.set_xlabel(usage_label)
-    legend_below(figure, grid[0, 0])
+    marks = [("flight", {"markersize": 2.0}), ("median", {"markersize": 5.0})]
+    more = [
+        (label, Line2D([], [], color=INK, marker="o", linestyle="none", **look))
+        for label, look in marks
+    ]
+    legend_below(figure, *grid.flat, more=more)
     return figure
 
 

@@ -25,8 +25,8 @@ Bands = tuple[Floats, Mapping[str, Floats]]  # time [time] and bands by name for
 Find = Callable[[str, str], Bands | None]
 
 _OURS = (
-    "; insets show the largest change. The altitude error has no band of all flights while the "
-    "reference climbs"
+    "; insets show the largest change. If the reference climbs, the altitude error has no band of "
+    "all flights"
 )
 
 _SIMULTANEOUS = (

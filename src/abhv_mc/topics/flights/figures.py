@@ -57,8 +57,9 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         text = FigureText(
             "worst_flights",
             "The worst flights",
-            "The channels of the metrics in which the listed flights are worst: the worst flight "
-            f"of each {names.campaign.kind}, and thin the next worst."
+            f"Each column shows the worst flights of one {names.campaign.kind}: the worst in "
+            "colour, the next worst in grey. Rows are the channels of the metrics in which these "
+            "flights are worst."
             + (" Bands contain all flights." if any(panel.bands for panel in panels) else "")
             + (
                 " The requirement excludes the shaded transients."
