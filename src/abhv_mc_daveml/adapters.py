@@ -148,7 +148,7 @@ def _call(
 
 
 def signed_factor(model: Model, variable: Variable, quantity: str) -> float:
-    """Return the factor from an output to the unit and sign convention of abhv-mc."""
+    """Return the factor that converts an output to the unit and sign convention of abhv-mc."""
     sign = sign_of(quantity, variable)
     if sign is None and variable.sign:
         problem = f"'{variable.identifier}', the {quantity}, with the sign '{variable.sign}'"

@@ -180,7 +180,7 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     """Search for the best parameters, validate them with another seed, and write the file.
 
     The flights of all candidates are stored next to the new file, so that the same command resumes
-    after an interrupt. A candidate that is not shown to be better is written to
+    the tuning after an interruption. A candidate that is not shown to be better is written to
     :func:`rejected_file`. Raise InputError if the request is invalid.
     """
     with reading_once():
@@ -202,8 +202,8 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     if any(limit.is_margin for limit in block.limits):
         plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
         _check_margins(block, document, keys, plan.timing.duration)
-    # Worker processes would keep the plans of all candidates, so use threads; after a crash the
-    # same command resumes.
+    # Threads are used, because worker processes would keep the plans of all candidates. After a
+    # crash, running the same command again resumes the tuning.
     execution = model.execution.model_copy(update={"isolation": THREADS})
     text = json.dumps(
         [

@@ -199,7 +199,7 @@ def test_campaigns_with_wind_sensors_or_failures_use_the_full_kernel(name, repos
 
 def test_a_lean_flight_rejects_dispersed_wind(plans):
     lean = plans["tlc"].lean_for(["aero.lift"])
-    with pytest.raises(ValueError, match="lean"):
+    with pytest.raises(ValueError, match="disperse"):
         flying.fly(lean, rows_of({"wind.north": 10.0}))
 
 

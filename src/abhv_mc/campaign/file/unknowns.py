@@ -54,7 +54,7 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
 
 
 class MostFailures(StrictModel):
-    """Point at which a requirement failed most often during the search for one controller."""
+    """Point at which one controller failed a requirement most often during the search."""
 
     controller: str = Field(description="controller for which the point was found")
     requirement: Count = Field(description="index of the requirement, from 0")
