@@ -323,8 +323,8 @@ class Campaign(StrictModel):
     points: UnknownPoints | None = Field(
         None,
         description=(
-            "values of the unknowns at which requirements are judged, for example those found by an "
-            "earlier `run`; default: `run` searches for the worst values"
+            "values of the unknowns at which requirements are judged, for example those found by "
+            "an earlier `run`; default: `run` searches for the worst values"
         ),
     )
     correlations: tuple[Correlation, ...] = Field((), description="pairs of correlated parameters")
