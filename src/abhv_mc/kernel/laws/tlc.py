@@ -259,7 +259,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[s.CMD_AILERON, lane] = aileron_cmd
         Z[s.CMD_RUDDER, lane] = rudder_cmd
         Z[s.CMD_ELEVATOR, lane] = elevator_cmd
-        # Anti-windup freezes the integrators of axes with a limited deflection.
+        # Anti-windup freezes the integrators of axes whose deflection is at its limit.
         pitch_free = elevator_cmd == elevator
         lateral_free = aileron_cmd == aileron and rudder_cmd == rudder
         Z[I_ATTITUDE, lane] = int_alpha if pitch_free else Z[I_ATTITUDE, lane]

@@ -27,7 +27,7 @@ def fill_loop_gains(
         for block in range(2):
             A = plant_A[p] if block == 0 else law_A[p]
             size = n if block == 0 else m
-            # The right-hand side contains plant inputs, or plant outputs as inputs of the law.
+            # The right-hand side contains either plant inputs, or plant outputs fed to the law.
             for i in range(size):
                 for k in range(inputs):
                     total = complex(0.0, 0.0)
