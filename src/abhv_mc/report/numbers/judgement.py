@@ -167,14 +167,15 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
         if meeting
         else ""
     )
-    short: list[str] = []
+    groups: dict[str, list[str]] = {}  # words -> controllers to which they apply
     previous: list[Requirement] = []
     for name in falling:
         listed = [item for item, _ in _listed_entries(own[name])]
         is_named = len(listed) == 1 and listed == previous
         words = _short_words(own[name], names, detail, is_named=is_named)
-        short.append(f"{names.subject(name)} {words}")
+        groups.setdefault(words, []).append(names.subject(name))
         previous = listed
+    short = [_subject_words(controllers, words) for words, controllers in groups.items()]
     if len(short) > _REASONS:
         short = [
             f"{_name_controllers(falling, names)} miss requirements or are not shown to meet them"
@@ -189,6 +190,14 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
     )
     verb = "meets" if all_miss else "is shown to meet"
     return f"No {names.campaign.kind} {verb} {requirements}: {text}."
+
+
+def _subject_words(controllers: list[str], words: str) -> str:
+    """Return a clause on one or several controllers; `words` begin with a singular verb."""
+    verb, _, rest = words.partition(" ")
+    if len(controllers) > 1:
+        verb = {"has": "have", "is": "are", "misses": "miss"}[verb]
+    return f"{joined(controllers)} {verb} {rest}"
 
 
 def _name_controllers(controllers: list[str], names: Names) -> str:
