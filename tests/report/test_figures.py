@@ -11,6 +11,7 @@ from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import template_text
 from abhv_mc.topics import registry
+from abhv_mc.topics.comparison.figures import Trade, plot_error_against_usage
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import BLUE, CYCLE, INK
@@ -179,6 +180,24 @@ def test_small_values_on_a_logarithmic_axis_are_visible():
     values = np.append(np.geomspace(10.0, 1000.0, 200), 1.0)
     axes = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE}).axes[0]
     assert axes.get_xscale() == "log" and axes.get_xlim()[0] < 1.0
+
+
+@pytest.mark.parametrize(("limit", "notes"), [(1.3, 0), (5.0, 1)])
+def test_the_limit_of_a_metric_against_control_effort_is_drawn_or_noted(limit, notes):
+    """Regression: a limit somewhat above the flights was drawn outside the axis."""
+    values = np.linspace(0.5, 1.0, 600)
+    trade = Trade("Error (m)", {"tlc": values, "lqr": values}, (limit,), "m")
+    usage = {"tlc": values, "lqr": values}
+    figure = plot_error_against_usage(
+        usage, [trade], "effort", {"tlc": "TLC", "lqr": "LQR"}, {"tlc": "b", "lqr": "r"}
+    )
+    axes = figure.axes[0]
+    lines = [line for line in axes.lines if line.get_label() == "limit"]
+    assert len(lines) == 1 - notes
+    assert all(axes.get_ylim()[0] == 0.0 < limit < axes.get_ylim()[1] for _ in lines)
+    assert sum("5" in text.get_text() for text in axes.texts) == notes
+    flights = [line for line in axes.lines if len(line.get_xdata()) > 2]
+    assert all(100 < len(line.get_xdata()) <= 250 for line in flights)
 
 
 def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, failing):

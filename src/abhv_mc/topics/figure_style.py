@@ -349,6 +349,10 @@ def draw_limits(
         low, high = axes.get_xlim() if way == "x" else axes.get_ylim()
         if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
             (axes.axvline if way == "x" else axes.axhline)(limit, label="limit", **LIMIT)
+            room = 0.03 * (high - low)
+            (axes.set_xlim if way == "x" else axes.set_ylim)(
+                min(low, limit - room), max(high, limit + room)
+            )
         else:
             sides = ("left", "right") if way == "x" else ("down", "up")
             words = ["limit", f"{limit:g}", unit, "further", sides[int(limit > high)]]

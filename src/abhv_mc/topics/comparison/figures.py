@@ -104,10 +104,10 @@ def plot_error_against_usage(
             keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
             if not keep.size:
                 continue
-            few = keep[:: max(1, keep.size // _MOST_POINTS)]
+            few = keep[:: -(-keep.size // _MOST_POINTS)]
             small = {**mark_look(i, len(trade.errors), 1.5), "color": colors[name]}
-            large = {**mark_look(i, len(trade.errors), 4.5), "color": colors[name]}
-            large |= {"zorder": 3.0 + large["zorder"], "label": labels[name]}
+            large = {"marker": small["marker"], "markersize": 6.5, "color": colors[name]}
+            large |= {"zorder": 3.0 + small["zorder"], "label": labels[name]}
             face = {"markerfacecolor": "none", "markeredgewidth": 0.5} if i else {}
             axes.plot(x[few], y[few], **small, **face, linestyle="none", alpha=0.6, rasterized=True)
             axes.plot(
@@ -116,6 +116,7 @@ def plot_error_against_usage(
                 **large,
                 linestyle="none",
                 markeredgecolor="white",
+                markeredgewidth=0.6,
                 clip_on=False,
             )
         values = list(trade.errors.values())
@@ -126,7 +127,7 @@ def plot_error_against_usage(
         notes = [LOG_AXIS] * is_log + draw_limits(axes, "y", trade.limits, trade.unit)
         title_panel(axes, ", ".join([trade.label, *notes]))
         axes.set_xlabel(usage_label)
-    marks = [("flight", {"markersize": 2.0}), ("median", {"markersize": 5.0})]
+    marks = [("flight", {"markersize": 2.0}), ("median", {"markersize": 6.5})]
     more = [
         (label, Line2D([], [], color=INK, marker="o", linestyle="none", **look))
         for label, look in marks

@@ -58,8 +58,8 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             "worst_flights",
             "The worst flights",
             f"Each column shows the worst flights of one {names.campaign.kind}: the worst in "
-            "colour, the next worst in grey. Rows are the channels of the metrics in which these "
-            "flights are worst."
+            "colour, the next worst as thin lines. Rows are the channels of the metrics in which "
+            "these flights are worst."
             + (" Bands contain all flights." if any(panel.bands for panel in panels) else "")
             + (
                 " The requirement excludes the shaded transients."
