@@ -127,10 +127,9 @@ def plot_error_against_usage(
         notes = [LOG_AXIS] * is_log + draw_limits(axes, "y", trade.limits, trade.unit)
         title_panel(axes, ", ".join([trade.label, *notes]))
         axes.set_xlabel(usage_label)
-    marks = [("flight", {"markersize": 2.0}), ("median", {"markersize": 6.5})]
     more = [
-        (label, Line2D([], [], color=INK, marker="o", linestyle="none", **look))
-        for label, look in marks
+        (label, Line2D([], [], color=INK, marker="o", linestyle="none", markersize=size))
+        for label, size in (("flight", 2.0), ("median", 6.5))
     ]
     legend_below(figure, *grid.flat, more=more)
     return figure
