@@ -109,8 +109,12 @@ def test_a_replaced_value_is_taken_or_refused_with_its_place(
             assert code == 0 or (code == 2 and mutant), (mutant, errors)
             if code == 2:
                 refused += 1
-                assert re.match(rf"{re.escape(str(path))}:\d+:\d+: ", errors), (mutant, errors)
-                assert errors.count("\n") < 12, (mutant, errors)
+                # A path in place of metrics or requirements is read; the error is in its file.
+                assert re.match(rf"{re.escape(str(tmp_path))}\S+:\d+:\d+: ", errors), (
+                    mutant,
+                    errors,
+                )
+                assert errors.count("\n") < 30, (mutant, errors)
     assert refused > 30
 
 
