@@ -114,9 +114,8 @@ def place_flights(
     tables = [_read_table(file, units) for file in files]
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
-        raise InputError(
-            files[timed.index(False)], "no column time", ("a column 'time', as in the other files")
-        )
+        expected = "a column 'time', as in the other files"
+        raise InputError(files[timed.index(False)], "no column 'time'", expected)
     labels = [table.table.path.name for table in tables]
     sensed: tuple[str, ...] = ()
     if all(timed):

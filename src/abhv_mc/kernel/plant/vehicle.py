@@ -143,7 +143,7 @@ class Foreign(NamedTuple):
 
 
 def no_functions() -> Foreign:
-    """Return a placeholder for the custom functions of a vehicle defined by tables."""
+    """Return the record of a vehicle defined by tables, which has no custom functions."""
     return Foreign(0, 0, 0.0, 0.0, np.zeros(4, np.int64), np.zeros(0), 0, np.zeros(0))
 
 
