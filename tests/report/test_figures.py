@@ -200,6 +200,19 @@ def test_the_limit_of_a_metric_against_control_effort_is_drawn_or_noted(limit, n
     assert all(100 < len(line.get_xdata()) <= 250 for line in flights)
 
 
+@pytest.mark.parametrize(("limit", "drawn"), [(0.008, 1), (0.5, 1), (40.0, 1), (1e4, 0), (-1.0, 0)])
+def test_limits_of_a_logarithmic_axis_lie_inside_it(limit, drawn):
+    """Regression: the lower end of a logarithmic axis was set to a negative value."""
+    values = np.geomspace(0.02, 10.0, 300)
+    trade = Trade("Error (m)", {"tlc": values}, (limit,), "m")
+    figure = plot_error_against_usage({"tlc": values}, [trade], "e", {"tlc": "TLC"}, {"tlc": "b"})
+    (axes, *_) = figure.axes
+    assert axes.get_yscale() == "log" and sum(x.get_label() == "limit" for x in axes.lines) == drawn
+    low, high = axes.get_ylim()
+    assert 0.0 < low < 0.021 and high > 9.9
+    assert not drawn or low < limit < high
+
+
 def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, failing):
     """Regression: limits spanned transients, in which a flight seemed to violate them."""
     level = np.where(panel.x < 5.0, np.nan, 0.5)

@@ -346,16 +346,18 @@ def draw_limits(
     """Draw limits of requirements that are near an axis; return a note for each other limit."""
     notes = []
     for limit in limits:
-        low, high = axes.get_xlim() if way == "x" else axes.get_ylim()
-        if low - 0.5 * (high - low) <= limit <= high + 0.5 * (high - low):
+        ends = axes.get_xlim() if way == "x" else axes.get_ylim()
+        scale = (axes.xaxis if way == "x" else axes.yaxis).get_transform()
+        # Lengths on the page: a logarithmic axis is extended by a factor.
+        low, high, place = scale.transform(np.array([*ends, limit]))
+        if low - 0.5 * (high - low) <= place <= high + 0.5 * (high - low):
             (axes.axvline if way == "x" else axes.axhline)(limit, label="limit", **LIMIT)
             room = 0.03 * (high - low)
-            (axes.set_xlim if way == "x" else axes.set_ylim)(
-                min(low, limit - room), max(high, limit + room)
-            )
+            wide = np.array([min(low, place - room), max(high, place + room)])
+            (axes.set_xlim if way == "x" else axes.set_ylim)(*scale.inverted().transform(wide))
         else:
             sides = ("left", "right") if way == "x" else ("down", "up")
-            words = ["limit", f"{limit:g}", unit, "further", sides[int(limit > high)]]
+            words = ["limit", f"{limit:g}", unit, "further", sides[int(limit > ends[1])]]
             notes.append("\N{NO-BREAK SPACE}".join(filter(None, words)))
     return notes
 
