@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from experiment import ROOT, wrapped
 from paper_figures import plot_axis, plot_track
-from paper_vehicle_box import BASE, FREE, MACH, make_mission, make_vehicle
+from paper_vehicle_box import BASE, MACH, make_mission, make_vehicle
 from paper_vehicle_claim import fly_law, judge
 from paper_vehicle_export import ABHV
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, READING, TRAITS
@@ -34,14 +34,13 @@ from paper_vehicle_tables import (
     claim,
     figures,
     largest_misses,
-    left_by,
     powers,
+    with_ranges,
 )
 
 from abhv_mc.control.controller_file import TlcController
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
 from abhv_mc.vehicle.pack import nodes_of
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
@@ -85,12 +84,11 @@ Table 1 and the LQR weights as printed, and found {number}. A conclusion is supp
   and 1.5 rad/s, and `configs/control/lqr.yaml` contains the printed weights.
 - The end of an automatically chosen axis lies within one tick of the data, so each end of an axis gives an interval
   for the corresponding end of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10
-  and 11 (one axis for both controllers) and of Figures 5 and 7 (one axis for each controller) have 20 ends: the
-  smallest and largest value of the curves on each axis. Figure 3 and the insets of Figure 7 give limits only.
+  and 11 (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 ends. Figure 3 and the
+  insets of Figure 7 give limits only.
 - The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; the word
   "mirrored" marks the opposite sign.
-- In the S manoeuvre, the bank is established within the bank time, and the lateral acceleration follows a power of
-  the cosine, whose exponent is the sharpness. The time in the paper is the time in abhv-mc plus 180 s.
+- The time in the paper is the time in abhv-mc plus 180 s.
 
 ## Figure by figure
 
@@ -101,19 +99,15 @@ width. The flight in the paper may be a dispersed flight.
 
 [FIGURES]
 
-With dispersions, TLC exceeds the axis most in {furthest_tlc}, and LQR in {furthest_lqr}.
-
 In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The ensemble
 
-Any two of the {number} vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits.
-The {number} vehicles are the largest set with such differences among the candidates of about {searches} searches. In
-a candidate, at least 18 of the 20 ends are inside their intervals, no end is outside by more than 20 % of its axis,
-and the properties are [plausible](paper-vehicles.md). Each member has the mass properties of a rigid body at both
-mass points, trims at least 0.1 deg from the nodes of the tables, and does not saturate. `studies/paper_vehicle.json`
-contains the traits of each member. The pitch damping of {reduced} members was
-reduced [afterwards](paper-vehicles.md#pitch-and-yaw-damping), and the yaw damping of two members was increased.
+The {number} vehicles are the largest set among the candidates of about {searches} searches in which any two differ by
+a factor of 1.5 or more, or in sign, in at least three of the eight traits. In a candidate, at least 18 of the 20 ends
+are inside their intervals, no end is outside by more than 20 % of its axis, and the properties are
+[plausible](paper-vehicles.md). Each member trims at least 0.1 deg from the nodes of the tables, and does not saturate.
+`studies/paper_vehicle.json` contains the traits of each member.
 
 {spread}
 
@@ -122,16 +116,17 @@ reduced [afterwards](paper-vehicles.md#pitch-and-yaw-damping), and the yaw dampi
 ## The claim, with the printed gains
 
 The paper claims: "With nearly the same amount of control surface usage, TLC has a better performance in
-tracking angle of attack, sideslip angle and bank angle commands." The table has the percentage of {flights}
-dispersed flights of each member in which TLC has the smaller rms error, over the whole flight and outside
-the transients (the ramps of the bank and 5 s after each ramp), and the control effort.
-
-[CLAIM]
+tracking angle of attack, sideslip angle and bank angle commands." The following numbers compare the rms errors of
+{flights} dispersed flights of each member, over the whole flight and outside the transients (the ramps of the bank
+and 5 s after each ramp).
 
 [CLAIM_WORDS]
 
-TLC and LQR are stable in level flight on every member (least disk margins {disk_tlc} for TLC, {disk_lqr} for
-LQR), and no flight terminates early.
+The table gives the ends inside their intervals, the largest distance of an end from its interval in percent of the
+axis, and for TLC / LQR the least disk margin in level flight and the rms deflections in deg. No flight terminates
+early.
+
+[CLAIM]
 
 For the bank angle, the result depends on the time window. During a ramp, the faster attitude loop has the smaller error:
 the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with Table 1 and sqrt(2.28e5 / 3.28e3) = 8.3 rad/s with the
@@ -140,11 +135,11 @@ inverts the model and integrates.
 
 The page on [the claim](claim.md) compares controllers that were tuned within the same limits. On a vehicle
 that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in
-bank), LQR with the printed weights is unstable and TLC with Table 1 saturates, which the paper does not show.
+bank), LQR with the printed weights is unstable and TLC with Table 1 saturates.
 
 ## Prediction of one figure from the others
 
-For each figure, vehicles were fitted to all other figures, from three random starting points. {predicted}
+For each figure, vehicles were fitted to all other figures. {predicted}
 
 ## The figures
 
@@ -157,52 +152,45 @@ lines are their commands. The shaded area contains all {flights} dispersed fligh
 PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
-The figures alone also admit vehicles that could not be built, so each member satisfies the limits of this table
-(`studies/paper_vehicle_sides.py`). The limits of lift, drag and L/D cover all Mach numbers of the tables; all other
-limits apply at the Mach number of the S manoeuvre, 4.74, and no member was designed for flight far from this Mach
-number. The search varies factors on GHAME's tables, for a length of 8.6 m, which is slightly more than the length of
-an X-51 with its booster. The wing loading was chosen, because a common factor on mass, inertias, coefficients and
-cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the
-Mach number, and deflections cause no drag. The tables of all members begin at Mach 2.
+The figures alone also admit vehicles that could not be built, so each member of the
+[ensemble](paper.md#the-ensemble) satisfies the limits of this table (`python studies/paper_vehicle_sides.py` prints
+the values of each member). The limits of lift, drag and L/D cover all Mach numbers of the tables; all other limits
+apply at the Mach number of the S manoeuvre, 4.74, and no member was designed for flight far from this Mach number.
+The search varies factors on GHAME's tables, for a length of 8.6 m, which is slightly more than the length of an X-51
+with its booster. The wing loading was chosen, because a common factor on mass, inertias, coefficients and cowl area
+changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the Mach
+number, and deflections cause no drag. The tables of all members begin at Mach 2.
 
 [CLASS]
 
-Two limits have a source. The limit on L/D is Kuechemann's 4 (M + 3)/M, which is 6.5 at Mach 4.74, and the limits on
-the wing loading include the 380 kg/m2 of the X-43A (Marshall et al., AIAA 2005-3332). In quasi-steady flow,
-the rudder alone cannot damp yaw more than the whole vehicle. The other limits are engineering judgement. The two arms and the radius of pitch damping are lengths for the span and chord of `abhv`; none
-of them may exceed half of the vehicle's length. Quasi-steady lift at this radius from the centre of gravity would
-produce the vehicle's Cm_q, which is -2 CL_alpha (radius/chord)^2.
+- The limit on L/D is Kuechemann's 4 (M + 3)/M, which is 6.5 at Mach 4.74, and the limits on the wing loading include
+  the 380 kg/m2 of the X-43A (Marshall et al., AIAA 2005-3332).
+- In quasi-steady flow, the rudder alone cannot damp yaw more than the whole vehicle.
+- Quasi-steady lift at the radius of pitch damping from the centre of gravity would produce the vehicle's Cm_q, which
+  is -2 CL_alpha (radius/chord)^2. This radius and the two arms are at most half of the vehicle's length.
+- The other limits are engineering judgement.
 
-The limits, not only the figures, determine some traits. The following traits are within a tenth of their search unit
-of a limit, with the number of members: {near}.
-
-{sides}
+The limits, not only the figures, determine some traits. On at least half of the members, the following traits are
+near a limit (the number of members follows): {near}.
 
 GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (its best
 is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In
-Figure 11, the equivalence ratio rises from about 0.84 in
-straight flight to about 1.2 at 50 deg of bank. With induced drag, such an increase of the equivalence ratio requires
-an L/D of 3 to 5, so the paper did not use GHAME's drag. The conclusion depends on GHAME's specific impulse, which the
-members share: at Mach 4.74 the specific impulse is {impulse_lean:.0f} s at an equivalence ratio of 0.25,
-{impulse_even:.0f} s at 1 and {impulse_rich:.0f} s at 1.5. The increase with the equivalence ratio is a property of
-GHAME: the specific impulse of a real hydrogen ramjet usually decreases with the equivalence ratio, and fuel beyond
-the stoichiometric ratio does not burn. Slender lifting bodies reach an L/D of 3 ([NASA
-SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D of the members is higher, like that of waveriders. The
-smallest CD of the winged cone occurs at a single node of its polynomial fit, at Mach 8 and -1 deg.
+Figure 11, the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced
+drag, such an increase requires an L/D of 3 to 5, so the paper did not use GHAME's drag. The conclusion depends on
+GHAME's [specific impulse](theory.md#limits-of-the-model), which the members share and which rises with the
+equivalence ratio, whereas that of a real hydrogen ramjet usually decreases. Slender lifting bodies reach an L/D of 3
+([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D of the members is higher, like that of waveriders.
 
 ## Pitch and yaw damping
 
-The figures do not determine pitch damping. The searches, including those for the [predictions](paper.md), ran without
-a limit on the radius of pitch damping; afterwards, Cm_q was reduced on {reduced} members to satisfy the limit and to
-differ between members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change moved the end points of the curves by at
-most 5 % of the axis range, and none of them out of its interval. The limit on the radius is an upper bound, which
-would be reached only if all lift acted at nose and tail: the radius is 2.5 m for lift that is uniform along the body,
-and 3.1 m for GHAME. The pitch damping of `abhv` is thus large, but a smaller value would change no figure.
+The figures do not determine pitch and yaw damping, and the searches ran without limits on them. Afterwards, Cm_q was
+reduced on {reduced} members to satisfy the limit and to differ between members, on `abhv` from -3.46 to
+{abhv_damping:.2f}, and Cn_r was increased by 4 % on `seed-16` and by 13 % on `seed-23`. These changes moved the end
+points of the curves by at most 5 % of the axis range, and none of them out of its interval.
 
-A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
--2 CY_dr (arm/span)^2, to which other surfaces add. The searches also ran without this limit. Afterwards, the magnitude
-of Cn_r was increased by 4 % on `seed-16` and by 13 % on `seed-23`; this moved the end points of the curves by at most
-0.2 % of the axis range.
+The limit on the radius of pitch damping would be reached only if all lift acted at nose and tail: the radius is 2.5 m
+for lift that is uniform along the body, and 3.1 m for GHAME. The pitch damping of `abhv` is thus large, but a smaller
+value would change no figure.
 
 ## Control powers
 
@@ -215,14 +203,11 @@ layout of the surfaces was assumed. The aileron of `abhv` is {aileron_ratio:.1f}
 rudder {rudder_ratio:.0f} times, but the elevator produces only {elevator_ratio:.1f} times the lift of GHAME's
 elevator. The rolling moment of the aileron corresponds to the lift of the elevator at {aileron_arm:.1f} spans from
 the axis, so no elevons could provide both. Separate all-moving surfaces with the lift slope of a thin plate,
-4/sqrt(M^2 - 1), could provide both: at least {aileron_area:.0f} % of the reference area at the ends of the span for
-the aileron, and {rudder_area:.0f} % for the rudder. In a steady roll at 20 deg of aileron, p b/2V would be {roll_ratio:.1f}
-times that of GHAME, and the roll rate {roll_rate:.0f} rad/s, which no structure would withstand. The figures cannot
-decide whether the paper's vehicle had such powerful surfaces, whether its tables were not those of an aircraft, or
-whether its size, wing loading and inertias differ from those chosen here. The flights use about 1 deg of aileron and
-0.4 deg of rudder.
-
-The Cl_beta of the members is of the same order as that of the winged cone, while the Cl_beta of GHAME is nearly zero.
+4/sqrt(M^2 - 1), could: at least {aileron_area:.0f} % of the reference area at the ends of the span for the aileron,
+and {rudder_area:.0f} % for the rudder. In a steady roll at 20 deg of aileron, the roll rate would be
+{roll_rate:.0f} rad/s, which no structure would withstand; the flights use about 1 deg of aileron and 0.4 deg of
+rudder. The figures cannot decide whether the paper's vehicle had such powerful surfaces, whether its tables were not
+those of an aircraft, or whether its size, wing loading and inertias differ from those chosen here.
 """
 
 
@@ -348,28 +333,14 @@ def spread_words(members: list[dict[str, Any]]) -> str:
     )
 
 
-def sides_words(members: list[dict[str, Any]]) -> str:
-    """Return a sentence on the sides of the box on which members lie."""
-    counts: dict[str, int] = {}
-    for member in members:
-        for name, free in FREE.items():
-            for side, label in ((free.low, "least"), (free.high, "most")):
-                if abs(member["values"][name] - side) < 1e-3 * (free.high - free.low):
-                    counts[f"{name} ({label})"] = counts.get(f"{name} ({label})", 0) + 1
-    listed = ", ".join(
-        f"{label}: {count}" for label, count in sorted(counts.items(), key=lambda item: -item[1])
-    )
-    return f"Numbers of members at a bound of the search box: {listed or 'none'}."
-
-
 def near_words(members: list[dict[str, Any]]) -> str:
-    """Return the traits near a limit, and on how many members."""
+    """Return the traits near a limit on at least half of the members, with their number."""
     counts = {}
     for name, side in SIDES.items():
         traits = [member["class_traits"][name] for member in members]
         ends = (side.low, side.high)
         near = sum(min(abs(trait - end) for end in ends) <= 0.1 * side.unit for trait in traits)
-        if near:
+        if 2 * near >= len(members):
             counts[side.label] = near
     return "; ".join(f"{label}: {count}" for label, count in counts.items())
 
@@ -388,28 +359,21 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         surfaces[label] = control_powers(vehicle, *point[:2])
     ratio = {name: x / surfaces["GHAME"][name] for name, x in surfaces[ABHV].items()}
     ghame = load_vehicle(ROOT / "configs/vehicle/ghame.yaml")
-    etas = np.array([0.25, 1.0, 1.5])
-    impulse = evaluate_fixed(ghame, make_variables(ghame, mach=MACH, equivalence_ratio=etas))[
-        "specific_impulse"
-    ]
     plate_slope = 4.0 / np.sqrt(MACH**2 - 1.0)
     alphas = nodes_of(ghame.tables, "angle_of_attack")
     lift, drag = polar(ghame, MACH, alphas)[:2]
     lift_to_drag = lift / drag
     facts = {
         "near": near_words(members),
-        "sides": sides_words(members),
         "sides_number": len(SIDES),
         "ghame_outside": np.count_nonzero(excesses(class_traits["GHAME"])),
         **{
             f"ghame_{name}": f"{class_traits['GHAME'][name]:.2f}"
             for name in ("lift_to_drag", "thrust_to_weight")
         },
-        **dict(zip(("impulse_lean", "impulse_even", "impulse_rich"), impulse, strict=True)),
         "aileron_ratio": ratio["Cl_da"],
         "rudder_ratio": ratio["Cn_dr"],
         "elevator_ratio": ratio["CL_de"],
-        "roll_ratio": ratio["steady roll p b/2V at 20 deg of aileron"],
         "aileron_area": 200.0 * surfaces[ABHV]["Cl_da"] / plate_slope,
         "rudder_area": 100.0 * surfaces[ABHV]["CY_dr"] / plate_slope,
         "ghame_best": lift_to_drag.max(),
@@ -422,7 +386,12 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         "reduced": REDUCED,
         "abhv_damping": class_traits[ABHV]["pitch_damping"],
     }
-    return _fill(PLAUSIBILITY, {"CLASS": table(class_traits), "POWERS": powers(surfaces)}, facts)
+    names = [member["name"] for member in members]
+    tables = {
+        "CLASS": table(with_ranges(class_traits, names, ABHV)),
+        "POWERS": powers(with_ranges(surfaces, names, ABHV)),
+    }
+    return _fill(PLAUSIBILITY, tables, facts)
 
 
 def page(
@@ -436,21 +405,6 @@ def page(
             for law in LAWS
         ):
             raise SystemExit("a member is unstable, loses a flight or saturates")
-    disk = {
-        law: between([member["margins"][law]["disk"] for member in judged.values()], 2)
-        for law in LAWS
-    }
-    furthest = {}
-    for law in LAWS:
-        axes = [
-            (axis, end)
-            for axis, end in zip(AXES, shipped["ends"], strict=True)
-            if law in end["dispersed"]
-        ]
-        share, label = max(
-            (left_by(axis, end, law), f"Figure {axis.figure}, {axis.label}") for axis, end in axes
-        )
-        furthest[law] = f"{label} ({share:.0f} % of its width)"
     tables = {
         "FIGURES": figures(shipped),
         "CLAIM": claim(members, judged),
@@ -460,17 +414,12 @@ def page(
     facts = {
         "number": len(members),
         "searches": SEARCHES,
-        "reduced": REDUCED,
         "abhv": ABHV,
         "flights": flights,
         "south": f"{south['tlc']:.3f} km (TLC) and {south['lqr']:.3f} km (LQR)",
-        "furthest_tlc": furthest["tlc"],
-        "furthest_lqr": furthest["lqr"],
         "ends": ends_words(judged),
         "spread": spread_words(members),
         "predicted": predicted_words(result),
-        "disk_tlc": disk["tlc"],
-        "disk_lqr": disk["lqr"],
     }
     return _fill(TEXT, tables, facts)
 

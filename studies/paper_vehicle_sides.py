@@ -274,15 +274,20 @@ def excesses(traits: dict[str, float], inner: float = 0.0) -> Floats:
     return np.array([side.excess(traits[name], inner) for name, side in SIDES.items()])
 
 
-def table(traits: dict[str, dict[str, float]]) -> Iterator[str]:
-    """Yield the rows of a Markdown table with each trait of each vehicle and its side."""
+def table(traits: dict[str, dict[str, str]]) -> Iterator[str]:
+    """Yield the rows of a Markdown table with each trait as text of each vehicle and its side."""
     yield "| trait | limits | " + " | ".join(traits) + " |"
     yield "|" + "---|" * (2 + len(traits))
     for name, side in SIDES.items():
-        cells = [f"{vehicle_traits[name]:.3g}" for vehicle_traits in traits.values()]
+        cells = [vehicle_traits[name] for vehicle_traits in traits.values()]
         ends = [f"{end:g}" for end in (side.low, side.high) if np.isfinite(end)]
         sign = "at least " if side.high == INFINITY else "at most " if len(ends) == 1 else ""
         yield f"| {side.label} | {sign}{' to '.join(ends)} | " + " | ".join(cells) + " |"
+
+
+def shown(traits: dict[str, float]) -> dict[str, str]:
+    """Return the traits of a vehicle as text with three digits."""
+    return {name: f"{value:.3g}" for name, value in traits.items()}
 
 
 def main() -> None:
@@ -295,7 +300,8 @@ def main() -> None:
     members = json.loads(file.read_text(encoding="utf-8"))["ensemble"] if len(names) > 1 else ()
     for member in members:
         vehicles[member["name"]] = make_vehicle(member["values"])
-    print(*table({name: measure(v, *find_trim(v)) for name, v in vehicles.items()}), sep="\n")
+    traits = {name: shown(measure(v, *find_trim(v))) for name, v in vehicles.items()}
+    print(*table(traits), sep="\n")
 
 
 if __name__ == "__main__":

@@ -1,28 +1,26 @@
 """Tables of docs/explanation/paper.md on the ensemble, as Markdown."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from paper_vehicle_flights import AXES, LAWS, READING, Axis
-
-WORDS = {"angle_of_attack": "angle of attack", "sideslip": "sideslip", "bank": "bank"}
+from paper_vehicle_flights import AXES, LAWS, Axis
+from paper_vehicle_sides import shown
 
 
 def figures(judged: dict[str, Any]) -> Iterator[str]:
-    """Yield a row for each axis: the paper's interval, ranges of flights, and misses."""
-    yield "| figure | ends of the data | abhv | | dispersed beyond the axis, TLC / LQR |"
-    yield "|" + "---|" * 5
+    """Yield a row for each axis: the paper's interval, and ranges of flights."""
+    yield "| figure | ends of the data | `abhv` | dispersed beyond the axis, TLC / LQR |"
+    yield "|" + "---|" * 4
     for axis, end in zip(AXES, judged["ends"], strict=True):
         intervals = " and ".join(
             f"{low:g} to {high:g}" for low, high in (axis.lowest, axis.highest)
         )
-        out = [f"{100.0 * miss:.1f} % out" for miss in end["misses"] if miss > READING]
         beyond = " / ".join(
             f"{left_by(axis, end, law):.0f} %" for law in LAWS if law in end["dispersed"]
         )
         label = f"{axis.figure} {axis.label}" + (", mirrored" if end["mirrored"] else "")
         range_text = f"{end['low']:.5g} to {end['high']:.5g}"
-        yield f"| {label} | {intervals} | {range_text} | {', '.join(out) or 'inside'} | {beyond} |"
+        yield f"| {label} | {intervals} | {range_text} | {beyond} |"
 
 
 def left_by(axis: Axis, end: dict[str, Any], law: str) -> float:
@@ -35,29 +33,33 @@ def left_by(axis: Axis, end: dict[str, Any], law: str) -> float:
     return float(100.0 * max(axis.lowest[0] - low, high - axis.highest[1], 0.0) / axis.width)
 
 
-def powers(traits: dict[str, dict[str, float]]) -> Iterator[str]:
-    """Yield a row for each control power of each vehicle."""
+def with_ranges(
+    traits: dict[str, dict[str, float]], members: Sequence[str], default: str
+) -> dict[str, dict[str, str]]:
+    """Return the traits as text: of the default member, of all members, of other vehicles."""
+    ranges = {}
+    for name in traits[default]:
+        values = [traits[member][name] for member in members]
+        low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+        ranges[name] = low if low == high else f"{low} to {high}"
+    others = {name: shown(x) for name, x in traits.items() if name not in members}
+    return {"`abhv`": shown(traits[default]), "all members": ranges, **others}
+
+
+def powers(traits: dict[str, dict[str, str]]) -> Iterator[str]:
+    """Yield a row for each control power of each vehicle; arms are in the table of limits."""
     yield "| control power | " + " | ".join(traits) + " |"
     yield "|" + "---|" * (1 + len(traits))
     for name in next(iter(traits.values())):
-        yield f"| {name} | " + " | ".join(f"{x[name]:.3g}" for x in traits.values()) + " |"
+        if " over the " not in name:
+            yield f"| {name} | " + " | ".join(x[name] for x in traits.values()) + " |"
 
 
 def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str]:
-    """Yield a row for each member: percentage of flights with smaller error of TLC, and usage.
-
-    The percentages are for the whole flight, and without the ramps.
-    """
+    """Yield a row for each member: agreement with the figures, margins and control effort."""
     surfaces = ("aileron", "rudder", "elevator")
-    heads = [f"{label}, TLC better in %" for label in WORDS.values()] + [
-        f"{s}, rms deg, TLC / LQR" for s in surfaces
-    ]
-    yield (
-        "| member | ends inside | worst end | disk margin, TLC / LQR | early terminations | "
-        + " | ".join(heads)
-        + " |"
-    )
-    yield "|" + "---|" * (5 + len(heads))
+    yield "| member | ends inside | worst end | disk margin | " + " | ".join(surfaces) + " |"
+    yield "|" + "---|" * (4 + len(surfaces))
     for member in members:
         member_claim = judged[member["name"]]
         cells = [
@@ -65,15 +67,7 @@ def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str
             str(member["ends_in"]),
             f"{100.0 * member['worst']:.0f} %",
             " / ".join(f"{member_claim['margins'][law]['disk']:.2f}" for law in LAWS),
-            " / ".join(str(member_claim["lost"][law]) for law in LAWS),
         ]
-        for name in WORDS:
-            cells.append(
-                " / ".join(
-                    f"{member_claim['claim'][w][name]['closer_percent']:.0f}"
-                    for w in ("whole", "settled")
-                )
-            )
         for surface in surfaces:
             cells.append(" / ".join(f"{member_claim['use'][surface][law]:.3f}" for law in LAWS))
         yield "| " + " | ".join(cells) + " |"
