@@ -223,8 +223,8 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "The damping of all channels is changed in the inner loops (3 and 4) or in the outer loops "
         '(1 and 2). "Overshoot" is that of the nominal bank angle after the first step, and '
         f'"swings" is the largest number of reversals by more than {SWING:g} deg of any surface '
-        f"between the two steps; {MANY} or more count as an oscillation. The smallest inner damping without "
-        f"overshoot is {calmest:g}; the value in Table 1 is 3.4.",
+        f"between the two steps; {MANY} or more count as an oscillation. The smallest inner "
+        f"damping without overshoot is {calmest:g}; the value in Table 1 is 3.4.",
         "",
         *header(("loops", "damping", "overshoot", "swings")),
         *dampings,
