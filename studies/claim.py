@@ -45,8 +45,7 @@ on three of these vehicles, each with its own S manoeuvre.
 ## The fronts
 
 For each limit on control effort (exceeded by at most 3 %), the table gives the smallest root mean square of the \
-three relative errors, the rms deflections of aileron, elevator and rudder, and in brackets the ratios in angle of \
-attack, sideslip and bank.
+three relative errors, and in brackets the ratios in angle of attack, sideslip and bank.
 
 {fronts}
 
@@ -89,18 +88,10 @@ def best(
     return min(designs, key=lambda design: design["error"][0], default=None)
 
 
-def used(design: dict[str, Any]) -> str:
-    """Return the rms of aileron, elevator and rudder over Table 1's as text."""
-    return " / ".join(f"{design['usage'][2 * i]:.2f}" for i in range(3))
-
-
 def front_table(results: dict[str, Any]) -> Iterator[str]:
     """Yield the table of the fronts at the budgets, for each search."""
-    yield (
-        "| vehicle, effort | TLC, both searches | LQR, both searches | rms of TLC, of LQR | "
-        "best TLC / best LQR |"
-    )
-    yield "|---|---|---|---|---|"
+    yield "| vehicle, effort | TLC, both searches | LQR, both searches | best TLC / best LQR |"
+    yield "|---|---|---|---|"
     for vehicle, vehicle_results in results.items():
         for budget in sorted(BUDGETS):
             cells = []
@@ -112,7 +103,6 @@ def front_table(results: dict[str, Any]) -> Iterator[str]:
                     )
                 )
             tlc, lqr = (best(vehicle_results, law, budget) for law in LAWS)
-            usages = "; ".join(used(design) if design else "none" for design in (tlc, lqr))
             ratio = ""
             if tlc and lqr:
                 parts = [
@@ -120,8 +110,7 @@ def front_table(results: dict[str, Any]) -> Iterator[str]:
                 ]
                 ratio = f"{tlc['error'][0] / lqr['error'][0]:.2f} ({', '.join(parts)})"
             yield (
-                f"| `{NAMES.get(vehicle, vehicle)}`, {budget:g} | {' | '.join(cells)} | "
-                f"{usages} | {ratio} |"
+                f"| `{NAMES.get(vehicle, vehicle)}`, {budget:g} | {' | '.join(cells)} | {ratio} |"
             )
 
 

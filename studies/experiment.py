@@ -77,14 +77,13 @@ def wrapped(line: str) -> str:
     """Wrap a paragraph or list entry at 120 columns; tables, images and titles are unchanged."""
     if line.startswith(("|", "!", "#", ">")):
         return line
-    return "\n".join(
-        textwrap.wrap(
-            line,
-            120,
-            subsequent_indent="  " if line.startswith("- ") else "",
-            break_on_hyphens=False,
-        )
+    wrapped_lines = textwrap.wrap(
+        line.replace(" %", "\N{NO-BREAK SPACE}%"),  # MyST hides a line that starts with %
+        120,
+        subsequent_indent="  " if line.startswith("- ") else "",
+        break_on_hyphens=False,
     )
+    return "\n".join(wrapped_lines).replace("\N{NO-BREAK SPACE}%", " %")
 
 
 class Bench:

@@ -55,24 +55,6 @@ def powers(traits: dict[str, dict[str, str]]) -> Iterator[str]:
             yield f"| {name} | " + " | ".join(x[name] for x in traits.values()) + " |"
 
 
-def claim(members: list[dict[str, Any]], judged: dict[str, Any]) -> Iterator[str]:
-    """Yield a row for each member: agreement with the figures, margins and control effort."""
-    surfaces = ("aileron", "rudder", "elevator")
-    yield "| member | ends inside | worst end | disk margin | " + " | ".join(surfaces) + " |"
-    yield "|" + "---|" * (4 + len(surfaces))
-    for member in members:
-        member_claim = judged[member["name"]]
-        cells = [
-            member["name"],
-            str(member["ends_in"]),
-            f"{100.0 * member['worst']:.0f} %",
-            " / ".join(f"{member_claim['margins'][law]['disk']:.2f}" for law in LAWS),
-        ]
-        for surface in surfaces:
-            cells.append(" / ".join(f"{member_claim['use'][surface][law]:.3f}" for law in LAWS))
-        yield "| " + " | ".join(cells) + " |"
-
-
 def largest_misses(result: dict[str, Any]) -> dict[str, float]:
     """Return the largest miss in each figure left out, over its axes and the starts."""
     worst: dict[str, float] = {}

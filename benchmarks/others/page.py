@@ -44,7 +44,8 @@ HEADS: dict[str, tuple[str, ...]] = {
         "here: drivers, the strongest first",
     ),
 }
-PAGES = dict.fromkeys(HEADS, PAGE) | dict.fromkeys(("reliability", "sensitivity"), LONG_TABLES)
+_LONG = ("reliability", "surrogate", "sensitivity")
+PAGES = dict.fromkeys(HEADS, PAGE) | dict.fromkeys(_LONG, LONG_TABLES)
 ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "reliability": reliability.describe,
     "surrogate": surrogate.describe,

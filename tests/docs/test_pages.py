@@ -68,6 +68,12 @@ def test_files_and_tests_on_pages_exist(page: Path) -> None:
         assert any((ROOT / folder / name).exists() for folder in ("", "src", "src/abhv_mc")), name
 
 
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_no_line_of_a_page_is_a_comment_of_myst(page: Path) -> None:
+    text = re.sub(r"^ *```.*?^ *```", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
+    assert not re.findall(r"^[ \t]*%.*", text, re.MULTILINE)
+
+
 def test_files_named_in_code_exist() -> None:
     sources = [
         *ROOT.glob("src/**/*.py"),
