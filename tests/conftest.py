@@ -5,7 +5,6 @@ import os
 import shutil
 import sys
 from dataclasses import replace
-from functools import cache
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -68,10 +67,11 @@ def source(tmp_path):
 @pytest.fixture(scope="session")
 def engine():
     """Return the engine of the compiled flight; plans of shipped inputs are made once."""
+    from plans_once import prepare_once
+
     from abhv_mc.vehicle_simulator.simulator import make_engine
 
-    compiled = make_engine()
-    return replace(compiled, prepare=cache(compiled.prepare))
+    return replace(make_engine(), prepare=prepare_once)
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.units import KELVIN
 from abhv_mc_daveml.adapters import Answer, factor_to_si, parse_answer, signed_factor
 from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.signals import find_signals
@@ -14,12 +15,7 @@ from abhv_mc_daveml.writer import make_function
 ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table in m
 _GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
 _CHOICES = ("density", "pressure"), ("pressure", "temperature"), ("density",)
-_KELVIN = {  # factor and offset from the temperature units of S-119 to K
-    "dgk": (1.0, 0.0),
-    "dgc": (1.0, 273.15),
-    "dgr": (5.0 / 9.0, 0.0),
-    "dgf": (5.0 / 9.0, 459.67 * 5.0 / 9.0),
-}
+_TEMPERATURES = {"dgk": "K", "dgc": "degC", "dgr": "degR", "dgf": "degF"}  # units of S-119
 
 
 def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
@@ -62,7 +58,7 @@ def _scale_of(model: Model, variable: Variable, quantity: str) -> tuple[float, f
     """Return the factor and the offset from an output's unit to SI."""
     if quantity != "temperature":
         return signed_factor(model, variable, quantity), 0.0
-    if variable.units.lower() not in _KELVIN:
+    if variable.units.lower() not in _TEMPERATURES:
         problem = f"'{variable.identifier}', the temperature, in '{variable.units}'"
-        raise InputError(model.path, problem, one_of(_KELVIN), variable.line)
-    return _KELVIN[variable.units.lower()]
+        raise InputError(model.path, problem, one_of(_TEMPERATURES), variable.line)
+    return KELVIN[_TEMPERATURES[variable.units.lower()]]

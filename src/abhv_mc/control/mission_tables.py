@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.io.foreign_table import Column, read_foreign_table, read_numbers, take_numbers
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, LENGTH, PRESSURE, SPEED, TIME
+from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, KELVIN, LENGTH, PRESSURE, SPEED, TIME
 from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, atmosphere
 
 _TRAJECTORY = {"time": TIME, "altitude": LENGTH, "speed": SPEED, "heading": ANGLE}
@@ -43,17 +43,11 @@ AIR = {
     "density_factor": FRACTION,  # density relative to the standard atmosphere
     "density": DENSITY,
     "pressure": PRESSURE,
-    "temperature": FRACTION,  # temperature in K; see _KELVIN
+    "temperature": FRACTION,  # temperature in K; see KELVIN
 }
 WIND = ("wind_north", "wind_east"), ("wind_speed", "wind_direction")
 DENSITIES = ("density_factor",), ("density",), ("pressure", "temperature")
 _MAX_ROWS = 10_000
-_KELVIN = {
-    **dict.fromkeys(("K", "kelvin"), (1.0, 0.0)),
-    **dict.fromkeys(("C", "degC", "°C", "deg C"), (1.0, 273.15)),
-    **dict.fromkeys(("F", "degF", "°F", "deg F"), (5.0 / 9.0, 459.67 * 5.0 / 9.0)),
-    **dict.fromkeys(("R", "degR", "°R", "deg R"), (5.0 / 9.0, 0.0)),
-}
 _HIGHEST = 1e6  # m; altitudes above it are in a wrong unit
 
 
@@ -71,7 +65,7 @@ def read_air_table(
     columns = table.find(("altitude", *AIR), heads)
     for index, head in enumerate(table.heads):
         stem, _, unit = head.rpartition("_")
-        if stem == "temperature" and unit in _KELVIN:
+        if stem == "temperature" and unit in KELVIN:
             columns.setdefault(stem, Column(index, unit))
     for name, head in heads.items():
         if name not in columns:
@@ -85,10 +79,10 @@ def read_air_table(
     factor, offset = 1.0, 0.0
     if "temperature" in names:
         column = columns["temperature"]
-        if column.unit not in _KELVIN:
+        if column.unit not in KELVIN:
             problem = f"a temperature in '{column.unit}'"
-            raise table.error(None, column.position, problem, one_of(_KELVIN))
-        factor, offset = _KELVIN[column.unit]
+            raise table.error(None, column.position, problem, one_of(KELVIN))
+        factor, offset = KELVIN[column.unit]
         columns["temperature"] = column._replace(unit="")
     dimensions = {"altitude": LENGTH, **{name: AIR[name] for name in names}}
     numbers = take_numbers(table, columns, dimensions)

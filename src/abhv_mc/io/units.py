@@ -106,6 +106,12 @@ DIMENSIONS = (
     LENGTH, AREA, SPEED, ACCELERATION, ANGLE, ANGULAR_RATE, ANGULAR_ACCELERATION, MASS, INERTIA,
     FORCE, PRESSURE, HEAT_FLUX, DENSITY, TIME, FREQUENCY, FRACTION,
 )  # fmt: skip
+KELVIN = {  # factor and offset from each unit of temperature to K
+    **dict.fromkeys(("K", "kelvin"), (1.0, 0.0)),
+    **dict.fromkeys(("C", "degC", "°C", "deg C"), (1.0, 273.15)),
+    **dict.fromkeys(("F", "degF", "°F", "deg F"), (5.0 / 9.0, 459.67 * 5.0 / 9.0)),
+    **dict.fromkeys(("R", "degR", "°R", "deg R"), (5.0 / 9.0, 0.0)),
+}
 _SI_SYMBOLS = ("m", "kg", "s", "rad")
 _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 

@@ -19,6 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.style import context
+from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from abhv_mc.array_types import Floats
@@ -54,6 +55,8 @@ LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2)
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 _LETTER = 0.0545  # mean width of a letter in inches
 _LINE = 0.135  # height in inches of a line of text
+_LETTER_ID = "panel letter"
+_INDENT = 11.0  # distance in points between the letter and the title of a panel
 
 _RC: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -149,13 +152,13 @@ def new_panels(
     for axes in grid.flat[count:]:
         axes.set_visible(False)
     for letter, axes in zip(ascii_lowercase, grid.flat[:count] if count > 1 else (), strict=False):
-        _put_above(axes, letter, 0.0, weight="bold")
+        _put_above(axes, letter, 0.0, weight="bold", gid=_LETTER_ID)
     return figure, grid
 
 
-def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> None:
-    """Put text above the left end of axes; ``indent`` is in points."""
-    axes.annotate(
+def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> Annotation:
+    """Put text above the left end of axes; ``indent`` is in points. Return the text."""
+    return axes.annotate(
         text,
         (0.0, 1.0),
         xycoords="axes fraction",
@@ -168,7 +171,12 @@ def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> None:
 def title_panel(axes: Axes, title: str, **look: Any) -> None:
     """Put the title of a panel after its letter, in as many lines as its width needs."""
     beyond = -0.3 if look else 0.0  # space for the letter and wider characters
-    _put_above(axes, wrap(axes, title, beyond), 11.0, linespacing=1.1, **look)
+    words = _put_above(axes, wrap(axes, title, beyond), _INDENT, linespacing=1.1, **look)
+    for letter in axes.texts:
+        if isinstance(letter, Annotation) and letter.get_gid() == _LETTER_ID:
+            # It stands in the first line of the title.
+            letter.xy, letter.xycoords, letter.xyann = (0.0, 1.0), words, (-_INDENT, 0.0)
+            letter.set_verticalalignment("top")
 
 
 def wrap(axes: Axes, text: str, beyond: float = 0.0) -> str:
