@@ -28,6 +28,7 @@ from paper_vehicle_sides import (
     find_trim,
     measure,
     polar,
+    shown,
     table,
 )
 from paper_vehicle_tables import (
@@ -149,8 +150,8 @@ PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
 The figures alone also admit vehicles that could not be built, so each member of the
-[ensemble](paper.md#the-ensemble) satisfies the limits of this table (`python studies/paper_vehicle_sides.py` prints
-the values of each member). The limits of lift, drag and L/D cover all Mach numbers of the tables; all other limits
+[ensemble](paper.md#the-ensemble) satisfies the limits of this table (`python studies/paper_vehicle_sides.py`);
+`abhv` is `seed-2`. The limits of lift, drag and L/D cover all Mach numbers of the tables; all other limits
 apply at the Mach number of the S manoeuvre, 4.74, and no member was designed for flight far from this Mach number.
 The search varies factors on GHAME's tables, for a length of 8.6 m, slightly more than an X-51 with its booster. The
 wing loading was chosen, because a common factor on mass, inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the Mach
@@ -378,7 +379,7 @@ def plausibility(members: list[dict[str, Any]]) -> str:
     }
     names = [member["name"] for member in members]
     tables = {
-        "CLASS": table(with_ranges(class_traits, names, ABHV)),
+        "CLASS": table({name: shown(traits) for name, traits in class_traits.items()}),
         "POWERS": powers(with_ranges(surfaces, names, ABHV)),
     }
     return _fill(PLAUSIBILITY, tables, facts)
