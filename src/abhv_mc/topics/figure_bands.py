@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.histories import MOST_MEDIAN
 from abhv_mc.topics.figure_style import (
+    GRID,
     INK,
     LIMIT,
     REFERENCE,
@@ -38,6 +39,8 @@ _SIMULTANEOUS_LINE: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 MEDIANS = ("q50", MOST_MEDIAN)
 # Times at which no limit applies to a channel.
 _EXCLUDED: dict[str, Any] = {"color": INK, "alpha": 0.13, "linewidth": 0}
+_NEXT_WORST: dict[str, Any] = {"color": INK, "linewidth": 0.35, "alpha": 0.45}
+_ENLARGED: dict[str, Any] = {"color": INK, "alpha": 0.08, "linewidth": 0}  # times of an inset
 # position of the inset in axes coordinates: left edge, lower edge, width, height
 _INSET = (0.3, 0.66, 0.69, 0.34)
 _SHOWN = 3.0  # time in s that the inset shows before and after the largest change
@@ -83,7 +86,7 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
         area = panel.bands[low], panel.bands[high]
         axes.fill_between(panel.x, *area, color=color, alpha=faint * opacity, linewidth=0)
     for x, y in panel.flights[:0:-1]:
-        axes.plot(x, y, color=INK, linewidth=0.35, alpha=0.6, zorder=3)
+        axes.plot(x, y, **_NEXT_WORST, zorder=3)
     for x, y in panel.flights[:1]:
         axes.plot(x, y, color=color, linewidth=1.5, zorder=4)
     for median in [name for name in MEDIANS if name in panel.bands and not panel.flights]:
@@ -153,7 +156,7 @@ def plot_envelopes(
     if any(panel.flights for panel in panels):
         lines: list[Patch | Line2D] = [
             Line2D([], [], color=INK, linewidth=1.5, label="worst flight"),
-            Line2D([], [], color=INK, linewidth=0.35, label="next worst flights"),
+            Line2D([], [], label="next worst flights", **_NEXT_WORST),
         ]
         if any(panel.limits for panel in panels):
             lines.append(Line2D([], [], label="limit", **LIMIT))
@@ -182,7 +185,7 @@ def plot_sheet(rows: Sequence[EnvelopeRow], labels: Sequence[str]) -> Figure:
             _draw_inset(axes, row)
         axes.set_xlabel(row.across)
     lines = [
-        Line2D([], [], label=name.replace("$", r"\$"), **line_look(k, len(labels)))
+        Line2D([], [], label=f"{name}, median".replace("$", r"\$"), **line_look(k, len(labels)))
         for k, name in enumerate(labels)
     ]
     _legend(figure, rows, ("min", "q5"), lines)
@@ -207,7 +210,7 @@ def _overlay(axes: Axes, row: EnvelopeRow) -> None:
             curve = panel.x, panel.bands[edge]
             axes.plot(*curve, color=color, zorder=order, **_SIMULTANEOUS_LINE)
     if row.panels[0].reference is not None:
-        axes.plot(*row.panels[0].reference, **REFERENCE)
+        axes.plot(*row.panels[0].reference, **REFERENCE, zorder=4.0)  # thinner than the medians
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:
@@ -224,9 +227,17 @@ def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:
     low, high = axes.get_ylim()
     axes.set_yticks([tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high])
     axes.set_ylim(low, high + 0.75 * (high - low))
+    span, across = (center - _SHOWN, center + _SHOWN), axes.get_xaxis_transform()
+    axes.fill_between(span, 0.0, _INSET[1], transform=across, **_ENLARGED)
+    # Grid lines that cross the inset would be read on its axis.
+    axes.grid(visible=False, axis="x")
+    left, right = axes.get_xlim()
+    ticks = [tick for tick in axes.get_xticks() if left < tick < right]
+    axes.vlines(ticks, 0.0, _INSET[1], transform=across, color=GRID, linewidth=0.5, zorder=0.5)
     inset = axes.inset_axes(_INSET)
+    inset.spines[:].set(visible=True, linewidth=0.4)
     _overlay(inset, row)
-    inset.set_xlim(center - _SHOWN, center + _SHOWN)
+    inset.set_xlim(*span)
     _set_y_limits(inset, row)
     inset.set_xticks([float(np.ceil(center - _SHOWN)), float(np.floor(center + _SHOWN))])
     inset.locator_params(axis="y", nbins=2)

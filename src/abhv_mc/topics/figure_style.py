@@ -45,7 +45,7 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
     "#3A93CE",
 )
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1, 1)))
+DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.2, 1)), (0, (3, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 INK = "#222222"
 PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of percentages in tick labels, as in the text
@@ -55,6 +55,7 @@ LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2)
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 _LETTER = 0.0545  # mean width of a letter in inches
 _LINE = 0.135  # height in inches of a line of text
+_KEY = 3.2  # length of lines in legends, in font sizes; shows two periods of each line style
 _LETTER_ID = "panel letter"
 _INDENT = 11.0  # distance in points between the letter and the title of a panel
 
@@ -207,7 +208,7 @@ def legend_below(figure: Figure, *panels: Axes, more: Iterable[tuple[str, Any]] 
 
 def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """Add a legend at the lower edge, in several rows if one row is too narrow for it."""
-    length = sum(0.46 + _LETTER * len(label) for label in labels)
+    length = sum(0.26 + _KEY * SMALLEST / 72.0 + _LETTER * len(label) for label in labels)
     rows = max(1, -(-int(100.0 * length) // int(100.0 * WIDTH)))
     columns = max(1, -(-len(labels) // rows))
     # Legends are filled by columns, but read by rows.
@@ -220,7 +221,7 @@ def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) ->
         loc="outside lower center" if figure.get_layout_engine() else "lower center",
         ncols=columns,
         borderaxespad=0.2,
-        handlelength=1.8,
+        handlelength=_KEY,
         columnspacing=1.8 if length < 0.8 * rows * WIDTH else 1.0,
     )
 

@@ -64,9 +64,10 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         "Required metrics against control effort"
         if names.requirements
         else "Tracking error against control effort",
-        f"Each small mark is one flight (at most {_MOST_POINTS} per controller), each large one a "
-        "controller's median. Control effort is the root of the summed squares of the rms "
-        "deflections of aileron, rudder and elevator from their trim.",
+        "Each small mark is one flight: every n-th flight and the one with the largest error, at "
+        f"most {_MOST_POINTS + 1} of each controller. Large marks are the medians of all flights; "
+        "where they coincide, the first controller is on top. Control effort is the root of the "
+        "summed squares of the rms deflections of aileron, rudder and elevator from their trim.",
     )
     colors = controller_colors(tuple(names.controllers))
     yield (
@@ -104,21 +105,21 @@ def plot_error_against_usage(
             keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
             if not keep.size:
                 continue
-            few = keep[:: -(-keep.size // _MOST_POINTS)]
+            few = np.union1d(keep[:: -(-keep.size // _MOST_POINTS)], keep[np.argmax(y[keep])])
             small = {**mark_look(i, len(trade.errors), 1.5), "color": colors[name]}
-            large = {"marker": small["marker"], "markersize": 6.5, "color": colors[name]}
-            large |= {"zorder": 3.0 + small["zorder"], "label": labels[name]}
             face = {"markerfacecolor": "none", "markeredgewidth": 0.5} if i else {}
             axes.plot(x[few], y[few], **small, **face, linestyle="none", alpha=0.6, rasterized=True)
-            axes.plot(
-                np.median(x[keep]),
-                np.median(y[keep]),
-                **large,
-                linestyle="none",
-                markeredgecolor="white",
-                markeredgewidth=0.6,
-                clip_on=False,
-            )
+            # Open marks around the first controller's show medians that coincide with it.
+            large = {"marker": small["marker"], "color": colors[name], "linestyle": "none"}
+            large |= {"zorder": 3.0 + small["zorder"], "clip_on": False}
+            median = np.median(x[keep]), np.median(y[keep])
+            if i:
+                halo = {"markerfacecolor": "none", "markersize": 8.0}
+                axes.plot(*median, **large | {"color": "white"}, **halo, markeredgewidth=2.8)
+                edge = halo | {"markeredgewidth": 1.3}
+            else:
+                edge = {"markersize": 6.5, "markeredgecolor": "white", "markeredgewidth": 0.6}
+            axes.plot(*median, **large, **edge, label=labels[name])
         values = list(trade.errors.values())
         least = min((v[np.isfinite(v)].min(initial=np.inf) for v in values), default=0.0)
         is_log = log_if_wide(axes, "y", values)
@@ -127,6 +128,9 @@ def plot_error_against_usage(
         notes = [LOG_AXIS] * is_log + draw_limits(axes, "y", trade.limits, trade.unit)
         title_panel(axes, ", ".join([trade.label, *notes]))
         axes.set_xlabel(usage_label)
+    ends = np.array([axes.get_xlim() for axes in grid.flat[: len(trades)]])
+    for axes in grid.flat[: len(trades)]:
+        axes.set_xlim(ends[:, 0].min(), ends[:, 1].max())
     more = [
         (label, Line2D([], [], color=INK, marker="o", linestyle="none", markersize=size))
         for label, size in (("flight", 2.0), ("median", 6.5))

@@ -13,6 +13,7 @@ from abhv_mc.topics.figure_style import (
     LOG_AXIS,
     legend_below,
     line_look,
+    log_if_wide,
     mark_look,
     new_panels,
     styled,
@@ -55,7 +56,7 @@ def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, F
             "Convergence",
             "The 95 % quantile of each error (the median if more than 5 % of the flights "
             "terminated early) over the number of flights, in flight order, with its exact 95 % "
-            "interval if the flights bound it on both sides.",
+            "interval (shaded) if the flights bound it on both sides.",
         )
         yield text, plot_convergence(flights, panels, names.controllers)
 
@@ -89,9 +90,11 @@ def plot_convergence(
                 label=labels[name],
                 **look | {"linewidth": 1.0, "markerfacecolor": face, "markevery": (i, 2)},
             )
+        axes.margins(y=0.1)
+        is_log = log_if_wide(axes, "y", [value for value, *_ in series.values()])
         axes.set_xscale("log")
         _ticks(axes, np.concatenate(list(flights.values())))
-        title_panel(axes, title)
+        title_panel(axes, ", ".join([title, *[LOG_AXIS] * is_log]))
         axes.set_xlabel(f"flights ({LOG_AXIS})")
     legend_below(figure, grid.flat[0])
     return figure

@@ -24,11 +24,7 @@ Bands = tuple[Floats, Mapping[str, Floats]]  # time [time] and bands by name for
 # function that returns the bands for a controller and a channel
 Find = Callable[[str, str], Bands | None]
 
-_OURS = (
-    "; insets show the largest change. If the reference climbs, the altitude error has no band of "
-    "all flights"
-)
-
+_CLIMBING = " If the reference climbs, the altitude error has no band of all flights."
 _SIMULTANEOUS = (
     " With 95 % probability a whole flight stays between the dotted lines in all channels."
 )
@@ -47,12 +43,19 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
         return envelope.time, {**envelope.bands, **simultaneous[controller].get(channel, {})}
 
     if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
-        ours = _OURS if campaign.simulator.capabilities.has_mission else ""
-        first = names.subject(controllers[0])
+        first, mission = names.subject(controllers[0]), campaign.simulator.capabilities.has_mission
         text = FigureText(
             "channels",
             "The channels over all flights",
-            f"Bands of all {campaign.kind}s in the same axes, those of {first} are filled{ours}."
+            f"The bands of {first} are filled."
+            + (
+                f" Thin lines are the edges of the other {campaign.kind}s' bands: pale for all "
+                "flights, dark for 5\N{EN DASH}95\N{NARROW NO-BREAK SPACE}%."
+                if len(controllers) > 1
+                else ""
+            )
+            + (" Insets enlarge the shaded times." if any(row.inset for row in rows) else "")
+            + (_CLIMBING if mission else "")
             + (_SIMULTANEOUS if any(simultaneous.values()) else ""),
             alt="The table above has the smallest and the largest value of each channel.",
         )

@@ -54,12 +54,13 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             rows.append(EnvelopeRow(curve.label, panels))
     if rows:
         panels = [panel for row in rows for panel in row.panels]
+        most = max(len(panel.flights) for panel in panels) - 1
         text = FigureText(
             "worst_flights",
             "The worst flights",
             f"Each column shows the worst flights of one {names.campaign.kind}: the worst in "
-            "colour, the next worst as thin lines. Rows are the channels of the metrics in which "
-            "these flights are worst."
+            f"colour, up to {most} next worst as thin lines. Rows are the channels of the metrics "
+            "in which these flights are worst."
             + (" Bands contain all flights." if any(panel.bands for panel in panels) else "")
             + (
                 " The requirement excludes the shaded transients."

@@ -92,6 +92,7 @@ const flightAxes = (() => {
   // `layers`: counts and their opacity, from back to front; `open`: opened flights as [controller, x, y].
   const drawScatter = (canvas, { x, y, ends, layers, open, controllers, cells, style }) => {
     const [pen, box] = [ready(canvas), frame(canvas, ends)];
+    const scale = Math.min(1, 0.35 + box.wide / 1400); // smaller marks on narrow screens
     drawGrid(pen, box, x, y, style);
     pen.save();
     pen.beginPath();
@@ -112,7 +113,7 @@ const flightAxes = (() => {
       for (let k = controllers.length - 1; k >= 0; k -= 1) {
         pen.fillStyle = pen.strokeStyle = controllers[k].color;
         for (const [, a, b, , lost] of found.points.filter((point) => point[0] === k)) {
-          drawMark(pen, box.px(a), box.py(b), lost ? cross : controllers[k].path, k && !lost ? 0.95 : 0.6, k > 0);
+          drawMark(pen, box.px(a), box.py(b), lost ? cross : controllers[k].path, scale * (k && !lost ? 0.95 : 0.6), k > 0);
         }
       }
     }
