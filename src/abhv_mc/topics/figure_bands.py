@@ -184,8 +184,10 @@ def plot_sheet(rows: Sequence[EnvelopeRow], labels: Sequence[str]) -> Figure:
         if row.inset:
             _draw_inset(axes, row)
         axes.set_xlabel(row.across)
+    drawn = {name for row in rows for panel in row.panels for name in panel.bands}
+    kind = "" if drawn <= {"q50"} else ", median"  # Single flights have one curve.
     lines = [
-        Line2D([], [], label=f"{name}, median".replace("$", r"\$"), **line_look(k, len(labels)))
+        Line2D([], [], label=f"{name}{kind}".replace("$", r"\$"), **line_look(k, len(labels)))
         for k, name in enumerate(labels)
     ]
     _legend(figure, rows, ("min", "q5"), lines)
