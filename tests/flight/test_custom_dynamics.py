@@ -276,7 +276,7 @@ def test_three_modes_follow_an_independent_integration_with_recorded_inputs(law,
     integrated = integrate_modes(plan, stages, frequency, damping)
     largest = np.abs(integrated).max(axis=(0, 1))
     error = np.abs(stages[:, :, 0, 6:] - integrated).max(axis=(0, 1)) / largest
-    # The phase of an excited mode lags by (w h)^4 w t / 120, and damping limits t to 1 / (damping w).
+    # The phase of a mode lags by (w h)^4 w t / 120; damping limits t to about 1 / (damping w).
     lag = (frequency * plan.timing.step) ** 4 / (120.0 * damping)
     tolerance = np.repeat(np.maximum(1e-6, lag), 2, axis=0)
     tolerance[::2] = 1e-6  # displacements; the largest error is 1.5e-7
