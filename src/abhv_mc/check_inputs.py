@@ -1,7 +1,7 @@
 """Full check of input files of any kind, including the files that they name."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,22 +15,14 @@ from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
 from abhv_mc.entry_points import BLOCKS, find_entry_points
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
-from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.law_source import law_place, read_law_source
 from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
-_LONGEST = 600.0  # time limit including compilation, s
-_BROKEN = {
-    Outcome.NOT_FINITE: "the command of the law at the first tick is not a number",
-    Outcome.LAW_FAILED: "the law raises an exception at the first tick (see above)",
-}
 Pending = list[
     tuple[Path, str | None, tuple[Path, Path] | None]
 ]  # (file, kind of file, and the campaign's vehicle and mission)
@@ -112,10 +104,10 @@ def _check(
 def _try_law(
     file: Path, controller: UserController, flown: tuple[Path, Path] | None
 ) -> Iterator[str]:
-    """Compile a controller, simulate one tick and yield warnings.
+    """Compile a controller, simulate its first ticks and yield warnings.
 
     The vehicle and mission are named by the campaign, or shipped. Code in a results folder
-    that the user has not run before is skipped. Raise InputError if the tick fails.
+    that the user has not run before is skipped. Raise InputError if a tick fails.
     """
     location = law_place(controller)
     if is_in_a_folder(location) and not is_trusted(read_law_source(controller)):
@@ -128,13 +120,4 @@ def _try_law(
         configs / f"vehicle/{DEFAULT_VEHICLE}.yaml",
         configs / "mission/level.yaml",
     )
-    plan = prepare(vehicle, mission, file, file.stem)
-    one_tick = replace(plan, timing=plan.timing._replace(ticks=0))
-    try:
-        block = run_in_thread(lambda: fly(one_tick, nominal_parameters()), _LONGEST)
-    except TimeoutError:
-        problem = f"the first tick of the law is not finished within {_LONGEST:g} s"
-        raise InputError(location, problem, "a law without endless loops") from None
-    broken = _BROKEN.get(Outcome(int(block.outcome[0])))
-    if broken is not None:
-        raise InputError(location, broken, "finite commands")
+    prepare(vehicle, mission, file, file.stem)

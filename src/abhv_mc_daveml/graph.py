@@ -294,7 +294,7 @@ def _conversion(signal: Node, variable: Variable) -> float:
             parse_s119_unit(variable.units),
         )
     except Refusal:
-        dimension, own_dimension = (1, 0, 0, 0), (0, 0, 0, 0)
+        dimension, own_dimension = (1, 0, 0, 0, 0), (0, 0, 0, 0, 0)
     if dimension != own_dimension:
         raise signal.refuse(
             f"'{variable.name}' in '{units}'", f"'{variable.units}', the units of the variable"

@@ -29,7 +29,7 @@ _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 def parse_s119_unit(text: str) -> tuple[float, Exponents]:
     """Return a unit's factor to SI and its exponents. Raise Refusal if the unit is unknown."""
     if text.lower() in _NUMBERS:
-        return _NUMBERS[text.lower()], (0, 0, 0, 0)
+        return _NUMBERS[text.lower()], (0, 0, 0, 0, 0)
     above, _, below = text.partition("_")
     symbols = [_words(above, text), *(f"/{word}" for word in _words(below, text).split())]
     return parse_unit("1" + "".join(symbols[1:]) if not above else " ".join(symbols))

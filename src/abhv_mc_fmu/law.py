@@ -270,7 +270,9 @@ def _wire(
     )
     try:
         factor, exponents = (
-            parse_unit(unit) if base is None else (base.factor, (base.m, base.kg, base.s, base.rad))
+            parse_unit(unit)
+            if base is None
+            else (base.factor, (base.m, base.kg, base.s, base.rad, base.K))
         )
     except Refusal:
         problem = f"the FMU does not define the unit '{unit}' of '{name}'"
@@ -278,7 +280,7 @@ def _wire(
     expected = find_unit(quantity) if value is None else unit_of(value)
     dimension = parse_unit(expected or "")[1]
     # The unit radian is often omitted.
-    compared = 4 if value is not None and not any(dimension) else 3
+    compared = 5 if value is not None and not any(dimension) else 3
     if expected is not None and exponents[:compared] != dimension[:compared]:
         problem = (
             f"'{name}' in {unit}"

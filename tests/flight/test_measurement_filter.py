@@ -61,6 +61,15 @@ def test_a_filter_of_one_tick_is_a_delay_of_one(tmp_path):
     assert np.ptp(true) > 0.1
 
 
+def test_a_filter_that_is_not_finite_is_rejected_with_its_line(tmp_path):
+    path = write_filter(tmp_path, "(last - last) / (last - last)")
+    with pytest.raises(InputError) as caught:
+        make_flight_plan("level", "abhv", path)
+    error = caught.value
+    assert (error.file, error.line) == (str(tmp_path / "filter.py"), 9)
+    assert "command is not finite at 0 s" in error.found and "Filtered(...)" in error.expected
+
+
 def test_a_filter_needs_a_controller_around_it(tmp_path):
     write_filter(tmp_path, "last")
     (tmp_path / "filter.yaml").write_text("law: python\nfile: filter.py\n", encoding="utf-8")

@@ -29,6 +29,7 @@ from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_un
         ("1 min", units.TIME, 60.0),
         ("10 Hz", units.FREQUENCY, 10.0),
         ("0.005 1/s", units.FREQUENCY, 0.005),
+        ("-15 K", units.TEMPERATURE, -15.0),
         ("10 %", units.FRACTION, 0.1),
         (0.25, units.FRACTION, 0.25),
     ],

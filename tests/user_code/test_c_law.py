@@ -168,6 +168,24 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     )
 
 
+@pytest.mark.parametrize(
+    ("fault", "problem"),
+    [
+        ("dt = 0.0 / 0.0;", "the throttle command is not finite at 0.01 s"),
+        ("if (own->ticks == 0) return 1;", "the law returns an error at 0 s"),
+    ],
+)
+def test_a_law_that_fails_at_its_first_ticks_is_rejected_with_its_line(
+    make, tmp_path, fault, problem
+):
+    text = HEAD + INIT + STEP % fault
+    with pytest.raises(InputError) as caught:
+        make(text)
+    assert problem in caught.value.found, str(caught.value)
+    line = text[: text.index("int abhv_law_step")].count("\n") + 1
+    assert (caught.value.file, caught.value.line) == (str(tmp_path / "law.c"), line)
+
+
 REFUSED = {
     "hidden memory": PLAIN.replace(
         "double alpha =", "static double x; x += m->bank;\n    double alpha = x +"

@@ -21,6 +21,7 @@ from abhv_mc.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.one_flight.given import make_flight_plan
+from abhv_mc.shipped import shipped_configs
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
 
@@ -107,23 +108,15 @@ RAISES = (
     "@controller(compiled=False)\ndef law(time):\n    if time > 0.2:\n        raise "
     "KeyError('lost')\n{}"
 )
-NO_MEMORY = "class Memory:\n    def __init__(self):\n        raise KeyError('lost')\n\n"
-NO_MEMORY += (
-    "@controller(compiled=False)\ndef law(memory):\n    return Command(0.0, 0.0, 0.0, "
-    "0.5), memory\n"
-)
 
 
-@pytest.mark.parametrize(
-    ("law", "line"),
-    [(RAISES.format("    return Command(0.0, 0.0, 0.0, 0.5)\n"), 6), (NO_MEMORY, 5)],
-)
-def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, capsys, law, line):
-    block = fly(make(HEAD + law), nominal_parameters(3))
+def test_an_exception_in_plain_python_ends_the_flight_and_is_told_once(make, capsys):
+    plan = make(HEAD + RAISES.format("    return Command(0.0, 0.0, 0.0, 0.5)\n"))
+    block = fly(plan, nominal_parameters(3))
     assert [Outcome(code) for code in block.outcome] == [Outcome.LAW_FAILED] * 3
     errors = capsys.readouterr().err
     assert errors.count("KeyError: 'lost'") == 1
-    assert f'law.py", line {line}' in errors
+    assert 'law.py", line 6' in errors
 
 
 def test_memory_of_any_kind_in_plain_python(make):
@@ -305,6 +298,117 @@ def test_what_cannot_be_compiled_is_said_in_the_users_terms(
     assert expected in error.expected or expected in error.found, str(error)
     assert error.file == str(tmp_path / "law.py")
     assert error.line == line or (error.line is None and "something" in problem), str(error)
+
+
+PLAIN = "@controller(compiled=False)\n"
+NAN = "(measured.bank - measured.bank) / (measured.speed - measured.speed)"
+MEMORY = "class Memory(NamedTuple):\n    last: float = 0.0\n\n"
+FIRST_TICKS = {
+    "not finite": (
+        f"@controller\ndef law(measured):\n    return Command(0.0, 0.0, {NAN}, 1.0)\n",
+        (4, "the elevator command is not finite at 0 s"),
+    ),
+    "not finite in Python": (
+        f"{PLAIN}def law(measured):\n    return Command(0.0, float('nan'), 0.0, 1.0)\n",
+        (4, "the rudder command is not finite at 0 s"),
+    ),
+    "angle": (
+        "@controller\ndef law(time):\n    angle = log(time - 1.0)\n"
+        "    return Command(0.0, 0.0, 0.0, 1.0, bank=angle)\n",
+        (4, "the bank angle commanded by the guidance is not finite at 0 s"),
+    ),
+    "memory": (
+        f"{MEMORY}@controller\ndef law(measured, memory):\n"
+        f"    return Command(memory.last, 0.0, 0.0, 1.0), Memory({NAN})\n",
+        (7, "the aileron command is not finite at 0.01 s"),
+    ),
+    "exception": (
+        f"{PLAIN}def law(measured):\n    x = 1.0 / (measured.bank - measured.bank)\n" + LINE,
+        (5, "raises ZeroDivisionError: float division by zero at 0 s"),
+    ),
+    "name": (
+        f"{PLAIN}def law(measured):\n    x = slope * measured.bank\n" + LINE,
+        (5, "raises NameError: name 'slope' is not defined at 0 s"),
+    ),
+    "few commands": (
+        f"{PLAIN}def law():\n    return Command(0.0, 0.0)\n",
+        (5, "required positional argument: 'elevator' at 0 s"),
+    ),
+    "few compiled commands": (
+        "@controller\ndef law():\n    return Command(0.0, 0.0)\n",
+        (5, "does not compile"),
+    ),
+    "unknown command": (
+        "@controller\ndef law():\n    return Command(0.0, 0.0, 0.0, flaps=1.0)\n",
+        (5, "does not compile"),
+    ),
+    "unknown name": (
+        "@controller\ndef law(measured):\n    x = slope * measured.bank\n" + LINE,
+        (5, "the name 'slope' is not defined"),
+    ),
+    "many memories": (
+        f"{MEMORY}@controller\ndef law(memory):\n"
+        "    return Command(0.0, 0.0, 0.0), Memory(0.0, 1.0)\n",
+        (8, "does not compile"),
+    ),
+    "no memory": (
+        f"{MEMORY}{PLAIN}def law(memory):\n    return Command(0.0, 0.0, 0.0)\n",
+        (7, "the law returns Command; expected Command(...), memory"),
+    ),
+    "start of the memory": (
+        "class Memory:\n    def __init__(self):\n        raise KeyError('lost')\n\n"
+        f"{PLAIN}def law(memory):\n    return Command(0.0, 0.0, 0.0), memory\n",
+        (5, "raises KeyError: 'lost' at 0 s"),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FIRST_TICKS)
+def test_a_law_that_fails_at_its_first_ticks_is_rejected_with_its_line(make, tmp_path, case):
+    text, (line, problem) = FIRST_TICKS[case]
+    with pytest.raises(InputError) as caught:
+        make(HEAD + text)
+    assert problem in caught.value.found, str(caught.value)
+    assert (caught.value.file, caught.value.line) == (str(tmp_path / "law.py"), line)
+
+
+CAMPAIGN = """\
+name: own
+question: Does the law hold the altitude?
+vehicle: {configs}/vehicle/abhv.yaml
+mission: {configs}/mission/level.yaml
+controllers: {{law: law.yaml}}
+runs: 2
+seed: 1
+sampling: random
+dispersions:
+  aero.drag: {{distribution: uniform, low: 0.9, high: 1.1}}
+requirements: []
+"""
+
+
+def test_commands_reject_a_law_that_is_not_finite_before_anything_flies(tmp_path, abhv_mc):
+    law, campaign = tmp_path / "law.yaml", tmp_path / "campaign.yaml"
+    law.write_text("law: python\nfile: law.py\n")
+    (tmp_path / "law.py").write_text(HEAD + FIRST_TICKS["not finite"][0])
+    campaign.write_text(CAMPAIGN.format(configs=shipped_configs()))
+    for command in (
+        ("validate", law),
+        ("validate", campaign),
+        ("run", campaign, "-o", tmp_path / "results"),
+        ("fly", "level", "--controllers", law),
+    ):
+        code, output, errors = abhv_mc(*command)
+        assert (code, output) == (2, ""), errors
+        assert errors.startswith(f"{tmp_path / 'law.py'}:4: the elevator command is not finite")
+        assert errors.count("not finite") == 1
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_number_that_is_lost_later_ends_the_flight(make):
+    text = HEAD + "@controller\ndef law(time):\n    return Command(0.0, 0.0, log(0.025 - time))\n"
+    block = fly(make(text), nominal_parameters())
+    assert (block.outcome[0], block.end_time[0]) == (Outcome.NOT_FINITE, 0.03)
 
 
 @pytest.mark.parametrize(

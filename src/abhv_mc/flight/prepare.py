@@ -33,6 +33,7 @@ from abhv_mc.control.law_file import (
 )
 from abhv_mc.control.mission import Mission, read_mission
 from abhv_mc.flight.dynamics_start import start_custom
+from abhv_mc.flight.first_ticks import check_first_ticks
 from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds, Limits
@@ -109,9 +110,12 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
         raise InputError(mission, problem, expected) from None
     if plan.law in NATIVE:
         check_native(plan)
-        return plan
-    with open_law(plan, LANES):  # Compile before any file is written.
-        return plan
+    else:
+        with open_law(plan, LANES):  # Compile before any file is written.
+            pass
+    if plan.law in USER_LAWS:
+        check_first_ticks(plan)
+    return plan
 
 
 class UserLaw(NamedTuple):

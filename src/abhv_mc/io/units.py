@@ -20,46 +20,47 @@ from abhv_mc.io.input_error import Refusal, describe, one_of
 
 # decimal number; \d would also match digits of other scripts
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-Exponents = tuple[int, int, int, int]  # exponents of metre, kilogram, second and radian
+Exponents = tuple[int, int, int, int, int]  # of metre, kilogram, second, radian and kelvin
 
-_NONE: Exponents = (0, 0, 0, 0)
+_NONE: Exponents = (0, 0, 0, 0, 0)
 _FOOT = 0.3048
 _POUND = 0.45359237
 _G0 = 9.80665
 
 _UNITS: dict[str, tuple[float, Exponents]] = {
     "%": (0.01, _NONE),
-    "m": (1.0, (1, 0, 0, 0)),
-    "km": (1e3, (1, 0, 0, 0)),
-    "cm": (1e-2, (1, 0, 0, 0)),
-    "mm": (1e-3, (1, 0, 0, 0)),
-    "ft": (_FOOT, (1, 0, 0, 0)),
-    "in": (_FOOT / 12.0, (1, 0, 0, 0)),
-    "nmi": (1852.0, (1, 0, 0, 0)),
-    "kg": (1.0, (0, 1, 0, 0)),
-    "t": (1e3, (0, 1, 0, 0)),
-    "lb": (_POUND, (0, 1, 0, 0)),
-    "slug": (_POUND * _G0 / _FOOT, (0, 1, 0, 0)),
-    "s": (1.0, (0, 0, 1, 0)),
-    "ms": (1e-3, (0, 0, 1, 0)),
-    "min": (60.0, (0, 0, 1, 0)),
-    "h": (3600.0, (0, 0, 1, 0)),
-    "Hz": (1.0, (0, 0, -1, 0)),
-    "rad": (1.0, (0, 0, 0, 1)),
-    "mrad": (1e-3, (0, 0, 0, 1)),
-    "deg": (math.pi / 180.0, (0, 0, 0, 1)),
-    **dict.fromkeys(("kt", "kts", "knot", "knots"), (1852.0 / 3600.0, (1, 0, -1, 0))),
-    "N": (1.0, (1, 1, -2, 0)),
-    "kN": (1e3, (1, 1, -2, 0)),
-    "lbf": (_POUND * _G0, (1, 1, -2, 0)),
-    "Pa": (1.0, (-1, 1, -2, 0)),
-    "kPa": (1e3, (-1, 1, -2, 0)),
-    "hPa": (1e2, (-1, 1, -2, 0)),
-    "mbar": (1e2, (-1, 1, -2, 0)),
-    "psi": (_POUND * _G0 / (_FOOT / 12.0) ** 2, (-1, 1, -2, 0)),
-    "W": (1.0, (2, 1, -3, 0)),
-    "kW": (1e3, (2, 1, -3, 0)),
-    "MW": (1e6, (2, 1, -3, 0)),
+    "m": (1.0, (1, 0, 0, 0, 0)),
+    "km": (1e3, (1, 0, 0, 0, 0)),
+    "cm": (1e-2, (1, 0, 0, 0, 0)),
+    "mm": (1e-3, (1, 0, 0, 0, 0)),
+    "ft": (_FOOT, (1, 0, 0, 0, 0)),
+    "in": (_FOOT / 12.0, (1, 0, 0, 0, 0)),
+    "nmi": (1852.0, (1, 0, 0, 0, 0)),
+    "kg": (1.0, (0, 1, 0, 0, 0)),
+    "t": (1e3, (0, 1, 0, 0, 0)),
+    "lb": (_POUND, (0, 1, 0, 0, 0)),
+    "slug": (_POUND * _G0 / _FOOT, (0, 1, 0, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0, 0)),
+    "ms": (1e-3, (0, 0, 1, 0, 0)),
+    "min": (60.0, (0, 0, 1, 0, 0)),
+    "h": (3600.0, (0, 0, 1, 0, 0)),
+    "Hz": (1.0, (0, 0, -1, 0, 0)),
+    "rad": (1.0, (0, 0, 0, 1, 0)),
+    "mrad": (1e-3, (0, 0, 0, 1, 0)),
+    "deg": (math.pi / 180.0, (0, 0, 0, 1, 0)),
+    **dict.fromkeys(("kt", "kts", "knot", "knots"), (1852.0 / 3600.0, (1, 0, -1, 0, 0))),
+    "N": (1.0, (1, 1, -2, 0, 0)),
+    "kN": (1e3, (1, 1, -2, 0, 0)),
+    "lbf": (_POUND * _G0, (1, 1, -2, 0, 0)),
+    "Pa": (1.0, (-1, 1, -2, 0, 0)),
+    "kPa": (1e3, (-1, 1, -2, 0, 0)),
+    "hPa": (1e2, (-1, 1, -2, 0, 0)),
+    "mbar": (1e2, (-1, 1, -2, 0, 0)),
+    "psi": (_POUND * _G0 / (_FOOT / 12.0) ** 2, (-1, 1, -2, 0, 0)),
+    "W": (1.0, (2, 1, -3, 0, 0)),
+    "kW": (1e3, (2, 1, -3, 0, 0)),
+    "MW": (1e6, (2, 1, -3, 0, 0)),
+    "K": (1.0, (0, 0, 0, 0, 1)),
 }
 _SPELLINGS = {"°": "deg", "²": "2", "³": "3", "·": " ", "*": " "}
 
@@ -83,28 +84,29 @@ class Dimension:
         return f"{self.name} such as '{self.example}'"
 
 
-LENGTH = Dimension("a length", "m", "20 km", (1, 0, 0, 0), 1e8)
-AREA = Dimension("an area", "m2", "557.42 m2", (2, 0, 0, 0), 1e6)
-SPEED = Dimension("a speed", "m/s", "1400 m/s", (1, 0, -1, 0), 12e3)
-ACCELERATION = Dimension("an acceleration", "m/s2", "9.8 m/s2", (1, 0, -2, 0), 1e4)
-ANGLE = Dimension("an angle", "rad", "-3 deg", (0, 0, 0, 1), 100.0)
-ANGULAR_RATE = Dimension("an angular rate", "rad/s", "400 deg/s", (0, 0, -1, 1), 1e4)
+LENGTH = Dimension("a length", "m", "20 km", (1, 0, 0, 0, 0), 1e8)
+AREA = Dimension("an area", "m2", "557.42 m2", (2, 0, 0, 0, 0), 1e6)
+SPEED = Dimension("a speed", "m/s", "1400 m/s", (1, 0, -1, 0, 0), 12e3)
+ACCELERATION = Dimension("an acceleration", "m/s2", "9.8 m/s2", (1, 0, -2, 0, 0), 1e4)
+ANGLE = Dimension("an angle", "rad", "-3 deg", (0, 0, 0, 1, 0), 100.0)
+ANGULAR_RATE = Dimension("an angular rate", "rad/s", "400 deg/s", (0, 0, -1, 1, 0), 1e4)
 ANGULAR_ACCELERATION = Dimension(
-    "an angular acceleration", "rad/s2", "20 deg/s2", (0, 0, -2, 1), 1e6
+    "an angular acceleration", "rad/s2", "20 deg/s2", (0, 0, -2, 1, 0), 1e6
 )
-MASS = Dimension("a mass", "kg", "1372 kg", (0, 1, 0, 0), 1e7)
-INERTIA = Dimension("a moment of inertia", "kg m2", "1.3e6 kg m2", (2, 1, 0, 0), 1e12)
-FORCE = Dimension("a force", "N", "500 kN", (1, 1, -2, 0), 1e9)
-PRESSURE = Dimension("a pressure", "Pa", "95 kPa", (-1, 1, -2, 0), 1e9)
-HEAT_FLUX = Dimension("a heat flux", "W/m2", "5 MW/m2", (0, 1, -3, 0), 1e12)
-DENSITY = Dimension("a density", "kg/m3", "1.225 kg/m3", (-3, 1, 0, 0), 1e3)
-TIME = Dimension("a time", "s", "60 s", (0, 0, 1, 0), 1e6)
-FREQUENCY = Dimension("a rate", "1/s", "10 Hz", (0, 0, -1, 0), 1e5)
+MASS = Dimension("a mass", "kg", "1372 kg", (0, 1, 0, 0, 0), 1e7)
+INERTIA = Dimension("a moment of inertia", "kg m2", "1.3e6 kg m2", (2, 1, 0, 0, 0), 1e12)
+FORCE = Dimension("a force", "N", "500 kN", (1, 1, -2, 0, 0), 1e9)
+PRESSURE = Dimension("a pressure", "Pa", "95 kPa", (-1, 1, -2, 0, 0), 1e9)
+HEAT_FLUX = Dimension("a heat flux", "W/m2", "5 MW/m2", (0, 1, -3, 0, 0), 1e12)
+DENSITY = Dimension("a density", "kg/m3", "1.225 kg/m3", (-3, 1, 0, 0, 0), 1e3)
+TIME = Dimension("a time", "s", "60 s", (0, 0, 1, 0, 0), 1e6)
+FREQUENCY = Dimension("a rate", "1/s", "10 Hz", (0, 0, -1, 0, 0), 1e5)
+TEMPERATURE = Dimension("a temperature", "K", "300 K", (0, 0, 0, 0, 1), 1e5)
 FRACTION = Dimension("a number or a percentage", "-", "10 %", _NONE, 1e6)
 
 DIMENSIONS = (
     LENGTH, AREA, SPEED, ACCELERATION, ANGLE, ANGULAR_RATE, ANGULAR_ACCELERATION, MASS, INERTIA,
-    FORCE, PRESSURE, HEAT_FLUX, DENSITY, TIME, FREQUENCY, FRACTION,
+    FORCE, PRESSURE, HEAT_FLUX, DENSITY, TIME, FREQUENCY, TEMPERATURE, FRACTION,
 )  # fmt: skip
 KELVIN = {  # factor and offset from each unit of temperature to K
     **dict.fromkeys(("K", "kelvin"), (1.0, 0.0)),
@@ -112,7 +114,7 @@ KELVIN = {  # factor and offset from each unit of temperature to K
     **dict.fromkeys(("F", "degF", "°F", "deg F"), (5.0 / 9.0, 459.67 * 5.0 / 9.0)),
     **dict.fromkeys(("R", "degR", "°R", "deg R"), (5.0 / 9.0, 0.0)),
 }
-_SI_SYMBOLS = ("m", "kg", "s", "rad")
+_SI_SYMBOLS = ("m", "kg", "s", "rad", "K")
 _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 
 
@@ -133,8 +135,8 @@ def parse_unit(text: str) -> tuple[float, Exponents]:
         power = int(match.group(3) or 1) * (-1 if match.group(1) else 1)
         scale, base = _UNITS[symbol]
         factor = factor * scale**power if power > 0 else factor / scale**-power
-        m, kg, s, rad = (e + power * b for e, b in zip(exponents, base, strict=True))
-        exponents = m, kg, s, rad
+        m, kg, s, rad, kelvin = (e + power * b for e, b in zip(exponents, base, strict=True))
+        exponents = m, kg, s, rad, kelvin
         position = match.end()
     return factor, exponents
 

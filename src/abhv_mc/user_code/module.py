@@ -175,7 +175,7 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
     except InputError:
         raise
     except Exception as error:
-        line = _line_in(error, source.file)
+        line = find_line(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
             problem = f"{what} that {missed[0]}, which is not declared"
             raise InputError(
@@ -184,7 +184,7 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
         if line is None and isinstance(error, OSError | MemoryError):
             raise
         raise InputError(
-            source.file, f"{what} that raises {_describe(error)}", expected, line
+            source.file, f"{what} that raises {describe_exception(error)}", expected, line
         ) from None
 
 
@@ -199,7 +199,7 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
     if isinstance(error, FileNotFoundError):  # numpy names the file only in the message.
-        candidates = [str(error.filename), *re.findall(r"[\w./-]+\w", _describe(error))]
+        candidates = [str(error.filename), *re.findall(r"[\w./-]+\w", describe_exception(error))]
         named = (os.path.relpath(beside / word, beside) for word in candidates)
         entry = next(
             (name for name in named if (beside / name).is_file() and not name.startswith("..")),
@@ -209,7 +209,7 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
     return None
 
 
-def _describe(error: Exception) -> str:
+def describe_exception(error: BaseException) -> str:
     """Return the type and text of an exception, or only its type if ``str`` fails."""
     name = type(error).__name__
     try:
@@ -218,7 +218,7 @@ def _describe(error: Exception) -> str:
         return name
 
 
-def _line_in(error: Exception, file: str) -> int | None:
+def find_line(error: BaseException, file: str) -> int | None:
     """Return the line of the last frame of ``file`` in a traceback, or None."""
     lines = [
         frame.lineno

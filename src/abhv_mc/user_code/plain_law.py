@@ -22,14 +22,15 @@ from abhv_mc.user_code.compiled import (
     split_columns,
 )
 from abhv_mc.user_code.law_interface import NOT_GIVEN, Command, Measured, Onboard, Reference, nest
-from abhv_mc.user_code.module import Law
+from abhv_mc.user_code.module import Law, describe_exception, find_line
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
 
 _SOCKET = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double
 )
-_told: set[str] = set()  # hashes of laws whose tracebacks were printed
+# line and description of the last exception of each law, by the hash of its source
+failures: dict[str, tuple[int | None, str]] = {}
 
 
 class PlainLaw:
@@ -112,14 +113,15 @@ class PlainLaw:
                 memory = self._law.memory()
             with in_its_folder(self._law.source), watching(self._law.source):
                 return self._fly_lane(block, lane, memory, shared_values)
-        except BaseException:
+        except BaseException as error:
             # Also catch SystemExit, because the compiled caller would otherwise continue the
             # flight.
             block[FAULT, lane] = LAW_FAILED
             block[list(COMMAND_ROWS), lane] = 0.0
-            if self._law.source.hash not in _told:
-                _told.add(self._law.source.hash)
+            source = self._law.source
+            if source.hash not in failures:
                 traceback.print_exc(file=sys.stderr)
+            failures[source.hash] = find_line(error, source.file), describe_exception(error)
             return memory
 
     def _fly_lane(
@@ -132,9 +134,11 @@ class PlainLaw:
         if "onboard" in law.arguments:
             values["onboard"] = nest(Onboard, iter(block[list(ONBOARD_ROWS), lane].tolist()))
         returned = law.function(*(values[name] for name in law.arguments))
-        command, memory = returned if self._remembers else (returned, None)
-        if not isinstance(command, Command):
-            raise TypeError(f"the law returns {type(command).__name__}; expected Command(...)")
+        pair = returned if self._remembers else (returned, None)
+        if type(pair) is not tuple or len(pair) != 2 or not isinstance(pair[0], Command):
+            expected = f"Command(...){', memory' if self._remembers else ''}"
+            raise TypeError(f"the law returns {type(returned).__name__}; expected {expected}")
+        command, memory = pair
         engine = command.equivalence_ratio if command.throttle == NOT_GIVEN else command.throttle
         block[list(COMMAND_ROWS), lane] = (*command[:3], engine, *command[4:7])
         for name, value in dict(command.effectors).items():

@@ -1,0 +1,69 @@
+"""Check of a custom control law in the first control ticks of the nominal flight."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from abhv_mc.flight.fly import fly, nominal_parameters
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.user_law import PYTHON, load_plan_law, plan_source
+from abhv_mc.io.input_error import InputError
+from abhv_mc.user_code.child import run_in_thread
+from abhv_mc.user_code.plain_law import failures
+
+_LAST = 1  # The second tick reads the memory that the law returned at the first one.
+_LONGEST = 600.0  # time limit in s including compilation
+_COMMANDS = ("gamma_cmd", "alpha_cmd", "bank_cmd", "cmd_", "effector_asked")
+
+
+def check_first_ticks(plan: FlightPlan) -> None:
+    """Raise InputError if a custom law fails, or commands numbers that are not finite.
+
+    Only the first two ticks of the nominal flight are simulated.
+    """
+    source = plan_source(plan)
+    line, returned = _find_step(plan), "Filtered" if plan.around else "Command"
+    start = replace(plan, timing=plan.timing._replace(ticks=min(_LAST, plan.timing.ticks)))
+    try:
+        block = run_in_thread(lambda: fly(start, nominal_parameters(), 1), _LONGEST)
+    except TimeoutError:
+        problem = f"the first ticks of the law did not end within {_LONGEST:g} s"
+        raise InputError(source.file, problem, "a law without endless loops", line) from None
+    if block.outcome[0] == Outcome.LAW_FAILED:
+        raised, exception = failures.get(source.hash, (None, ""))
+        failure = f"raises {exception}" if exception else "returns an error"
+        problem = f"the law {failure} {_at(block.end_time[0])}"
+        raise InputError(source.file, problem, "a law that returns commands", raised or line)
+    if block.outcome[0] != Outcome.NOT_FINITE:
+        return
+    for time, row in zip(block.times, block.history[0], strict=True):
+        broken = [
+            channel.doc
+            for channel, value in zip(plan.channels, row.tolist(), strict=True)
+            if channel.source.startswith(_COMMANDS) and not np.isfinite(value)
+        ]
+        if broken and np.isfinite(row).any():  # Rows after the end contain no number.
+            expected = (
+                f"finite numbers in {returned}(...); control errors are zero at the start, so "
+                "check divisions by them"
+            )
+            raise InputError(
+                source.file, f"the {broken[0]} is not finite {_at(time)}", expected, line
+            )
+
+
+def _at(time: float) -> str:
+    return f"at {time:g} s of the nominal flight"
+
+
+def _find_step(plan: FlightPlan) -> int | None:
+    """Return the line at which the function of a law is defined; None in binary files."""
+    source = plan_source(plan)
+    if plan.law == PYTHON:
+        law = load_plan_law(plan)
+        return int(law.module.texts[law.function.__name__].lineno)
+    text = source.files[0][1].decode(errors="replace")
+    step = re.search(r"\babhv_law_step\s*\(", text)
+    return text.count("\n", 0, step.start()) + 1 if step else None
