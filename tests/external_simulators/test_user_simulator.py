@@ -55,26 +55,14 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and what i
     17.0: ("found | {'end_time': '1_000'}", 'it returned "1_000" for end_time, which is no number'),
     18.0: ("found | {'flight': 1}", "the reserved key 'flight'"),
 }
-WRONG_HISTORIES = {  # what is done to the history
-    2.0: (
-        "history.pop('time')",
-        "its history contains altitude, sink_rate; declared are time, altitude, sink_rate",
-    ),
-    3.0: (
-        "history['altitude'].pop()",
-        "the columns of its history are not lists of numbers of equal length",
-    ),
-    4.0: ("history['time'].reverse()", "the time of its history does not increase"),
-    5.0: ("history['altitude'].append(math.nan)", "the columns of its history are not lists"),
-    6.0: (
-        "history.update(altitude=[math.nan] * n)",
-        "altitude in its history is not a finite number",
-    ),
-    7.0: ("found.pop('history')", "it did not return history"),
-    8.0: (
-        "history.update(dict.fromkeys(history, []))",
-        "the columns of its history are not lists of numbers",
-    ),
+WRONG_HISTORIES = {  # what is done to the history, and the word that the reason starts or ends with
+    2.0: ("history.pop('time')", r"\baltitude, sink_rate; .* time, altitude, sink_rate$"),
+    3.0: ("history['altitude'].pop()", r"\bcolumns\b"),
+    4.0: ("history['time'].reverse()", r"\btime\b"),
+    5.0: ("history['altitude'].append(math.nan)", r"\bcolumns\b"),
+    6.0: ("history.update(altitude=[math.nan] * n)", r"\baltitude\b.* finite\b"),
+    7.0: ("found.pop('history')", r"\bhistory$"),
+    8.0: ("history.update(dict.fromkeys(history, []))", r"\bcolumns\b"),
 }
 
 
@@ -182,14 +170,14 @@ def test_a_history_that_is_none_costs_its_flight(
     source += "    return found | {'outcome': 'ground' if delay == 9.0 else 'ok'}\n"
     path = dive_campaign(tmp_path, source, histories=DIVE_CHANNELS)
     delays = [1.0, *WRONG_HISTORIES, 9.0]
-    assert (fly_delays(path, delays).outcome == LOST).tolist() == [
-        delay in WRONG_HISTORIES for delay in delays
-    ]
+    block = fly_delays(path, delays)
+    assert (block.outcome == LOST).tolist() == [delay in WRONG_HISTORIES for delay in delays]
     errors = capfd.readouterr().err
-    assert [message for _, message in WRONG_HISTORIES.values() if message not in errors] == []
+    for row, (_, pattern) in enumerate(WRONG_HISTORIES.values(), 1):
+        assert re.search(pattern, block.reasons[row]) and block.reasons[row] in errors
     path = dive_campaign(tmp_path, source)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
-    assert "it returned 'history', which the campaign does not declare" in capfd.readouterr().err
+    assert "'history'" in capfd.readouterr().err
 
 
 def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
@@ -411,7 +399,7 @@ def test_no_flight_has_the_numbers_of_another(
         assert np.array_equal(flown.metrics[~lost, 0], block[~lost])
         assert lost.sum() <= 6
     assert events["surplus"]
-    assert ("it replied twice" in capfd.readouterr().err) or mode == "thread"
+    assert ("twice" in capfd.readouterr().err) or mode == "thread"
 
 
 def test_a_process_is_replaced_after_so_many_flights_and_says_what_it_wrote(
@@ -443,7 +431,7 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     simulator["start_limit"] = "1 s"
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
-    assert "does it flush standard output" in capfd.readouterr().err
+    assert "flush" in capfd.readouterr().err
 
 
 def test_a_program_without_answers_is_lost_with_its_last_error(
@@ -458,9 +446,9 @@ def test_a_program_without_answers_is_lost_with_its_last_error(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0, 2.0, 3.0]).outcome.tolist() == [LOST] * 3
     errors = capfd.readouterr().err
-    assert errors.count("still waiting for the first reply") == 1  # the start limit is used up once
+    assert errors.count("(start_limit)") == 1  # it is used up once
     assert "./shot: not found'" in errors
-    assert "'files' does not list shot," in errors
+    assert re.search(r"'files'.* shot,", errors)
 
 
 @pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])
@@ -480,5 +468,5 @@ def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path)
     campaign = ready(dive_campaign(tmp_path))
     end_processes()
     (tmp_path / "dive.py").write_text(DIVE + "\n")
-    with pytest.raises(Exception, match="the file has changed"):
+    with pytest.raises(Exception, match=r"dive\.py: "):
         simulate(campaign, "v1", campaign.make_samples().draw(0, 1))

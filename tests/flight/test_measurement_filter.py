@@ -64,7 +64,7 @@ def test_a_filter_of_one_tick_is_a_delay_of_one(tmp_path):
 def test_a_filter_needs_a_controller_around_it(tmp_path):
     write_filter(tmp_path, "last")
     (tmp_path / "filter.yaml").write_text("law: python\nfile: filter.py\n", encoding="utf-8")
-    with pytest.raises(InputError, match="a measurement filter without 'around'"):
+    with pytest.raises(InputError, match=r"filter\.\w+\S*: .*'around'"):
         make_flight_plan("level", "abhv", str(tmp_path / "filter.yaml"))
 
 

@@ -128,7 +128,7 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
     assert table.units == ("", "ft", "", "")
     assert table.numbers([0, 2]).tolist() == [[1.0, 1.0], [2.0, 0.0], [3.0, 0.0]]
     assert table.words(3) == ["A, B", "", "C"]
-    with pytest.raises(InputError, match=r"flights.xlsx:4: '2000,5' in the column 'apogee'"):
+    with pytest.raises(InputError, match=r"flights\.xlsx:4: '2000,5' .*'apogee'"):
         table.numbers([1])
 
 
@@ -183,7 +183,7 @@ def test_numbers_that_do_not_rise_are_found_in_the_file(tmp_path):
     (tmp_path / "table.csv").write_text("word,time_ms\n'a',0\n\nbb,2\nccc,2\n")
     table = read_numbers(tmp_path / "table.csv", {"time": TIME})
     assert np.array_equal(table.values, [[0.0], [2e-3], [2e-3]])
-    with pytest.raises(InputError, match=r"time 0.002 s; expected times that increase") as caught:
+    with pytest.raises(InputError, match=r"\btime 0\.002 s\b") as caught:
         table.check_rising("time", "s")
     assert (caught.value.line, caught.value.column) == (5, 5)
 

@@ -260,7 +260,7 @@ def test_the_command_reports_that_a_worker_compiles(tmp_path, monkeypatch, capfd
 def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
     dask.start_worker()
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
-    with pytest.raises(UnusableError, match="another version of the program"):
+    with pytest.raises(UnusableError, match=r"\bversion\b"):
         run_campaign(request, replace(ENGINE, checked=True))
 
 
