@@ -274,8 +274,8 @@ def test_linearize_writes_the_same_model_in_each_format(tmp_path):
 def test_linearize_rejects_invalid_options(tmp_path):
     for file, controller, instants, problem in (
         ("model.txt", "tlc", "trim", "npz"),
-        ("model.npz", "tlc,lqr", "trim", "one controller"),
-        ("model.npz", "tlc", "trim,2s", "one operating point"),
+        ("model.npz", "tlc,lqr", "trim", "controller"),
+        ("model.npz", "tlc", "trim,2s", "point"),
     ):
         with pytest.raises(InputError, match=problem):
             _linearize(tmp_path / file, controller, instants)

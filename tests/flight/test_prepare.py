@@ -21,10 +21,10 @@ VEHICLE = "vehicle/ghame_x"
     ("change", "pattern"),
     [
         ({}, ""),
-        ({"start.altitude": "29 km"}, r"no angle of attack .* of 6001 points, first at 0\.00 s"),
+        ({"start.altitude": "29 km"}, r"\b6001 .* 0\.00 s\b"),
         (
             {"start.altitude": "20 km"},
-            r"-76\.6 deg of bank at 0\.00 s",
+            r"-76\.6 deg\b.* 0\.00 s\b",
         ),
     ],
     ids=["the paper's", "beyond the vehicle", "beyond the controller's limit"],
@@ -64,7 +64,7 @@ def test_a_reference_outside_the_tables_for_a_second_causes_a_warning():
             {"tables.roll_rudder": NOTHING, "tables.yaw_rudder": NOTHING},
             {},
             VEHICLE,
-            "aileron, rudder and elevator",
+            r"\baileron\b.*\brudder\b.*\belevator\b",
         ),
         (
             {"tables.capture_area_ratio": {"constant": 0}},
@@ -72,7 +72,7 @@ def test_a_reference_outside_the_tables_for_a_second_causes_a_warning():
             "mission/level",
             "throttle",
         ),
-        ({}, {"start.altitude": "39 km"}, "mission/level", r"no .* at 1?\d+ of \d+ points"),
+        ({}, {"start.altitude": "39 km"}, "mission/level", r"\b\d+ of \d+ "),
         (GLIDER, {}, VEHICLE, "engine"),
         ({}, {"start.latitude": "-89.995 deg"}, "mission/level", r"89\.995"),
         (

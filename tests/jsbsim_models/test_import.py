@@ -161,15 +161,15 @@ def test_mass_and_positions_are_converted_to_body_axes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("aerodynamics", "message"),
     [
-        (lift("<random/>"), "the element 'random'"),
-        (lift("<pow><value>1</value></pow>"), "'pow' with 1 operands"),
+        (lift("<random/>"), "'random'"),
+        (lift("<pow><value>1</value></pow>"), r"'pow'.*\b1\b"),
         (lift("<table><independentVar>velocities/mach</independentVar>"
               "<tableData>1 2\n1 3</tableData></table>"), "breakpoints"),
         (lift("<table><independentVar>velocities/mach</independentVar>"
-              "<tableData>1 2\n3</tableData></table>"), r"rows of \[1, 2\] numbers"),
-        ('<axis name="THRUST"/>', "the axes THRUST"),
+              "<tableData>1 2\n3</tableData></table>"), r"\[1, 2\]"),
+        ('<axis name="THRUST"/>', r"\bTHRUST\b"),
         ('<function name="a"><p>b</p></function><function name="b"><p>a</p></function>'
-         + lift("<p>a</p>"), "depends on itself"),
+         + lift("<p>a</p>"), "itself"),
     ],
 )  # fmt: skip
 def test_unsupported_content_is_rejected_with_its_line(
