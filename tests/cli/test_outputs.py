@@ -108,29 +108,29 @@ def test_outputs_do_not_overwrite_files_of_a_campaign(call, flown, tmp_path, opt
     if option == ("query", "--csv"):  # without SQL a folder
         option = ("query", flown, option[-1])
     code, errors = call(*option, flown / "flights/x")
-    assert code == 2 and "files of a campaign" in errors, errors
+    assert code == 2 and f"{flown / 'flights/x'}: " in errors, errors
     if option[-1] != "--json" and option[0] != "run":
         code, errors = call(*option, "s3://bucket/x.npz")
-        assert code == 2 and "an address" in errors, errors
+        assert code == 2 and f"{Path('s3://bucket/x.npz')}: " in errors, errors
 
 
 @pytest.mark.parametrize(
-    ("command", "message"),
+    "command",
     [
-        (("query", "FLOWN", "--csv", "file.yaml"), "a file"),
-        (("runs", "FLOWN", "--json", "."), "a folder"),
-        (("runs", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
-        # The nominal flight would replace that of the campaign.
-        (("fly", "level", "-o", "FLOWN"), "files of a campaign"),
-        (("query", "FLOWN", "--csv", "FLOWN"), "files of a campaign"),
-        (("validate", "file.yaml", "--json", "file.yaml"), "a JSON file"),
+        ("query", "FLOWN", "--csv", "file.yaml"),
+        ("runs", "FLOWN", "--json", "."),
+        ("runs", "FLOWN", "--json", "file.yaml/more/x.json"),
+        ("fly", "level", "-o", "FLOWN"),  # its files would replace those of the campaign
+        ("query", "FLOWN", "--csv", "FLOWN"),
+        ("validate", "file.yaml", "--json", "file.yaml"),
     ],
 )
-def test_invalid_output_paths_are_rejected(call, flown, tmp_path, monkeypatch, command, message):
+def test_invalid_output_paths_are_rejected(call, flown, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file.yaml").write_text("{}\n", encoding="utf-8")
-    code, errors = call(*(flown if argument == "FLOWN" else argument for argument in command))
-    assert code == 2 and message in errors, errors
+    arguments = [flown if argument == "FLOWN" else argument for argument in command]
+    code, errors = call(*arguments)
+    assert code == 2 and f"{arguments[-1]}: " in errors, errors
     assert (tmp_path / "file.yaml").read_text() == "{}\n"
 
 

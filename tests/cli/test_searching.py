@@ -107,12 +107,13 @@ def test_rare_by_a_surrogate_takes_few_flights_or_says_that_none_failed(abhv_mc,
     code, out, _ = abhv_mc(*command, METRIC, "-o", "out", "--json", "rare.json")
     numbers = read_json("rare.json")
     assert code == 0 and numbers["flights"] <= 400 and numbers["low"] < numbers["high"]
-    assert f"{numbers['failures']} failed" in out and "smooth function" in out
+    assert re.search(rf"\b{numbers['failures']} ", out) and "smooth" in out
     assert "figures/learning.png" in Path("out/report.html").read_text(encoding="utf-8")
     impossible = ("sideslip_max_deg", "--flights", 64, "-o", "no", "--json", "no.json")
     code, out, err = abhv_mc(*command, *impossible)
-    assert code == 1 and "none of 58 flights failed" in err and "is about" not in out
-    assert read_json("no.json")["probability"] is None
+    refused = read_json("no.json")
+    assert refused["probability"] is None and " 58 " in refused["refusal"]
+    assert code == 1 and refused["refusal"] in err and "95 %" not in out
 
 
 def test_tune_writes_the_file_and_a_page_or_the_reason(abhv_mc, tmp_path, monkeypatch):
@@ -130,7 +131,7 @@ def test_tune_writes_the_file_and_a_page_or_the_reason(abhv_mc, tmp_path, monkey
     code, out, _ = abhv_mc(*command, "-o", "new.yaml", "--json", "new.json")
     assert code == 0 and "95 %" in out
     page = Path("new.html").read_text(encoding="utf-8")
-    assert f"{read_json('new.json')['fresh'][0]['best']:.4g} instead of" in page
+    assert f"{read_json('new.json')['fresh'][0]['best']:.4g} " in page
     assert read_json("new.json")["shown_better"] and page.count("<img ") == 1
     impossible = (
         Path("block.yaml")
@@ -150,10 +151,10 @@ def test_other_commands_recognize_the_folder_of_a_search(abhv_mc, campaign):
     search = ("worst", campaign, "--metric", METRIC, "--flights", 160, "-o")
     assert abhv_mc(*search, "out")[0] == 0
     code, _, err = abhv_mc("run", campaign, "-o", "out", "--no-report")
-    assert code == 2 and "flights of a search" in err
+    assert code == 2 and re.search(r"\bout: .*\bsearch\b", err)
     assert abhv_mc("run", campaign, "-o", "flown", "--no-report")[0] in (0, 1)
     code, _, err = abhv_mc(*search, "flown")
-    assert code == 2 and "a campaign's flights" in err
+    assert code == 2 and re.search(r"\bflown: .*\bcampaign\b", err)
     before = Path("out/report.html").read_bytes()
     Path("out/report.html").unlink()
     code, _, err = abhv_mc("report", "out")
@@ -181,5 +182,5 @@ def test_the_order_of_the_dispersions_is_part_of_a_search(abhv_mc, tmp_path):
     before = {path: path.read_bytes() for path in Path("out").rglob("*.parquet")}
     write_line(tmp_path / "files", dispersions=f"{{{second}, {first}}}")
     code, _, err = abhv_mc(*command)
-    assert code == 2 and "another campaign" in err
+    assert code == 2 and re.search(r"\bout: .*\bcampaign\b", err)
     assert {path: path.read_bytes() for path in Path("out").rglob("*.parquet")} == before
