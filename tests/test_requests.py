@@ -48,7 +48,7 @@ def test_values_are_converted_and_checked(repository):
     assert Request(abhv_mc.Campaign.read(shipped)).campaign == shipped
     for wrong in ({"runs": 0}, {"seed": -1}, {"workers": True}, {"workers": 10_000}):
         (name,) = wrong
-        with pytest.raises(InputError, match=f"^{name}: .*; expected a whole number"):
+        with pytest.raises(InputError, match=f"^{name}: "):
             Request(shipped, **wrong)
 
 

@@ -81,7 +81,7 @@ def test_a_new_user_flies_a_campaign(installed, tmp_path):
     assert abhv_mc("new", "demo").returncode == 0
     first = abhv_mc("run", "campaign.yaml", "--runs", "32", folder=tmp_path / "demo")
     assert first.returncode == 0, first.stderr
-    assert "compiling the flight for this machine (once per kind of campaign)" in first.stderr
+    assert "compiling" in first.stderr
     (output,) = [line for line in first.stdout.splitlines() if line.startswith("report ")]
     report = tmp_path / "demo" / output.split()[-1]
     assert report.name == "report.html" and report.stat().st_size > 100_000

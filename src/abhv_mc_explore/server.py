@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.analysis.replay import EQUAL_BITS, replay_flight
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
@@ -107,11 +107,7 @@ class ExploreServer(ThreadingHTTPServer):
             stored = read_histories(self.root, controller).get(flight, {})
             history = {"time": stored.pop("time"), "channels": stored} if stored else None
             return {**entry, "note": str(error), "history": history}
-        same = (
-            "equal the stored metrics bit for bit."
-            if not again.differences
-            else "differ from the stored metrics!"
-        )
+        same = "differ from the stored metrics!" if again.differences else f"{EQUAL_BITS}."
         return {
             **entry,
             "note": f"{again.sentence} Its metrics {same}",

@@ -1,6 +1,7 @@
 """Explanations and maps of failing flights of a fake campaign."""
 
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -101,11 +102,11 @@ def test_what_cannot_be_explained_is_refused(flown, table):
     good = int(table.query("outcome == 'ok' and altitude_error_max_m < @LIMIT").index[0])
     lost = int(table.query("outcome != 'ok'").index[0])
     for message, arguments in {
-        "did not fail": ("two", good),
-        "no flight 300": ("two", 300),
-        "no controller 'three'": ("three", 1),
-        "no controller '/x'": ("/x", 1),  # no path of a plan
-        "no requirement on 'bank_deg'": ("two", lost, fly, "bank_deg"),
+        rf"\b{good}\b.*\btwo\b": ("two", good),
+        r"\b300\b": ("two", 300),
+        "'three'": ("three", 1),
+        "'/x'": ("/x", 1),  # no path of a plan
+        "^--requirement: .*'bank_deg'": ("two", lost, fly, "bank_deg"),
     }.items():
         name, flight, *options = arguments
         with pytest.raises(InputError, match=message):
@@ -115,7 +116,7 @@ def test_what_cannot_be_explained_is_refused(flown, table):
         block = fly(plan, parameters, every)
         return replace(block, outcome=np.zeros_like(block.outcome))
 
-    with pytest.raises(InputError, match="does not fail"):
+    with pytest.raises(InputError, match=rf"\b{lost}\b.*manifest\.json"):
         explain_flight(flown, "two", lost, tame)
 
 
@@ -123,12 +124,13 @@ def test_what_cannot_be_explained_is_refused(flown, table):
 def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_path, abhv_mc):
     flight = int(table.query("outcome != 'ok'").index[0])
     code, output, _ = abhv_mc("explain", flown, "--flight", flight, "--controller", "two")
-    assert code == 0 and "1 of its 2 dispersions alone (no smaller set does" in output
+    assert code == 0 and re.search(r"\b1\D+2\b", output) and "atmosphere.density" in output
     assert (flown / f"explained/two-{flight}.png").stat().st_size > 10_000
     numbers = json.loads(
         abhv_mc("explain", flown, "--flight", flight, "--json", "-", "-o", tmp_path / "x.png")[1]
     )
     assert numbers["controller"] == "one" and list(numbers["causes"]) == ["atmosphere.density"]
+    assert numbers["smallest"]
     assert (tmp_path / "x.png").is_file()
 
 

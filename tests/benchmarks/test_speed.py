@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_ratios_record_and_table(monkeypatch, tmp_path, capsys):
     assert json.loads((tmp_path / "bench.json").read_text()) == speed | starts
     out = capsys.readouterr().out
     million = read_operations()["tlc"]["multiplications"] / 1e6
-    assert "500 flights per second and core" in out and f"{million:.2f} M multiplications" in out
+    assert re.search(r"(?m)^ *500 ", out) and f"{million:.2f} M multiplications" in out
 
 
 def test_the_peak_measurement_does_the_counted_arithmetic():

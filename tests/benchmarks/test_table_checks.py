@@ -13,6 +13,7 @@ def test_the_study_accepts_honest_tables_and_detects_the_others(
     monkeypatch.setattr("sys.argv", ["table_checks.py", "--smoke"])
     table_checks.main()
     printed = capsys.readouterr().out
-    assert "honest tables at a risk of 1e-06: {'verdict': 30}" in printed
-    assert re.findall(r"found (\S+) at least", printed) == ["1.000"] * 4
-    assert printed.count("Latin hypercube 1.0, pasted four times 1.0") == 3
+    assert re.findall(r" 1e-06\b.*(\{.*\})", printed) == ["{'verdict': 30}"]
+    assert re.findall(r"\b\d\.\d{3}\b", printed) == ["1.000"] * 4  # least shares found
+    shares = [("30", "1.0", "1.0"), ("60", "1.0", "1.0"), ("300", "1.0", "1.0")]
+    assert re.findall(r"(?m)^(\d+) \D+ ([\d.]+),\D+ ([\d.]+)$", printed) == shares

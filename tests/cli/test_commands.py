@@ -1,6 +1,7 @@
 """Tests of the commands fly, trim, list, verify, margins and linearize."""
 
 import json
+import re
 import shutil
 from itertools import pairwise
 
@@ -25,7 +26,7 @@ def run(*arguments, **options):
 
 def test_fly_prints_every_metric_of_every_controller():
     out = run("fly", "level").stdout
-    assert "level with abhv" in out and "tlc: The flight reached the end of the mission." in out
+    assert re.search(r"\blevel\b.*\babhv\b", out) and "\ntlc: " in out and "\nlqr: " in out
     rows = [line.split() for line in out.splitlines()]
     assert ["outcome", "ok", "ok"] in rows
     for metric in METRICS:
@@ -89,7 +90,7 @@ def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository)
     result = run("trim", "ghame_x", "--bank=0,89", "--mass", "1.3 t")
     assert result.exit_code == 1
     assert "ghame_x: 20 km, 1400 m/s, Mach 4.745" in result.stdout
-    assert "no trim at 89 deg" in result.stdout and "no trim at 0 deg" not in result.stdout
+    assert re.findall(r"(\d+) deg\b[^:\n]*: ", result.stdout) == ["89"]  # has no trim
     for flown in ("s_manoeuvre", "campaigns/s_manoeuvre.yaml"):
         point = json.loads(
             run("trim", repository / flown if "/" in flown else flown, "--json", "-").stdout
@@ -98,9 +99,9 @@ def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository)
         assert point["points"][0]["angle_of_attack_deg"] == pytest.approx(2.756, abs=0.001)
     climb = json.loads(run("trim", "f16_level", "--vehicle", "f16", "--json", "-").stdout)
     assert climb["altitude_m"] == pytest.approx(3051.96, abs=0.01)
-    assert "without surfaces" in str(
-        run("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception
-    )
+    error = run("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception
+    assert isinstance(error, InputError) and error.file.endswith("sphere.yaml")
+    assert "surfaces" in error.found
 
 
 @pytest.mark.parametrize(
@@ -196,7 +197,7 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
     assert rows[4]["disk_gain_db"] == pytest.approx(0.503, abs=1e-3)
     result = run(*command)
     assert "-1.31" in result.stdout and "none" in result.stdout
-    assert "near the node 1.0000" in result.stderr
+    assert re.search(r"equivalence_ratio 1\.002\d .* 1\.0000\b", result.stderr)
 
 
 def test_an_unstable_loop_has_no_margins_but_poles():
@@ -273,8 +274,8 @@ def test_linearize_writes_the_same_model_in_each_format(tmp_path):
 def test_linearize_rejects_invalid_options(tmp_path):
     for file, controller, instants, problem in (
         ("model.txt", "tlc", "trim", "npz"),
-        ("model.npz", "tlc,lqr", "trim", "one controller"),
-        ("model.npz", "tlc", "trim,2s", "one operating point"),
+        ("model.npz", "tlc,lqr", "trim", "controller"),
+        ("model.npz", "tlc", "trim,2s", "point"),
     ):
         with pytest.raises(InputError, match=problem):
             _linearize(tmp_path / file, controller, instants)

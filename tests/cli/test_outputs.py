@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import shutil
 import typing
 from importlib.metadata import entry_points
@@ -107,29 +108,29 @@ def test_outputs_do_not_overwrite_files_of_a_campaign(call, flown, tmp_path, opt
     if option == ("query", "--csv"):  # without SQL a folder
         option = ("query", flown, option[-1])
     code, errors = call(*option, flown / "flights/x")
-    assert code == 2 and "files of a campaign" in errors, errors
+    assert code == 2 and f"{flown / 'flights/x'}: " in errors, errors
     if option[-1] != "--json" and option[0] != "run":
         code, errors = call(*option, "s3://bucket/x.npz")
-        assert code == 2 and "an address" in errors, errors
+        assert code == 2 and f"{Path('s3://bucket/x.npz')}: " in errors, errors
 
 
 @pytest.mark.parametrize(
-    ("command", "message"),
+    "command",
     [
-        (("query", "FLOWN", "--csv", "file.yaml"), "a file"),
-        (("runs", "FLOWN", "--json", "."), "a folder"),
-        (("runs", "FLOWN", "--json", "file.yaml/more/x.json"), "cannot be written"),
-        # The nominal flight would replace that of the campaign.
-        (("fly", "level", "-o", "FLOWN"), "files of a campaign"),
-        (("query", "FLOWN", "--csv", "FLOWN"), "files of a campaign"),
-        (("validate", "file.yaml", "--json", "file.yaml"), "a JSON file"),
+        ("query", "FLOWN", "--csv", "file.yaml"),
+        ("runs", "FLOWN", "--json", "."),
+        ("runs", "FLOWN", "--json", "file.yaml/more/x.json"),
+        ("fly", "level", "-o", "FLOWN"),  # its files would replace those of the campaign
+        ("query", "FLOWN", "--csv", "FLOWN"),
+        ("validate", "file.yaml", "--json", "file.yaml"),
     ],
 )
-def test_invalid_output_paths_are_rejected(call, flown, tmp_path, monkeypatch, command, message):
+def test_invalid_output_paths_are_rejected(call, flown, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file.yaml").write_text("{}\n", encoding="utf-8")
-    code, errors = call(*(flown if argument == "FLOWN" else argument for argument in command))
-    assert code == 2 and message in errors, errors
+    arguments = [flown if argument == "FLOWN" else argument for argument in command]
+    code, errors = call(*arguments)
+    assert code == 2 and f"{arguments[-1]}: " in errors, errors
     assert (tmp_path / "file.yaml").read_text() == "{}\n"
 
 
@@ -139,20 +140,19 @@ def test_a_shipped_campaign_is_known_by_its_name(abhv_mc, tmp_path, command):
     options = {
         "worst": ("--metric", "x", "-o", tmp_path / "o"),
         "rare": ("--requirement", "x", "-o", tmp_path / "o"),
-    }
-    options |= {
         "tune": ("-o", tmp_path / "o.yaml"),
         "run": ("--controllers", "x", "-o", tmp_path / "o"),
     }
+    faults = {"worst": "'x'", "rare": "'x'", "tune": "'tune'", "run": "'x'"}  # of the contents
     code, _, errors = abhv_mc(command, "s_manoeuvre", *options[command])
-    assert "no such file" not in errors and code == 2, errors
+    assert code == 2 and faults[command] in errors, errors
     code, _, errors = abhv_mc(command, "s_manoeuvr", *options[command])
-    assert code == 2 and "did you mean 's_manoeuvre'?" in errors, errors
+    assert code == 2 and "s_manoeuvr: " in errors and "'s_manoeuvre'" in errors, errors
 
 
 def test_a_campaign_in_place_of_a_mission_is_named(abhv_mc):
     code, _, errors = abhv_mc("fly", "campaigns/s_manoeuvre.yaml")
-    assert code == 2 and "a campaign file; expected a mission file: `abhv-mc run`" in errors, errors
+    assert code == 2 and "s_manoeuvre.yaml: " in errors and "`abhv-mc run`" in errors, errors
 
 
 def test_only_json_is_printed_to_standard_output(abhv_mc, tmp_path, monkeypatch):
@@ -165,7 +165,7 @@ def test_only_json_is_printed_to_standard_output(abhv_mc, tmp_path, monkeypatch)
 def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
     options = ("--dry-run", "--runs", 400, "--json", tmp_path / "p.json", "-o", tmp_path / "out")
     code, out, err = abhv_mc("validate", "s_manoeuvre", *options)
-    assert code == 0 and "981" in out and err.count("that 400 flights cannot demonstrate") == 1
+    assert code == 0 and "981" in out and len(re.findall(r" 0\.\d+ .*\b400\b", err)) == 1
     (entry,) = json.loads((tmp_path / "p.json").read_text()).values()
     assert (entry["flights"], entry["plan"]["runs"]) == (400, 400)
     assert entry["plan"]["requirements"][0]["most_failures_at_runs"] == -1

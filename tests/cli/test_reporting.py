@@ -46,7 +46,7 @@ def test_report_and_its_verification(folder):
     (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
     verification = run("verify", "campaign", folder)
     assert verification.exit_code == 1
-    assert verification.stdout == "flights.counts.tlc.flown: 13 in the report, 12 from the data\n"
+    assert re.fullmatch(r"flights\.counts\.tlc\.flown: 13\D+12\D+", verification.stdout)
 
 
 def test_a_missing_chromium_is_reported_before_files_are_written(folder, tmp_path, monkeypatch):
@@ -135,14 +135,14 @@ def test_verdicts_of_a_report_are_computed_once(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "shown", "change"),
+    ("before", "after", "shown", "change"),  # words of the sentence
     [
-        (("PASS", 0), ("NOT SHOWN", 2), True, "is no longer shown to meet"),
+        (("PASS", 0), ("NOT SHOWN", 2), True, "longer meet"),
         (("PASS", 0), ("FAIL", 30), True, "newly misses"),
-        (("FAIL", 30), ("NOT SHOWN", 5), True, "is no longer shown to miss"),
+        (("FAIL", 30), ("NOT SHOWN", 5), True, "longer miss"),
         (("NOT SHOWN", 3), ("FAIL", 9), False, "newly misses"),
         (("FAIL", 30), ("PASS", 0), True, "newly meets"),
-        (("FAIL", 30), ("FAIL", 60), True, "more often misses"),
+        (("FAIL", 30), ("FAIL", 60), True, "more misses"),
         (("PASS", 0), ("NOT SHOWN", 0), False, None),
         (("PASS", 0), ("PASS", 1), False, None),
     ],
@@ -159,7 +159,8 @@ def test_a_comparison_reports_changed_verdicts(before, after, shown, change):
     if change is None:
         assert shares not in sentence and sentence.count("1 of") == 1
     else:
-        assert sentence == f"A {change} Error < 1 m ({shares} of the flights)."
+        assert sentence.startswith("A ") and f" Error < 1 m ({shares} " in sentence
+        assert set(change.split()) <= set(sentence.split())
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -167,7 +168,12 @@ def test_campaigns_on_different_samples_are_compared_by_their_distributions(fold
     other = write_campaign(tmp_path / "c", runs=40, seed=7, requirements=[])
     result = run("compare", folder, other, "--json", "-")
     contrast = json.loads(result.stdout)
-    assert any("no longer required" in change for change in contrast["changes"])
+    missing = [change for change in contrast["changes"] if change.startswith("requirements, ")]
+    assert [re.findall(r"\w+_\w+", change) for change in missing] == [
+        ["altitude_error_max_m"],
+        ["speed_error_max_mps"],
+        ["sideslip_max_deg"],
+    ]
     assert contrast["contrasted"][0]["flights"] == [12, 40]
     for item in contrast["contrasted"][0]["requirements"]:
         sides = item["before"], item["after"]

@@ -102,16 +102,13 @@ def test_runs_shows_one_campaign_or_lists_several(abhv_mc, flown):
 
 
 def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
-    code, out, _ = abhv_mc(
-        "replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.parquet"
-    )
-    assert code == 0 and "equal the stored metrics bit for bit" in out
+    flight = ("replay", flown, "--flight", 17, "--controller", "two")
+    code, out, _ = abhv_mc(*flight, "-o", tmp_path / "h.parquet", "--json", "-")
+    assert code == 0 and json.loads(out)["differences"] == []
     history = pq.read_table(tmp_path / "h.parquet")
     np.testing.assert_allclose(np.diff(history["time"].to_numpy()), 0.1)
     assert set(history["flight"].to_pylist()) == {17}
-    code, _, err = abhv_mc(
-        "replay", flown, "--flight", 17, "--controller", "two", "-o", tmp_path / "h.csv"
-    )
+    code, _, err = abhv_mc(*flight, "-o", tmp_path / "h.csv")
     assert code == 2 and ".parquet" in err and not (tmp_path / "h.csv").exists()
     assert (
         abhv_mc("replay", flown, "--flight", 60)[0] == 2
@@ -206,7 +203,7 @@ def test_exported_numbers_are_exact(abhv_mc, flown, tmp_path):
 def test_dry_run_prints_the_cost_and_writes_no_files(abhv_mc, tmp_path, monkeypatch):
     monkeypatch.setattr("abhv_mc.check_inputs.check_inputs", lambda file: [])
     code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
-    assert code == 0 and "300 flights of 2 controllers" in out and "MB at most" in out
+    assert code == 0 and re.search(r"\b300\b.*\b2\b", out) and re.search(r"\d MB\b", out)
     assert [path.name for path in tmp_path.iterdir()] == ["files"]
 
 
@@ -236,12 +233,12 @@ def test_a_campaign_in_which_all_flights_failed_to_run_is_incomplete(
     keep = "{histories: {flights: none}, envelopes: {rate: 5 Hz}}"
     campaign = write_campaign(tmp_path / "files", runs="6", keep=keep, controllers=controllers)
     code, out, err = abhv_mc("run", campaign)
-    assert code == 3 and "6 flights failed to run" in err
-    assert "6 of 6 failures" in out
+    assert code == 3 and re.search(r"(?m)^6 ", err)
+    assert "6 of 6" in out
     assert ("report    " in out) == ("two" in controllers)
     if "two" in controllers:
         page = (tmp_path / "reports/fake/report.html").read_text(encoding="utf-8")
-        assert "one: none of 6 flights" in page
+        assert re.search(r"\bone: \D*\b6 ", page)
 
 
 @pytest.mark.parametrize(
@@ -257,4 +254,4 @@ def test_the_exit_code_is_3_if_flights_failed_to_run_and_a_requirement_failed(
     with pytest.raises(typer.Exit) if code else contextlib.nullcontext() as end:
         finish(RunResult(tmp_path, manifest), no_report=True)
     assert (end.value.exit_code if code else 0) == code
-    assert ("2 flights failed to run" in capsys.readouterr().err) == bool(lost)
+    assert re.findall(r"(?m)^\d+", capsys.readouterr().err) == (["2"] if lost else [])

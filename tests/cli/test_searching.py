@@ -1,5 +1,6 @@
 """Tests of the commands worst, rare and tune: exit codes, JSON, pages and results folders."""
 
+import html
 import json
 import re
 import shlex
@@ -54,8 +55,9 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
     page = Path("out/report.html").read_text(encoding="utf-8")
     assert f"--flight {numbers['flight']} --controller one" in page
     assert "http" not in page.split("<body>")[1]
-    code, out, _ = abhv_mc("replay", "out", "--flight", numbers["flight"], "--controller", "one")
-    assert code == 0 and "bit for bit" in out
+    again = ("replay", "out", "--flight", numbers["flight"], "--controller", "one")
+    code, out, _ = abhv_mc(*again, "--json", "-")
+    assert code == 0 and json.loads(out)["differences"] == []
     again = abhv_mc(
         "worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "-"
     )
@@ -80,7 +82,7 @@ def test_rare_prints_an_estimate_or_exits_with_1(abhv_mc, campaign):
     )
     code, out, _ = abhv_mc(*command, "--json", "rare.json")
     numbers = read_json("rare.json")
-    assert code == 0 and "95 % interval" in out
+    assert code == 0 and "95 %" in out
     assert 0.0 < numbers["low"] < numbers["probability"] < numbers["high"] < 1.0
     impossible = (
         "--requirement",
@@ -93,10 +95,11 @@ def test_rare_prints_an_estimate_or_exits_with_1(abhv_mc, campaign):
         "no.json",
     )
     code, out, err = abhv_mc("rare", campaign, *impossible)
-    assert code == 1 and "no trustworthy estimate" in err and "is about" not in out
     refused = read_json("no.json")
     assert refused["probability"] is None and refused["refusal"]
-    assert "no trustworthy estimate" in Path("no/report.html").read_text(encoding="utf-8")
+    assert code == 1 and refused["refusal"] in err and "95 %" not in out
+    page = html.unescape(Path("no/report.html").read_text(encoding="utf-8"))
+    assert refused["refusal"] in page
 
 
 def test_rare_by_a_surrogate_takes_few_flights_or_says_that_none_failed(abhv_mc, campaign):
@@ -104,12 +107,13 @@ def test_rare_by_a_surrogate_takes_few_flights_or_says_that_none_failed(abhv_mc,
     code, out, _ = abhv_mc(*command, METRIC, "-o", "out", "--json", "rare.json")
     numbers = read_json("rare.json")
     assert code == 0 and numbers["flights"] <= 400 and numbers["low"] < numbers["high"]
-    assert f"{numbers['failures']} failed" in out and "smooth function" in out
+    assert re.search(rf"\b{numbers['failures']} ", out) and "smooth" in out
     assert "figures/learning.png" in Path("out/report.html").read_text(encoding="utf-8")
     impossible = ("sideslip_max_deg", "--flights", 64, "-o", "no", "--json", "no.json")
     code, out, err = abhv_mc(*command, *impossible)
-    assert code == 1 and "none of 58 flights failed" in err and "is about" not in out
-    assert read_json("no.json")["probability"] is None
+    refused = read_json("no.json")
+    assert refused["probability"] is None and " 58 " in refused["refusal"]
+    assert code == 1 and refused["refusal"] in err and "95 %" not in out
 
 
 def test_tune_writes_the_file_and_a_page_or_the_reason(abhv_mc, tmp_path, monkeypatch):
@@ -125,9 +129,9 @@ def test_tune_writes_the_file_and_a_page_or_the_reason(abhv_mc, tmp_path, monkey
         code, _, err = abhv_mc(*command, "-o", "new.yaml", "--json", "new.json")
     assert code == 3 and "interrupted" in err
     code, out, _ = abhv_mc(*command, "-o", "new.yaml", "--json", "new.json")
-    assert code == 0 and "95 % interval" in out
+    assert code == 0 and "95 %" in out
     page = Path("new.html").read_text(encoding="utf-8")
-    assert f"{read_json('new.json')['fresh'][0]['best']:.4g} instead of" in page
+    assert f"{read_json('new.json')['fresh'][0]['best']:.4g} " in page
     assert read_json("new.json")["shown_better"] and page.count("<img ") == 1
     impossible = (
         Path("block.yaml")
@@ -147,10 +151,10 @@ def test_other_commands_recognize_the_folder_of_a_search(abhv_mc, campaign):
     search = ("worst", campaign, "--metric", METRIC, "--flights", 160, "-o")
     assert abhv_mc(*search, "out")[0] == 0
     code, _, err = abhv_mc("run", campaign, "-o", "out", "--no-report")
-    assert code == 2 and "flights of a search" in err
+    assert code == 2 and re.search(r"\bout: .*\bsearch\b", err)
     assert abhv_mc("run", campaign, "-o", "flown", "--no-report")[0] in (0, 1)
     code, _, err = abhv_mc(*search, "flown")
-    assert code == 2 and "a campaign's flights" in err
+    assert code == 2 and re.search(r"\bflown: .*\bcampaign\b", err)
     before = Path("out/report.html").read_bytes()
     Path("out/report.html").unlink()
     code, _, err = abhv_mc("report", "out")
@@ -178,5 +182,5 @@ def test_the_order_of_the_dispersions_is_part_of_a_search(abhv_mc, tmp_path):
     before = {path: path.read_bytes() for path in Path("out").rglob("*.parquet")}
     write_line(tmp_path / "files", dispersions=f"{{{second}, {first}}}")
     code, _, err = abhv_mc(*command)
-    assert code == 2 and "another campaign" in err
+    assert code == 2 and re.search(r"\bout: .*\bcampaign\b", err)
     assert {path: path.read_bytes() for path in Path("out").rglob("*.parquet")} == before

@@ -1,5 +1,6 @@
 """Controller files: errors with location, and warnings about loops that are not separated."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -37,13 +38,13 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
     schedule = (
         "{over_time: [{time: 0 s, bandwidth: 0.1 rad/s}, {time: 9 s, bandwidth: 0.05 rad/s}]}"
     )
-    for bandwidth, fragment in (
-        ("2 rad/s", "attitude.bank (2 rad/s) is not below that of rates.roll_rate (1.2 rad/s)"),
-        (schedule, "velocity.heading (0.08 rad/s) is not below that of attitude.bank (0.05 rad/s)"),
+    for bandwidth, loops in (
+        ("2 rad/s", ["attitude.bank (2 rad/s)", "rates.roll_rate (1.2 rad/s)"]),
+        (schedule, ["velocity.heading (0.08 rad/s)", "attitude.bank (0.05 rad/s)"]),
     ):
         path.write_text(TLC.replace(bank.format("0.3 rad/s"), bank.format(bandwidth)))
         (warning,) = read_controller(path).warnings()
-        assert fragment in warning
+        assert re.findall(r"\S+\.\S+ \([^)]*\)", warning) == loops
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,9 @@ def flown(**changes):
 def test_a_worker_with_other_code_is_rejected_by_name():
     attestation = Attestation(CHECKED)
     attestation.check(make_plan("one"), ROWS, flown())
-    with pytest.raises(
-        UnusableError,
-        match=r"worker at node7, process 12 has another version of the program .*source old",
-    ):
+    with pytest.raises(UnusableError, match=r"\bnode7\b.*\b12\b.*\bold\b"):
         attestation.check(make_plan("one"), ROWS, flown(code="old", host="node7", process=12))
-    with pytest.raises(UnusableError, match="does not state its version"):
+    with pytest.raises(UnusableError, match="version"):
         attestation.check(make_plan("one"), ROWS, fly(make_plan("one"), ROWS))
 
 
@@ -48,9 +45,7 @@ def test_bits_are_compared_once_for_a_worker(every, changes, capfd):
         metrics=block.metrics * (1.0 + 4e-16),
         flown_by=(block.flown_by[0]._replace(process=1),),
     )
-    with pytest.raises(
-        UnusableError, match=r"differ from those of this machine .metrics of one flight of one"
-    ):
+    with pytest.raises(UnusableError, match=r"\bmetrics\b.*\bone\b"):
         Attestation(CHECKED, every).check(make_plan("one"), ROWS, wrong)
 
 

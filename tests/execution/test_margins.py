@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -134,9 +135,7 @@ def test_failed_margins_are_reported_and_flights_are_kept(engine, tmp_path, monk
     failed = table["control.rudder_effectiveness"] > 1.15
     assert 0 < failed.sum() < 12 and np.array_equal(np.isnan(table["gain_margin_min_db"]), failed)
     numbers = make_numbers(Models(read_flown(folder)))
-    assert (
-        f"margins of TLC could not be computed in {failed.sum()} flights" in numbers["warnings"][0]
-    )
+    assert re.search(rf"\bTLC\b.* {failed.sum()} ", numbers["warnings"][0])
     assert "ZeroDivisionError" in numbers["margins"]["steady"]["controllers"]["tlc"]["fault"]
 
 
@@ -195,7 +194,7 @@ def test_a_missed_margin_is_explained(flights_only, required):
         ["control.rudder_effectiveness"]
     ]
     assert sorted(groups[0].flights) == flights
-    with pytest.raises(InputError, match="kept gain_margin_min_db"):
+    with pytest.raises(InputError, match="gain_margin_min_db"):
         explain_flight(
             required.folder,
             "tlc",

@@ -237,14 +237,14 @@ def test_a_changed_campaign_does_not_resume(flown, tmp_path, change, message):
 
 def test_a_changed_input_file_does_not_resume(campaign, flown):
     (campaign.parent / "tables/cl.csv").write_text("mach,value\n1,3\n2,3\n")
-    with pytest.raises(InputError, match=r"inputs/vehicle/tables/cl.csv: other content"):
+    with pytest.raises(InputError, match=r"inputs/vehicle/tables/cl\.csv: "):
         run(campaign, flown)
     assert run(campaign, flown, fresh=True).complete
 
 
 def test_other_code_does_not_continue(campaign, tmp_path):
     run(campaign, tmp_path / "out", interrupted_after(5))
-    with pytest.raises(InputError, match="another version of the program"):
+    with pytest.raises(InputError, match=r"\bsource .*\bother\b"):
         run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
 
 
@@ -274,7 +274,7 @@ def test_a_full_disk_keeps_completed_flights(reference, campaign, tmp_path, monk
 
     with monkeypatch.context() as patched:
         patched.setattr(runner, "write_block", full)
-        with pytest.raises(StorageFullError, match="run the same command again"):
+        with pytest.raises(StorageFullError):
             run(campaign, tmp_path / "b")
         assert json.loads((tmp_path / "b/manifest.json").read_text())["state"] == "interrupted"
         assert not list((tmp_path / "b").rglob("*.temporary"))
@@ -404,6 +404,6 @@ def test_endless_first_flights_are_rejected_and_interruptible(tmp_path, monkeypa
         signal.signal(signal.SIGINT, before)
     monkeypatch.setattr("abhv_mc.execution.dispersion_probes._COMPILING", 0.0)
     campaign = write_campaign(tmp_path / "f", execution="{flight_time_limit: 0.1 s}")
-    with pytest.raises(InputError, match=r"first flights of 'one' .* in 0\.1 s"):
+    with pytest.raises(InputError, match=r"'one' .*\b0\.1 s"):
         run(campaign, tmp_path / "out", replace(ENGINE, fly=fly_never))
     assert not (tmp_path / "out").exists()

@@ -1,6 +1,7 @@
 """Evidence from user simulators: re-runs from a folder, reasons of failures, and noise."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.external_simulators.process_pool import end_processes
+from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import run_query
 from abhv_mc.io.input_error import InputError
@@ -124,7 +126,7 @@ def test_reasons_are_stored_with_flights_and_enter_no_digest(tmp_path: Path) -> 
     assert rows
     for outcome, a, b, reason in rows:
         if a > 6.0:
-            assert reason == "ValueError: the table ends at 6 ? (sim.py, line 6)"
+            assert re.fullmatch(r"ValueError: .* 6 \? \(sim\.py, .*\b6\)", reason)
         elif b > 6.0:
             assert "SIGABRT" in reason
         else:
@@ -169,14 +171,16 @@ def test_noise_is_detected_and_its_statement_is_checked(
     path = write_study(tmp_path / "own", source, runs=60, simulator=simulator, **CHANNELS)
     manifest = run_campaign(Request(path, tmp_path / "out")).manifest
     assert manifest.repeatable == expected
-    is_estimate = expected in ("no", "no, noise that processes share")
+    is_estimate = not Repeatability(expected).is_evidence
     assert [entry.verdict == "ESTIMATE" for entry in manifest.requirements] == [is_estimate]
     text = shown_text(build_report(tmp_path / "out"))
-    assert ("No verdict is given" in text) == is_estimate
+    begins = {kind: re.split("[.`]", kind.sentence)[0] for kind in Repeatability}
+    assert [kind for kind, words in begins.items() if words in text] == [expected]
     status = CliRunner().invoke(app, ["runs", str(tmp_path / "out")]).output
     assert f"repeatable   {expected}: " in status
     summary = " ".join(Results(tmp_path / "out").summary)
-    assert ("No verdict is given" in summary) == is_estimate
+    told = [kind for kind, words in begins.items() if words in summary and not kind.is_evidence]
+    assert told == ([expected] if is_estimate else [])
     assert list(verify_campaign(tmp_path / "out")) == []
     grown = run_campaign(Request(path, tmp_path / "out", runs=80)).manifest
     assert grown.repeatable == expected
@@ -226,8 +230,7 @@ def test_the_report_describes_the_simulator(tmp_path: Path) -> None:
     flights = read_flown(tmp_path / "out").flights["system"]
     assert sum(counts.values()) == flights.absent.size > 0
     text = shown_text(build_report(tmp_path / "out"))
-    assert "Flights that failed to run, by reason" in text
-    assert "ValueError: the table ends at 6 ? (sim.py, line 6)" in text
+    assert all(reason in text for reason in counts)
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's /proc")
@@ -247,5 +250,4 @@ while read -r line; do echo '{{"total": 1}}'; done
     script.write_text(program.format(model=tmp_path / "own" / "model.txt"))
     script.chmod(0o755)
     manifest = run_campaign(Request(path, tmp_path / "out")).manifest
-    (warning,) = [warning for warning in manifest.warnings if "native code" in warning]
-    assert "own/model.txt" in warning
+    assert len([warning for warning in manifest.warnings if "own/model.txt" in warning]) == 1

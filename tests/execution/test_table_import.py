@@ -101,7 +101,7 @@ def test_an_imported_table_gives_the_same_verdicts_comparison_and_rules(
 def test_a_campaign_is_valid_before_the_number_of_its_flights_is_known(tmp_path: Path) -> None:
     (checked,) = check_inputs(make_campaign(tmp_path))
     assert (checked.kind, checked.warnings) == ("campaign", ())
-    with pytest.raises(InputErrors, match="no key 'runs'"):
+    with pytest.raises(InputErrors, match="'runs'"):
         read_campaign(make_campaign(tmp_path))
 
 
@@ -127,14 +127,14 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
 @pytest.mark.parametrize(
     ("line", "changes", "pattern"),
     [
-        (7, {"delay": "2.3"}, "delay 2.3 is outside its distribution"),
-        (9, {"speed": "nan"}, "speed is not a finite number"),
-        (9, {"load": "high"}, "'high' in the column 'load'"),
-        (11, {"outcome": "elsewhere"}, "outcome 'elsewhere'"),
-        (13, {"controller": "v3"}, "system 'v3'|controller 'v3'"),
-        (43, {"flight": "13"}, "flight 13 of 'v1' appears twice"),
-        (301, {"flight": "1000"}, "no flight 299 of 'v1'"),
-        (330, {"speed": "561.0"}, "inputs of flight .* differ"),
+        (7, {"delay": "2.3"}, r"\bdelay 2\.3\b"),
+        (9, {"speed": "nan"}, r"\bspeed\b.*\bfinite\b"),
+        (9, {"load": "high"}, r"'high'.*'load'"),
+        (11, {"outcome": "elsewhere"}, "'elsewhere'"),
+        (13, {"controller": "v3"}, "'v3'"),
+        (43, {"flight": "13"}, r"\b13\b.*'v1'.*\btwice\b"),
+        (301, {"flight": "1000"}, r"\b299\b.*'v1'"),
+        (330, {"speed": "561.0"}, r"\b\d+\b.*\bdiffer"),
     ],
 )
 def test_an_invalid_row_is_rejected_with_its_line(
@@ -155,10 +155,10 @@ def test_incompatible_tables_and_campaigns_are_rejected(flown: Path, tmp_path: P
     less = tmp_path / "less.csv"
     less.write_text(flown.read_text().replace("speed", "velocity", 1))
     for pattern, call in (
-        ("no column 'speed'", lambda: adopt_table(less, make_campaign(tmp_path), out)),
-        ("a third table", lambda: import_tables([flown] * 3, make_campaign(tmp_path), out)),
+        ("'speed'", lambda: adopt_table(less, make_campaign(tmp_path), out)),
+        ("third", lambda: import_tables([flown] * 3, make_campaign(tmp_path), out)),
         ("2 columns 'altitude_min'", lambda: adopt_table(twice, make_campaign(tmp_path), out)),
-        ("a campaign whose flights abhv-mc computes", lambda: adopt_table(flown, flies, out)),
+        (r"dive\.yaml:1:1: .*'inputs'", lambda: adopt_table(flown, flies, out)),
         ("import flights", lambda: run_campaign(Request(make_campaign(tmp_path, runs=300), out))),
     ):
         with pytest.raises(InputError, match=pattern):
@@ -190,7 +190,7 @@ def test_texts_on_imported_flights_suggest_no_impossible_command(
     assert not list(verify_campaign(out))
     assert (
         judged["met"] == "not shown"
-        and "larger table" in judged["next"]["why"]
+        and "table" in judged["next"]["why"]
         and not judged["next"]["command"]
     )
     assert "--runs" not in json.dumps([report["verdicts"], manifest["requirements"]])
@@ -200,7 +200,7 @@ def test_texts_on_imported_flights_suggest_no_impossible_command(
     with open_flights(out) as table, ExploreServer(out, table) as server:
         opened = server.open_flight("v1", 0)
     assert opened["note"] == "" and opened["history"] is None and opened["values"]
-    with pytest.raises(InputError, match="which cannot be run"):
+    with pytest.raises(InputError, match=r":\d+:\d+: .*'simulator'"):
         replay_flight(out, "v1", 0)
 
 
@@ -266,11 +266,11 @@ def latin(values: Any) -> Any:
 @pytest.mark.parametrize(
     ("change", "pattern"),
     [
-        (lambda values: np.tile(values, (4, 1)), r":(\d+): 360 pairs of rows .*explains none"),
-        (constant, r":1: column 'b' .*spread 1.137, found .*spread 0;.*failed flights may be"),
-        (scaled(1 / 3), "column 'a' .*stated mean 10 and spread 1, found mean .*spread 0.2"),
-        (scaled(3.0), "column 'a' .*'independent: no'"),
-        (correlated, "correlation of 'a' and 'b'"),
+        (lambda values: np.tile(values, (4, 1)), r":\d+: 360 "),
+        (constant, r":1: .*'b' .* 1\.137, .* 0;"),
+        (scaled(1 / 3), r":1: .*'a' .* 10 .* 1, .* 0\.2"),
+        (scaled(3.0), r":1: .*'a' .*'independent: no'"),
+        (correlated, r"'a'.*'b'"),
     ],
 )
 def test_a_table_that_holds_no_independent_draws_is_rejected(
@@ -295,9 +295,9 @@ def test_a_design_and_a_constant_that_rounding_may_explain_get_estimates(
     out = tmp_path / "out"
     manifest = adopt_table(*drawn_table(tmp_path, change), out).manifest
     (verdict,), (warning,) = manifest.requirements, manifest.warnings
-    assert verdict.verdict == "ESTIMATE" and "estimates instead of verdicts" in warning
+    assert verdict.verdict == "ESTIMATE" and re.match(r"[ab]\b", warning)
     page = shown_text(build_report(out))
-    assert warning in page and "not taken as independent draws" in page
+    assert warning in page and read_flown(out).campaign.dependence in page
     assert not list(verify_campaign(out))
     again = adopt_table(*drawn_table(tmp_path, change), out)
     assert again.manifest == manifest
@@ -331,7 +331,7 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
         return values
 
     table, campaign = drawn_table(tmp_path, mixed)
-    with pytest.raises(InputError, match="rank correlation"):
+    with pytest.raises(InputError, match=r"'a'.*'b'.*'correlations'"):
         adopt_table(table, campaign, tmp_path / "out")
     content = json.loads(campaign.read_text())
     content["correlations"] = [{"between": ["a", "b"], "rank": 0.88}]
@@ -367,9 +367,9 @@ def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> Non
     lines = [f"{flight};{miss.replace('.', ',')}" for flight, miss in reversed(results[1:])]
     table.write_text("\n".join(["case;miss (m)", *lines, ""]))
     content = {**json.loads(campaign.read_text()), "columns": {"flight": "case"}}
-    with pytest.raises(InputError, match=r"no column 'a'.*'columns' in the campaign file"):
+    with pytest.raises(InputError, match=r"'a'.*'columns'"):
         import_tables([table], campaign, tmp_path / "out")
-    with pytest.raises(InputError, match="no column 'flight'"):
+    with pytest.raises(InputError, match="'flight'"):
         import_tables([inputs, table], campaign, tmp_path / "out")
     inputs.write_text(inputs.read_text().replace("flight", "case", 1))
     campaign.write_text(json.dumps(content))
@@ -389,9 +389,9 @@ def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("row", "pattern"),
     [
-        ("60,1,0", "flight 60 is not in inputs.csv"),
-        ("7,1,-99", "b -99, but .* in inputs.csv"),
-        ("8,1,0", "flight 8 of 'system' appears twice"),
+        ("60,1,0", r"\b60\b.*inputs\.csv"),
+        ("7,1,-99", r"\bb -99\b.*inputs\.csv"),
+        ("8,1,0", r"\b8\b.*'system'.*\btwice\b"),
     ],
 )
 def test_a_result_without_inputs_is_rejected(row: str, pattern: str, tmp_path: Path) -> None:
@@ -453,9 +453,9 @@ def test_columns_name_inputs_and_metrics_of_a_table(tmp_path: Path) -> None:
     table, campaign = drawn_table(tmp_path)
     content = json.loads(campaign.read_text())
     for columns, pattern in (
-        ({"mis": "x"}, "did you mean 'miss'"),
-        ({"miss": "x"}, "no column 'x'"),
-        ({"outcome": "y"}, "no column 'y'"),
+        ({"mis": "x"}, r"'mis'.*'miss'"),
+        ({"miss": "x"}, "'x'"),
+        ({"outcome": "y"}, "'y'"),
     ):
         campaign.write_text(json.dumps({**content, "columns": columns}))
         with pytest.raises(InputError, match=pattern):
@@ -478,9 +478,9 @@ def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_p
     for change, pattern in (
         (
             lambda: table.write_text(text.replace(text.split(",")[-1].strip(), "14.9")),
-            "of another table",
+            "--fresh",
         ),
-        (lambda: drawn_table(tmp_path, lambda values: values[::-1]), "inputs of another table"),
+        (lambda: drawn_table(tmp_path, lambda values: values[::-1]), r"\bsamples: "),
         (lambda: drawn_table(tmp_path, lambda values: values[:59]), "runs: 60 -> 59"),
     ):
         change()

@@ -1,5 +1,6 @@
 """Campaigns with unknowns: each sample is run and judged at every point of their box."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -140,10 +141,11 @@ def test_verdicts_hold_at_every_point(reference):
                 80,
             )
             note = (
-                f"worst of {number} values of the unknowns "
-                f"({results.campaign.unknowns.words(worst)})"
+                rf"\bof {number} [^(]*\({re.escape(results.campaign.unknowns.words(worst))}\)"
+                if verdict.failures
+                else rf"\beach of {number}\b"
             )
-            assert (note if verdict.failures else f"each of {number} values") in verdict.note
+            assert re.search(note, verdict.note)
             worse = np.where(flights.failed & entry.asked.early_is_failure, np.inf, values)
             limits = [tolerance_limit(worse[point == k], 0, 0.9, 0.1) for k in range(number)]
             assert verdict.tolerance_limit == (None if max(limits) == np.inf else max(limits))
@@ -219,28 +221,28 @@ def test_a_campaign_with_unknowns_stops_when_proven(tmp_path):
 def test_incompatible_requests_are_rejected(reference, tmp_path):
     campaign = make(tmp_path / "f")
     run(campaign, tmp_path / "out", controllers=("one",), runs=5)
-    with pytest.raises(InputError, match="selected without two"):
+    with pytest.raises(InputError, match=r"/out: .*\btwo\b"):
         run(campaign, tmp_path / "out", runs=5)
     other = run(make(tmp_path / "g", seed="6"), tmp_path / "other")
-    with pytest.raises(InputError, match="campaign differs"):
+    with pytest.raises(InputError, match=rf"/other: .* {reference.folder};"):
         merge_campaign([reference.folder, other.folder], tmp_path / "merged", ENGINE)
 
 
 @pytest.mark.parametrize(
     ("entries", "line", "pattern"),
     [
-        ({"unknowns": "{atmosphere.density: {low: 1, high: 2}}"}, "unknowns", "also a dispersion"),
-        ({"unknowns": "{aero.lift: {low: 1.1, high: 0.9}}"}, "unknowns", "an empty range"),
-        ({"unknowns": "{aero.left: {low: 0.9, high: 1.1}}"}, "unknowns", "unknown parameter"),
+        ({"unknowns": "{atmosphere.density: {low: 1, high: 2}}"}, "unknowns", "atmosphere.density"),
+        ({"unknowns": "{aero.lift: {low: 1.1, high: 0.9}}"}, "unknowns", r"\b1\.1\b.*\b0\.9\b"),
+        ({"unknowns": "{aero.left: {low: 0.9, high: 1.1}}"}, "unknowns", "'aero.left'"),
         ({"unknowns": "{aero.lift: {low: 5 m, high: 1.1}}"}, "unknowns", "5 m"),
-        ({"sampling": "sobol"}, "unknowns", "the design 'sobol'"),
-        ({"points": "{at: {aero.lift: [1.0]}}"}, "points", "points of aero.lift"),
+        ({"sampling": "sobol"}, "unknowns", "'sobol'"),
+        ({"points": "{at: {aero.lift: [1.0]}}"}, "points", r"aero\.lift"),
         (
             {"points": "{at: {aero.lift: [1.0], aero.drag: [1.0]}, shared: 2}"},
             "points",
-            "the 1 points",
+            r"\b1 points\b",
         ),
-        ({"pooled": "[{seed: 5, runs: 80}]"}, "pooled", "80 pooled flights"),
+        ({"pooled": "[{seed: 5, runs: 80}]"}, "pooled", r"\b80\b"),
     ],
 )
 def test_errors_have_a_location(tmp_path, entries, line, pattern):
@@ -291,15 +293,12 @@ def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_pa
         verdict = entry.controllers["one"]
         assert verdict.failures == max(counts[k] for k in judged)
         assert counts[2] > max(counts[:2])
-        assert f"{len(judged)} values of the unknowns" in verdict.note
+        assert f" {len(judged)} values " in verdict.note
         if entry is speed:
-            sentence = (
-                "most failures were 9 of 256 at lift +10 %, drag +15 %, there "
-                f"{counts[2]} of 20 flights"
-            )
-            assert sentence in verdict.note
+            most = rf"\b9 of 256 .*\blift \+10\s%, drag \+15\s%, .*\b{counts[2]} of 20 "
+            assert re.search(most, verdict.note)
         else:
-            assert "of 7 values tried none failed in 256 flights" in verdict.note
+            assert re.search(r"\b7 .*\b256 ", verdict.note) and " of 256 " not in verdict.note
     stored = {(v.metric, v.controller): v for v in results.manifest.requirements}
     for entry in (speed, altitude):
         summary = stored[entry.asked.metric, "one"]

@@ -1,5 +1,6 @@
 """Campaigns of user simulators: run, resume, merge; reading a folder never runs its code."""
 
+import html
 import os
 import re
 import select
@@ -84,7 +85,7 @@ def test_a_foreign_folder_runs_no_code(tmp_path: Path, monkeypatch: pytest.Monke
         lambda: map_failures(out, {"v1": [0]}),
         lambda: run_campaign(Request(out / "campaign.yaml", tmp_path / "again")),
     ):
-        with pytest.raises(InputError, match="not run before"):
+        with pytest.raises(InputError, match="--trust-code"):
             ask()
     assert not ran.exists()
     assert replay_flight(out, "v1", 0, trust_code=True).differences == ()
@@ -122,7 +123,7 @@ def test_a_simulator_without_flights_is_rejected_before_writing(tmp_path: Path) 
         InputError, match=r": AttributeError: module 'math' .* \(dive\.py, line 3\)"
     ):
         check_inputs(path)
-    with pytest.raises(InputError, match="no flight of 'v1'"):
+    with pytest.raises(InputError, match=r"dive\.yaml:\d+:\d+: .*'v1'.*AttributeError"):
         run_campaign(Request(path, out))
     assert not out.exists()
 
@@ -145,9 +146,10 @@ def test_surplus_output_is_a_warning_and_standard_error_is_kept(tmp_path: Path) 
         flights = flown.flights[name]
         assert flights.flight.tolist() == np.flatnonzero(thrust <= 1.03).tolist()
         assert np.array_equal(flights.metrics["altitude_min"], thrust[flights.flight])
-        assert any(f"'{name}' wrote unrequested lines" in w for w in manifest.warnings)
+        assert any(warning.startswith(f"'{name}' ") for warning in manifest.warnings)
         assert manifest.simulator_events and manifest.simulator_events[name]["surplus"]
-    assert "wrote unrequested lines" in shown_text(build_report(out))
+    page = html.unescape(shown_text(build_report(out)))
+    assert all(warning in page for warning in manifest.warnings)
     assert "flying" in (out / "simulator.log").read_text()
     before = {path: path.stat() for path in out.rglob("*")}
     flight = int(np.argmin(thrust))

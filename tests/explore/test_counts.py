@@ -115,7 +115,7 @@ def test_one_flight_is_told_with_all_its_numbers_and_found_by_its_place(table, f
         bool(requirement_failures(flights, item)[17]) for item in failing.campaign.requirements
     ]
     assert entry["by"] == failing.ranking.criterion_index["lqr"][17]
-    with pytest.raises(InputError, match="no flight 99999"):
+    with pytest.raises(InputError, match=r"\b99999\b"):
         find_flight(table, "lqr", 99999)
     position = entry["values"][X], entry["values"][Y]
     assert find_nearest(table, Selection(X, Y, ("lqr",), "all", {}), *position) == (1, 17)

@@ -31,50 +31,32 @@ from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.io.input_error import InputErrors
 
 LOST = int(Outcome.FAILED_TO_RUN)
-WRONG = {  # by the delay that is asked for: what the flight returns, and what is said of it
-    2.0: ("os.abort()", "killed by SIGABRT"),
-    3.0: ("time.sleep(60.0)", "not finished within 0.5 s"),
-    4.0: ("math.sqrt(-1.0)", "ValueError: math domain error (dive.py, line "),
-    5.0: (
-        "found | {'load': math.nan, 'outcome': 'ok'}",
-        "load is not a finite number although the outcome is ok",
-    ),
-    6.0: ("{'load': 1.0}", "it did not return altitude_min"),
-    7.0: ("found | {'other': 1.0}", "it returned 'other', which the campaign does not declare"),
-    8.0: ("found | {'outcome': 'elsewhere'}", "it returned the outcome 'elsewhere'"),
-    10.0: ("5", "is not a"),
-    11.0: ("found | {'load': '6.5'}", 'it returned "6.5" for load, which is no number'),
-    12.0: (
-        "open('secret.txt').read()",
-        "'files' does not list secret.txt, which is in the simulator's folder",
-    ),
-    13.0: ("sys.exit(3)", "exit code 3"),
-    14.0: ("found | {'outcome': ['ok']}", "it returned the outcome '['ok']'"),
-    15.0: ("found | {'load': 10**400}", "for load, which is too large"),
-    16.0: ("found | {'load': True}", "it returned true for load, which is no number (return 1"),
-    17.0: ("found | {'end_time': '1_000'}", 'it returned "1_000" for end_time, which is no number'),
-    18.0: ("found | {'flight': 1}", "the reserved key 'flight'"),
+WRONG = {  # by the delay that is asked for: what the flight returns, and a pattern of the reason
+    2.0: ("os.abort()", r"\bSIGABRT\b"),
+    3.0: ("time.sleep(60.0)", r"\b0\.5 s\b"),
+    4.0: ("math.sqrt(-1.0)", r"^ValueError: .*\(dive\.py, line \d+\)"),
+    5.0: ("found | {'load': math.nan, 'outcome': 'ok'}", r"^load\b.*\bfinite\b.*\bok$"),
+    6.0: ("{'load': 1.0}", r"\baltitude_min$"),
+    7.0: ("found | {'other': 1.0}", "'other'"),
+    8.0: ("found | {'outcome': 'elsewhere'}", "'elsewhere'"),
+    10.0: ("5", r"\b5\b"),
+    11.0: ("found | {'load': '6.5'}", r'"6\.5".*\bload\b'),
+    12.0: ("open('secret.txt').read()", r"'files'.*\bsecret\.txt\b"),
+    13.0: ("sys.exit(3)", r"\b3\b"),
+    14.0: ("found | {'outcome': ['ok']}", r"'\['ok'\]'"),
+    15.0: ("found | {'load': 10**400}", r"\bload\b.*\blarge\b"),
+    16.0: ("found | {'load': True}", r"\btrue\b.*\bload\b.*\(.* 1\b"),
+    17.0: ("found | {'end_time': '1_000'}", r'"1_000".*\bend_time\b'),
+    18.0: ("found | {'flight': 1}", "'flight'"),
 }
-WRONG_HISTORIES = {  # what is done to the history
-    2.0: (
-        "history.pop('time')",
-        "its history contains altitude, sink_rate; declared are time, altitude, sink_rate",
-    ),
-    3.0: (
-        "history['altitude'].pop()",
-        "the columns of its history are not lists of numbers of equal length",
-    ),
-    4.0: ("history['time'].reverse()", "the time of its history does not increase"),
-    5.0: ("history['altitude'].append(math.nan)", "the columns of its history are not lists"),
-    6.0: (
-        "history.update(altitude=[math.nan] * n)",
-        "altitude in its history is not a finite number",
-    ),
-    7.0: ("found.pop('history')", "it did not return history"),
-    8.0: (
-        "history.update(dict.fromkeys(history, []))",
-        "the columns of its history are not lists of numbers",
-    ),
+WRONG_HISTORIES = {  # what is done to the history, and a pattern of the reason
+    2.0: ("history.pop('time')", r"\baltitude, sink_rate; .* time, altitude, sink_rate$"),
+    3.0: ("history['altitude'].pop()", r"\bcolumns\b"),
+    4.0: ("history['time'].reverse()", r"\btime\b"),
+    5.0: ("history['altitude'].append(math.nan)", r"\bcolumns\b"),
+    6.0: ("history.update(altitude=[math.nan] * n)", r"\baltitude\b.* finite\b"),
+    7.0: ("found.pop('history')", r"\bhistory$"),
+    8.0: ("history.update(dict.fromkeys(history, []))", r"\bcolumns\b"),
 }
 
 
@@ -161,7 +143,10 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
     assert (block.outcome[10], block.end_time[10]) == (100, 0.0)
     assert sorted(map(float, (tmp_path / "flown").read_text().split())) == sorted(delays)
     errors = capfd.readouterr().err
-    assert [message for _, message in WRONG.values() if message not in errors] == []
+    for row, delay in enumerate(delays):
+        if delay in WRONG:
+            assert re.search(WRONG[delay][1], block.reasons[row]), block.reasons[row]
+            assert block.reasons[row] in errors
 
 
 def test_a_history_that_is_none_costs_its_flight(
@@ -182,14 +167,14 @@ def test_a_history_that_is_none_costs_its_flight(
     source += "    return found | {'outcome': 'ground' if delay == 9.0 else 'ok'}\n"
     path = dive_campaign(tmp_path, source, histories=DIVE_CHANNELS)
     delays = [1.0, *WRONG_HISTORIES, 9.0]
-    assert (fly_delays(path, delays).outcome == LOST).tolist() == [
-        delay in WRONG_HISTORIES for delay in delays
-    ]
+    block = fly_delays(path, delays)
+    assert (block.outcome == LOST).tolist() == [delay in WRONG_HISTORIES for delay in delays]
     errors = capfd.readouterr().err
-    assert [message for _, message in WRONG_HISTORIES.values() if message not in errors] == []
+    for row, (_, pattern) in enumerate(WRONG_HISTORIES.values(), 1):
+        assert re.search(pattern, block.reasons[row]) and block.reasons[row] in errors
     path = dive_campaign(tmp_path, source)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
-    assert "it returned 'history', which the campaign does not declare" in capfd.readouterr().err
+    assert "'history'" in capfd.readouterr().err
 
 
 def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
@@ -227,8 +212,7 @@ def test_a_file_that_is_missing_at_the_start_is_named(tmp_path: Path) -> None:
     path = dive_campaign(tmp_path)
     (tmp_path / "drag.txt").write_text("0.02")
     (tmp_path / "dive.py").write_text(f"open('drag.txt')\n{DIVE}")
-    message = "not list drag.txt, which is in the simulator's folder; expected a simulator that"
-    with pytest.raises(InputErrors, match=message):
+    with pytest.raises(InputErrors, match=r"'files'.*\bdrag\.txt\b"):
         list(read_campaign(path).simulator.try_out())
 
 
@@ -411,7 +395,7 @@ def test_no_flight_has_the_numbers_of_another(
         assert np.array_equal(flown.metrics[~lost, 0], block[~lost])
         assert lost.sum() <= 6
     assert events["surplus"]
-    assert ("it replied twice" in capfd.readouterr().err) or mode == "thread"
+    assert ("twice" in capfd.readouterr().err) or mode == "thread"
 
 
 def test_a_process_is_replaced_after_so_many_flights_and_says_what_it_wrote(
@@ -443,7 +427,7 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     simulator["start_limit"] = "1 s"
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
-    assert "does it flush standard output" in capfd.readouterr().err
+    assert "flush" in capfd.readouterr().err
 
 
 def test_a_program_without_answers_is_lost_with_its_last_error(
@@ -458,9 +442,9 @@ def test_a_program_without_answers_is_lost_with_its_last_error(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0, 2.0, 3.0]).outcome.tolist() == [LOST] * 3
     errors = capfd.readouterr().err
-    assert errors.count("still waiting for the first reply") == 1  # the start limit is used up once
+    assert errors.count("(start_limit)") == 1  # it is used up once
     assert "./shot: not found'" in errors
-    assert "'files' does not list shot," in errors
+    assert re.search(r"'files'.* shot,", errors)
 
 
 @pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])
@@ -480,5 +464,5 @@ def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path)
     campaign = ready(dive_campaign(tmp_path))
     end_processes()
     (tmp_path / "dive.py").write_text(DIVE + "\n")
-    with pytest.raises(Exception, match="the file has changed"):
+    with pytest.raises(Exception, match=r"dive\.py: "):
         simulate(campaign, "v1", campaign.make_samples().draw(0, 1))

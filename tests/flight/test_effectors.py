@@ -87,7 +87,7 @@ def test_failures_of_axes_are_rejected_if_effectors_have_actuators(
     failing = {
         "failure.aileron.loss_time": {"distribution": "uniform", "low": "1 s", "high": "2 s"}
     }
-    with pytest.raises(InputError, match="failure of an effector: left"):
+    with pytest.raises(InputError, match=r"'failure\.aileron\.loss_time' .*'tlc' .*: left,"):
         campaign_of(tmp_path, DRIVEN, dispersions=failing).simulator.make_plans(["tlc"])
 
 

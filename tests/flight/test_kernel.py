@@ -230,22 +230,22 @@ def test_the_kernel_gets_only_arrays_it_can_rely_on(plans, change):
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("change", "pattern"),
     [
         (
             {"gains": np.zeros((301, 32), np.float32)},
-            "plan.gains is an array of float32, not an array of float64",
+            r"plan\.gains .*\bfloat32\b.*\bfloat64\b",
         ),
-        ({"gains": np.zeros((301, 31))}, r"plan.gains has the shape \(301, 31\), not \(any, 32\)"),
-        ({"gains": np.zeros((300, 32))}, "has 300 rows for control ticks 0 to 300"),
+        ({"gains": np.zeros((301, 31))}, r"plan\.gains .*\(301, 31\).*\(any, 32\)"),
+        ({"gains": np.zeros((300, 32))}, r"\b300 .* 0 to 300\b"),
         (
             {"initial_state": np.zeros((22, 1))},
-            r"initial_state has the shape \(22, 1\), not \(22\)",
+            r"\binitial_state .*\(22, 1\).*\(22\)",
         ),
-        ({}, "parameters has the shape"),
+        ({}, r"\bparameters\b"),
     ],
 )
-def test_wrong_types_and_shapes_are_rejected(plans, change, sentence):
+def test_wrong_types_and_shapes_are_rejected(plans, change, pattern):
     parameters = nominal_parameters() if change else nominal_parameters()[:, 1:]
-    with pytest.raises(ValueError, match=sentence):
+    with pytest.raises(ValueError, match=pattern):
         fly(replace(plans["tlc"], **change), parameters)

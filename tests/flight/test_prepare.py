@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import abhv_mc
+from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.prepare import table_faults
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.laws.columns import REFERENCE
@@ -20,10 +21,10 @@ VEHICLE = "vehicle/ghame_x"
     ("change", "pattern"),
     [
         ({}, ""),
-        ({"start.altitude": "29 km"}, r"no angle of attack .* of 6001 points, first at 0\.00 s"),
+        ({"start.altitude": "29 km"}, r"\b6001 .* 0\.00 s\b"),
         (
             {"start.altitude": "20 km"},
-            r"-76\.6 deg of bank at 0\.00 s",
+            r"-76\.6 deg\b.* 0\.00 s\b",
         ),
     ],
     ids=["the paper's", "beyond the vehicle", "beyond the controller's limit"],
@@ -45,14 +46,14 @@ def test_a_reference_outside_the_tables_for_a_second_causes_a_warning():
     slow = {"base": "level", "start.altitude": "12 km", "start.speed": "560 m/s"}
     plan = make_flight_plan(slow, "abhv")
     (warning,) = plan.warnings.tolist()
-    assert re.search(r"tables in mach for 60\.0 s, first at 0\.00 s", warning)
+    assert re.search(r"\bmach\b.* 60\.0 s\b.* 0\.00 s\b", warning)
     fast = plan.reference.copy()
     fast[:, REFERENCE.index("speed")] *= 1.1
     for ticks, count in ((99, 0), (100, 1)):
         fast[1000 : 1000 + ticks] = plan.reference[1000 : 1000 + ticks]
         faults = table_faults(plan.vehicle, fast, plan.timing.tick)
         assert len(faults) == count
-    assert re.search(r"for 1\.0 s, first at 10\.00 s", faults[0])
+    assert re.search(r" 1\.0 s\b.* 10\.00 s\b", faults[0])
 
 
 @pytest.mark.parametrize(
@@ -63,7 +64,7 @@ def test_a_reference_outside_the_tables_for_a_second_causes_a_warning():
             {"tables.roll_rudder": NOTHING, "tables.yaw_rudder": NOTHING},
             {},
             VEHICLE,
-            "aileron, rudder and elevator",
+            r"\baileron\b.*\brudder\b.*\belevator\b",
         ),
         (
             {"tables.capture_area_ratio": {"constant": 0}},
@@ -71,7 +72,7 @@ def test_a_reference_outside_the_tables_for_a_second_causes_a_warning():
             "mission/level",
             "throttle",
         ),
-        ({}, {"start.altitude": "39 km"}, "mission/level", r"no .* at 1?\d+ of \d+ points"),
+        ({}, {"start.altitude": "39 km"}, "mission/level", r"\b\d+ of \d+ "),
         (GLIDER, {}, VEHICLE, "engine"),
         ({}, {"start.latitude": "-89.995 deg"}, "mission/level", r"89\.995"),
         (
@@ -128,8 +129,9 @@ def test_a_custom_law_flies_a_glider():
 
 def test_a_glider_without_equilibrium_slows_down():
     """At 20 km the drag is above the weight."""
-    assert abhv_mc.trim(GLIDER)["fault"].iloc[0].startswith("no flight path angle")
+    angle = next(item.doc for item in CHANNELS if item.name == "flight_path_angle_deg")
+    assert angle in abhv_mc.trim(GLIDER)["fault"].iloc[0]
     flown = abhv_mc.fly({"base": "level", "duration": "2 s"}, GLIDER, "cascade", every=100)
     assert flown["flight_path_angle_deg"].iloc[0] == pytest.approx(0.0, abs=1e-6)
     assert flown["speed_mps"].iloc[-1] < 1375.0
-    assert any("no flight path angle" in warning for warning in flown.attrs["warnings"])
+    assert any(angle in warning for warning in flown.attrs["warnings"])

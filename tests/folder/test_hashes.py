@@ -15,7 +15,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.hashes import DAMAGED
+from abhv_mc.folder.hashes import DAMAGED, REPLACED
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.tables import export_csv, open_database
 from abhv_mc.io.input_error import InputError
@@ -27,7 +27,6 @@ from abhv_mc.results import open_results
 from abhv_mc.search.worst import find_worst
 from abhv_mc.topics import registry
 
-CHANGED = "a run replaced files"
 KEEP = (
     "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: "
     "[altitude_m, bank_deg]}}"
@@ -68,7 +67,7 @@ def test_a_query(request_, fly_meanwhile):
             fly_meanwhile()
             return database.sql("select count(*) from samples, flights").fetchall()
 
-    with pytest.raises(InputError, match=CHANGED):
+    with pytest.raises(InputError, match=REPLACED):
         ask()
 
 
@@ -88,7 +87,7 @@ def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
     before = results.flights
     assert results.controllers == ("one", "two")
     fly_meanwhile()
-    with pytest.raises(InputError, match=CHANGED):
+    with pytest.raises(InputError, match=REPLACED):
         ask(results)
     pd.testing.assert_frame_equal(results.flights, before)
 
@@ -98,7 +97,7 @@ def test_a_report(request_, fly_meanwhile, monkeypatch):
     build_page(request_.output)
     make_figures = registry.make_figures
     monkeypatch.setattr(registry, "make_figures", lambda *a: (fly_meanwhile(), make_figures(*a))[1])
-    with pytest.raises(InputError, match=CHANGED):
+    with pytest.raises(InputError, match=REPLACED):
         build_page(request_.output)
     monkeypatch.undo()
     assert not is_up_to_date(request_.output)

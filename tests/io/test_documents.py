@@ -49,7 +49,7 @@ class Campaign(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "Campaign":
         if self.name == "same":
-            raise Refusal("the name 'same'", "another", ("name",))
+            raise Refusal("'same'", "another", ("name",))
         return self
 
 
@@ -95,8 +95,8 @@ def test_values_and_places(tmp_path: Path) -> None:
         ("%YAML 1.1\n---\na: yes\n", (3, 4), "bool"),  # true there, no text as in YAML 1.2
         ('a: "b\\u202ec"\n', (1, 4), "\\u202e"),
         ("", (1, 1), "empty"),
-        ("[" * 50_000, (), "too many nested levels"),
-        ("a: &a [*a]\n", (), "too many nested levels"),
+        ("[" * 50_000, (), "nested"),
+        ("a: &a [*a]\n", (), "nested"),
         (
             "a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9]\nb: &b [*a, *a, *a, *a]\nc: ["
             + "*b, " * 5000
@@ -120,8 +120,8 @@ def test_refused_text(
     ("word", "key"), [("std", "sigma"), ("min", "low"), ("Gaussian", "normal")]
 )
 def test_words_of_other_programs_suggest_the_key(word: str, key: str) -> None:
-    assert one_of(["sigma", "low", "high", "normal"], word).endswith(f"(did you mean '{key}'?)")
-    assert "did you mean" not in one_of(["alpha", "beta"], word)
+    assert one_of(["sigma", "low", "high", "normal"], word).endswith(f" '{key}'?)")
+    assert "?" not in one_of(["alpha", "beta"], word)
 
 
 def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
@@ -141,47 +141,47 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
 
 def test_refused_paths(tmp_path: Path) -> None:
     for path, problem in (
-        (tmp_path / "missing.yaml", "no such file"),
-        (tmp_path, "a folder"),
+        (tmp_path / "missing.yaml", r"missing\.yaml: "),
+        (tmp_path, "folder"),
         ("a\0b", "null"),
     ):
-        with pytest.raises(InputError, match=rf"{problem}.*; expected a YAML file"):
+        with pytest.raises(InputError, match=rf"{problem}.*\bYAML\b"):
             read_document(path)
 
 
 @pytest.mark.parametrize(
     ("text", "location", "problem", "expected"),
     [
-        (GOOD + "sampling: lsh\n", (3, 11), "'lsh'", "one of random, lhs (did you mean 'lhs'?)"),
-        (GOOD + "vehicel: x\n", (3, 1), "unknown key 'vehicel'", "did you mean 'vehicle'?"),
-        ("name: a\n", (1, 1), "no key 'runs'", "'runs' here"),
+        (GOOD + "sampling: lsh\n", (3, 11), "'lsh'", "'lhs'"),
+        (GOOD + "vehicel: x\n", (3, 1), "'vehicel'", "'vehicle'"),
+        ("name: a\n", (1, 1), "'runs'", "'runs'"),
         ("name: a\nruns: 0\n", (2, 7), "0", "greater than 0"),
-        (GOOD + "altitudes: [1 m, 20]\n", (3, 18), "20 without a unit", "a length such as '20 km'"),
+        (GOOD + "altitudes: [1 m, 20]\n", (3, 18), "20 ", "'20 km'"),
         (
             GOOD + "vehicle: missing.yaml\n",
             (3, 10),
-            "'missing.yaml' does not exist",
-            "the path of a file",
+            "'missing.yaml'",
+            "path",
         ),
         (
             GOOD + "dispersions: {a: {distribution: unifrm}}\n",
             (3, 33),
             "'unifrm'",
-            "did you mean 'uniform'?",
+            "'uniform'",
         ),
         (
             GOOD + "dispersions: {a: {half_width: 1}}\n",
             (3, 18),
-            "no key 'distribution'",
-            "a mapping with",
+            "'distribution'",
+            "mapping",
         ),
         (
             GOOD + "dispersions: {normal: {distribution: normal, standard_deviation: 3 m}}\n",
             (3, 66),
-            "'3 m', a length",
-            "a percentage",
+            "'3 m'",
+            "percentage",
         ),
-        ("name: same\nruns: 3\n", (1, 7), "the name 'same'", "another"),
+        ("name: same\nruns: 3\n", (1, 7), "'same'", "another"),
         ("- 1\n", (1, 1), "a list of 1", "a mapping"),
     ],
 )

@@ -128,20 +128,20 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
     assert table.units == ("", "ft", "", "")
     assert table.numbers([0, 2]).tolist() == [[1.0, 1.0], [2.0, 0.0], [3.0, 0.0]]
     assert table.words(3) == ["A, B", "", "C"]
-    with pytest.raises(InputError, match=r"flights.xlsx:4: '2000,5' in the column 'apogee'"):
+    with pytest.raises(InputError, match=r"flights\.xlsx:4: '2000,5' .*'apogee'"):
         table.numbers([1])
 
 
 @pytest.mark.parametrize(
     ("text", "location", "problem"),
     [
-        ("a,b\n1,2\n1,x y\n", (3, 3), "'x y' in the column 'b'"),
-        ("a  b\n1  2\n 1.5   x\n", (3, 8), "'x' in the column 'b'"),
-        ("a b\n1 2\n\t1 \tx\n", (3, 5), "'x' in the column 'b'"),
-        ("a, b\n1, 2\n1,  x\n", (3, 5), "'x' in the column 'b'"),
-        ("a\tb\n1\t2\n1\tx\n", (3, 3), "'x' in the column 'b'"),
-        ('a;b\n1;2\n"1" ; x\n', (3, 7), "'x' in the column 'b'"),
-        ("a,b\n1,2\n\n1,\n", (4, 3), "'' in the column 'b'"),
+        ("a,b\n1,2\n1,x y\n", (3, 3), "'x y'.*'b'"),
+        ("a  b\n1  2\n 1.5   x\n", (3, 8), "'x'.*'b'"),
+        ("a b\n1 2\n\t1 \tx\n", (3, 5), "'x'.*'b'"),
+        ("a, b\n1, 2\n1,  x\n", (3, 5), "'x'.*'b'"),
+        ("a\tb\n1\t2\n1\tx\n", (3, 3), "'x'.*'b'"),
+        ('a;b\n1;2\n"1" ; x\n', (3, 7), "'x'.*'b'"),
+        ("a,b\n1,2\n\n1,\n", (4, 3), "''.*'b'"),
         ("a;b\n1,5;2\n1.5;3\n", (2, 1), "'1,5'"),  # a decimal comma, or thousands?
         ('a,b\n"1,234",2\n', (2, 1), "'1,234'"),
         ("a,b\n1,nan\n", (2, 3), "'nan'"),
@@ -149,25 +149,24 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
         ("", (1, None), "no rows"),
         (b"a\n\xff\n", (None, None), "utf-8"),
         ('{"a": 1, "b": 2}\n\n{"a": 1\n', (3, None), "delimiter"),
-        ('{"a": 1, "b": 2}\n\n{"a": 1}\n', (3, None), "'' in the column 'b'"),
+        ('{"a": 1, "b": 2}\n\n{"a": 1}\n', (3, None), "''.*'b'"),
     ],
 )
 def test_a_mistake_is_said_with_its_place(tmp_path, text, location, problem):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=problem) as caught:
         read(tmp_path, text).numbers([0, 1])
     assert (caught.value.line, caught.value.column) == location
-    assert problem in caught.value.found
 
 
 @pytest.mark.parametrize(
     ("text", "location", "problem"),
     [
-        ("time_s\n1\n", (1, None), "no column altitude"),
-        ("time_s,altitude\n1,2\n", (1, 8), "'altitude' without a unit"),
-        ("time_s,altitude_kg\n1,2\n", (1, 8), "'altitude_kg': '1 kg', a mass"),
+        ("time_s\n1\n", (1, None), "altitude"),
+        ("time_s,altitude\n1,2\n", (1, 8), "'altitude'"),
+        ("time_s,altitude_kg\n1,2\n", (1, 8), "'altitude_kg': '1 kg'"),
         ("time_s,altitude [m],altitude_m\n1,2,2\n", (1, 21), "2 columns 'altitude'"),
         ("time_s, altitude [m],  altitude_m\n1,2,2\n", (1, 24), "2 columns 'altitude'"),
-        ("time_s,altitude_min\n1,2\n", (1, None), "no column altitude"),
+        ("time_s,altitude_min\n1,2\n", (1, None), "altitude"),
         ("time_s,altitude_km\n1,1e6\n", (2, 3), "altitude 1e+09 m"),
     ],
 )
@@ -183,7 +182,7 @@ def test_numbers_that_do_not_rise_are_found_in_the_file(tmp_path):
     (tmp_path / "table.csv").write_text("word,time_ms\n'a',0\n\nbb,2\nccc,2\n")
     table = read_numbers(tmp_path / "table.csv", {"time": TIME})
     assert np.array_equal(table.values, [[0.0], [2e-3], [2e-3]])
-    with pytest.raises(InputError, match=r"time 0.002 s; expected times that increase") as caught:
+    with pytest.raises(InputError, match=r"\btime 0\.002 s\b") as caught:
         table.check_rising("time", "s")
     assert (caught.value.line, caught.value.column) == (5, 5)
 

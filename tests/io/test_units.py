@@ -62,7 +62,7 @@ def test_refused(text: object, dimension: Dimension, problem: str) -> None:
 def test_a_bare_number_has_the_default_unit_and_a_misspelt_one_is_guessed() -> None:
     assert parse_quantity("30", units.ANGLE, bare_unit="deg") == math.radians(30)
     assert parse_quantity("20 km", units.LENGTH, bare_unit="m") == 20_000.0
-    with pytest.raises(Refusal, match="did you mean 'deg'"):
+    with pytest.raises(Refusal, match="'deg'"):
         parse_quantity("3 degs", units.ANGLE)
 
 

@@ -173,8 +173,9 @@ def test_a_temporary_folder_of_another_user_is_not_used(monkeypatch, bare, kind)
     monkeypatch.setattr(
         cache.atexit, "register", lambda *call, **options: ends.append((call, options))
     )
-    with pytest.warns(RuntimeWarning, match="until this command ends"):
+    with pytest.warns(RuntimeWarning, match="XDG_CACHE_HOME") as warned:
         root = cache.cache_root()
+    assert str(root.parent) in str(warned[0].message)
     assert root.parent.parent == bare.parent and root.parent != bare
     for (function, *arguments), options in ends:
         function(*arguments, **options)

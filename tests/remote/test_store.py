@@ -144,7 +144,7 @@ def test_flights_are_copied_during_the_run(bucket, monkeypatch):
             landed.wait(0.05)
         assert landed.is_set()
         with (
-            pytest.raises(InputError, match="is running a campaign"),
+            pytest.raises(InputError, match=r" \d+ s "),
             open_store(Path(address)).writing(),
         ):
             pass
@@ -169,9 +169,9 @@ def test_a_writer_without_its_lease_stops_writing(bucket, tmp_path, monkeypatch,
             finally:
                 (folder / "late.json").write_text("{}")
 
-    with pytest.raises(StorageFullError, match="kept in"):
+    with pytest.raises(StorageFullError, match=str(tmp_path / "staging")):
         fly_on()
-    assert "process 7 on other is running a campaign" in capfd.readouterr().err
+    assert "process 7 on other" in capfd.readouterr().err
     (copy,) = (tmp_path / "staging").iterdir()
     assert (copy / "copy/late.json").exists()
     assert "late.json" not in names(store, base)

@@ -24,7 +24,7 @@ def test_switches_work_and_nothing_is_said_or_asked_for(page, report_folder):
     assert {"TLC median", "LQR 5 %", "reference"} <= set(page.ask(NAMES))
     press_box(page, "lqr")
     names = page.ask(NAMES)
-    assert "LQR retuned median" in names
+    assert any(name.startswith("LQR retuned ") for name in names)
     assert not any(name.startswith("LQR ") and "retuned" not in name for name in names)
     for name in ("all", "wide", "narrow"):
         press_box(page, name)
@@ -61,6 +61,8 @@ def test_no_other_script_runs(page, report_page, tmp_path):
 FOCUS = """(() => { const e = document.activeElement; return [e.tagName, e.id || e.name || \
 e.getAttribute("aria-label")
     || e.textContent.trim(), getComputedStyle(e).outlineStyle !== "none"]; })()"""
+TABLES = """[...document.querySelectorAll("section .scroll:has(> table)")].map(
+    (e) => e.getAttribute("aria-label"))"""
 STOPS = 90  # presses of Tab on the page; 350 if every flight of a list were a stop
 
 
@@ -77,8 +79,8 @@ def tab_to(page, target):
 
 def test_it_is_read_with_the_keyboard(page, report_folder):
     page.show(report_folder / "report.html")
-    (skip,) = tab_to(page, "Skip to the report")
-    assert skip[0] == "A"
+    page.press("Tab")
+    assert page.ask(FOCUS)[0] == "A"  # skips to the report
     page.press("Enter")
     assert page.ask(FOCUS)[:2] == ["MAIN", "main"]
     passed = tab_to(page, "Flights, the worst first")
@@ -97,9 +99,8 @@ def test_it_is_read_with_the_keyboard(page, report_folder):
     assert page.ask(FOCUS)[1] == second  # the list was drawn anew
     passed += tab_to(page, "channel")
     assert all(visible for _, _, visible in passed), "a focus that is not seen"
-    assert "Requirements in full" in [
-        name for _, name, _ in passed
-    ]  # a table that scrolls takes the focus
+    tables = set(page.ask(TABLES)) - {"Flights, the worst first"}
+    assert tables & {name for _, name, _ in passed}  # a table that scrolls takes the focus
     before = page.ask("document.getElementById('plot-words').textContent")
     page.press("ArrowDown")
     assert page.ask("document.getElementById('plot-words').textContent") != before

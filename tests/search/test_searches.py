@@ -106,7 +106,7 @@ def test_a_surrogate_learns_the_metric_and_says_what_it_is_not_for(tmp_path, lin
         campaign = write_campaign(tmp_path / problem, dispersions=dispersions, requirements=LIMIT)
         with pytest.raises(InputError, match=f"^--surrogate: .*{problem}.* without --surrogate"):
             find_rare(RareRequest(campaign, tmp_path / "no", METRIC, surrogate=True), LINE)
-    with pytest.raises(InputError, match="--flights: 63; expected at least 64"):
+    with pytest.raises(InputError, match=r"^--flights: 63; .* 64$"):
         find_rare(RareRequest(line, tmp_path / "no", METRIC, surrogate=True, flights=63), LINE)
     assert not (tmp_path / "no").exists()
 
@@ -209,18 +209,19 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
     assert worst.numbers()["other_seeds"]["range"] == (value, value, value)
     assert rare.noise_share == 0.0 and rare.includes_unwarned
     assert rare.estimate.high >= rare.estimate.unwarned_high
-    assert "failures without warning" in rare.unwarned
+    bound, flights = f"{rare.estimate.unwarned_high:.1e}", f"{rare.estimate.plain[1]:,}"
+    assert bound in rare.unwarned or flights in rare.unwarned
 
 
 def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     request = WorstRequest(line, tmp_path / "out", METRIC, flights=400)
     find_worst(request, LINE)
     before = (tmp_path / "out/manifest.json").read_bytes()
-    with pytest.raises(InputError, match=r"flights: 400 -> 500; expected another folder"):
+    with pytest.raises(InputError, match=r"\bflights: 400 -> 500; "):
         find_worst(replace(request, flights=500), LINE)
-    with pytest.raises(InputError, match="another search"):
+    with pytest.raises(InputError, match=r"\bkind: worst -> rare\b"):
         find_rare(RareRequest(line, tmp_path / "out", METRIC, flights=8000), LINE)
-    with pytest.raises(InputError, match="another version"):
+    with pytest.raises(InputError, match=r"\bsource .*\bnewer\b"):
         find_worst(request, Engine(prepare, fly_line, "newer"))
     assert (tmp_path / "out/manifest.json").read_bytes() == before
 
@@ -343,7 +344,7 @@ def test_a_requirement_is_named_by_its_id_or_by_its_metric(tmp_path):
     (controller, *_) = campaign.controllers
     assert find_requirement(campaign, controller, "R-2").limits.as_entry() == {"below": 3.0}
     assert find_requirement(campaign, controller, "sideslip_max_deg").traced["id"] == "R-3"
-    with pytest.raises(InputError, match="by its 'id'"):
+    with pytest.raises(InputError, match="'id'"):
         find_requirement(campaign, controller, METRIC)
-    with pytest.raises(InputError, match="no requirement on 'R-4'"):
+    with pytest.raises(InputError, match="'R-4'"):
         find_requirement(campaign, controller, "R-4")

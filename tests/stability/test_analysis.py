@@ -50,7 +50,8 @@ def test_flights_without_margins_count_as_zero():
     dispersions[1] = parameters(control__aileron_effectiveness=0.7)  # unstable
     dispersions[2] = parameters(initial__sideslip=np.deg2rad(20.0))  # ends at once
     margins = margins_of_flights(plan, steady, dispersions, [2.0])
-    assert margins.faults == [["", "unstable", "the flight has ended before 2 s"]]
+    ((fault, *faults, ended),) = margins.faults
+    assert (fault, faults) == ("", ["unstable"]) and ended.endswith(" 2 s")
     assert (margins.table[0] > 0.0).all()
     np.testing.assert_array_equal(margins.table[1:], 0.0)
 

@@ -1,5 +1,6 @@
 """Drivers of errors in a report, monotonic and not."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from abhv_mc.topics.section import Table
 from abhv_mc.topics.topic import Models
 
 METRIC = "altitude_error_max_m"
+SPOKEN = re.compile(r"\b(?:density|drag|lift)\b")  # names of parameters
 
 
 @pytest.fixture
@@ -53,10 +55,8 @@ def test_a_wave_and_a_product_are_told(results):
     parameters, names = driver_names(
         results, lambda x: 2.0 + x["atmosphere.density"] * x["aero.drag"]
     )
-    assert parameters == [] and names in (
-        ["density together with drag"],
-        ["drag together with density"],
-    )
+    (name,) = names
+    assert parameters == [] and sorted(SPOKEN.findall(name)) == ["density", "drag"]
 
 
 def test_what_the_regression_tells_is_not_told_twice(results):
@@ -82,15 +82,12 @@ def test_a_driver_has_its_sign_and_a_product_remains_beside_it(results):
         return 4.0 - 0.8 * x["aero.lift"] + product
 
     assert driver_names(results, error)[0] == ["aero.lift"]
-    assert sorted(driver_names(results, error)[1][0].split(" together with ")) == [
-        "density",
-        "drag",
-    ]
+    assert sorted(SPOKEN.findall(driver_names(results, error)[1][0])) == ["density", "drag"]
     section = driver_section(changed_drivers(results, error), Models(results).names)
     (table,) = [item for item in section.items[1].items if isinstance(item, Table)]
     rows = [row for row in table.plain_rows() if row[0] == "TLC" and row[1].startswith("Altitude")]
     assert rows[0][3].split(" (")[0] == "lift"
-    assert all("of the variance" in row[4] for row in rows[1:]) and len(rows) == 3
+    assert all(re.search(r"\d\s?%", row[4]) for row in rows[1:]) and len(rows) == 3
     sentence = driver_sentences(changed_drivers(results, error), Models(results).names)[0]
     assert "altitude error: lift (\N{MINUS SIGN}) and d" in sentence
 
@@ -107,12 +104,10 @@ def test_each_parameter_is_named_once():
         return Share(name, first, 0.6, partner)
 
     density, lift, drag = "atmosphere.density", "aero.lift", "aero.drag"
-    assert otherwise_words(
+    pair, alone = otherwise_words(
         [entry(density, lift, 0.1), entry(lift, density, 0.1), entry(drag, density, 0.0)]
-    ) == [
-        "density together with lift",
-        "drag",
-    ]
+    )
+    assert SPOKEN.findall(pair) == ["density", "lift"] and alone == "drag"
     assert otherwise_words([entry(density, lift, 0.5), entry(lift, density, 0.1)]) == [
         "density",
         "lift",

@@ -1,5 +1,6 @@
 """Rules in words for planted failures."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -25,16 +26,14 @@ def test_a_difference_of_inputs_is_said_as_directions_with_an_example(flown):
     density = (results.samples["atmosphere.density"] - 1.0) / 0.10
     drag = (results.samples["aero.drag"] - 1.0) / 0.15
     rule = rules_of(results, density - drag > 1.2)[0]
-    assert "of the failures (0\u202f% of the other flights) have density and drag " in rule
-    assert "(e.g. density +" in rule and ", drag \N{MINUS SIGN}" in rule
+    assert re.search(r"\(0\s% [^)]*\) .*\bdensity \w+ drag\b", rule)
+    assert re.search(r"\([^)]*\bdensity \+[^)]*, drag \N{MINUS SIGN}", rule)
     both = rules_of(results, np.abs(density - drag) > 1.2)[0]
-    assert "opposite directions" in both
+    assert "opposite" in both
 
 
 def test_a_threshold_of_one_input_is_said_with_its_value(flown):
     results = flown(80)
     drag = results.samples["aero.drag"]
     rule = rules_of(results, drag > 1.08)[0]
-    assert rule.startswith(
-        "100\u202f% of the failures (0\u202f% of the other flights) have drag above +"
-    )
+    assert re.match(r"100\s% [^(]*\(0\s% [^)]*\) [^(]*\bdrag above \+\d", rule)

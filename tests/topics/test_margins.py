@@ -1,6 +1,7 @@
 """Section on stability: unstable and weak loops, and margins of flights."""
 
 import json
+import re
 
 import pytest
 from report.synthetic import write_campaign
@@ -66,12 +67,9 @@ def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_on
     tlc, lqr, retuned = (
         margin_words(models[MARGINS], name) for name in ("tlc", "lqr", "lqr_retuned")
     )
-    assert "level flight: 0.8 dB (rudder)" in tlc
-    assert (
-        lqr
-        == "unstable in steady, level flight (poles at +0.120 \N{PLUS-MINUS SIGN} 2.78j per second)"
-    )
-    assert "level flight: 12.0 dB" in retuned
+    assert ": 0.8 dB (rudder)" in tlc
+    assert re.match(r"unstable\b.*\(.* \+0\.120 \N{PLUS-MINUS SIGN} 2\.78j\b", lqr)
+    assert ": 12.0 dB" in retuned
 
 
 def test_the_section_has_each_loop(models):
@@ -87,5 +85,5 @@ def test_the_section_has_each_loop(models):
         "44",
     ] in rows
     assert any(row[1:3] == ["left_elevon", "none / 3.0"] for row in rows)
-    assert any(row[0] == "LQR" and row[1].startswith("unstable in steady") for row in rows)
+    assert any(row[0] == "LQR" and row[1].startswith("unstable") for row in rows)
     assert [row[0] for row in rows if row[1] == "throttle"] == ["TLC", "LQR retuned"]

@@ -3,6 +3,7 @@
 import copy
 import importlib.util
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -97,7 +98,7 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
     kinds = failing_numbers["failures"]["controllers"]["lqr"]
     early = next(kind for kind in kinds if kind["kind"] == "ended early")
     assert early["rules"][0]["conditions"][0]["parameter"] == "atmosphere.density"
-    assert "have density above +" in early["rules"][0]["rule"]
+    assert re.search(r"\bdensity above \+\d", early["rules"][0]["rule"])
     speed = drivers["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]
     assert {entry["parameter"] for entry in speed if entry["driver"]} >= {
         "atmosphere.density",
@@ -214,7 +215,7 @@ def test_columns_of_one_text_move_into_the_caption():
     rows = tuple((Cell(str(k), head=True), Cell("same"), Cell(f"{k} m")) for k in range(3))
     table = Table("Flights", ("Flight", "Outcome", "Error"), (rows,)).without_constant()
     assert table.heads == ("Flight", "Error") and table.plain_rows()[2] == ["2", "2 m"]
-    assert table.caption == "Flights. In all rows: Outcome: same"
+    assert re.fullmatch(r"Flights\. .*: Outcome: same", table.caption)
     alone = Table("Flights", ("Flight", "Outcome", "Error"), (rows[:1],))
     assert alone.without_constant() == alone
 
@@ -286,7 +287,7 @@ def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
         "correlate"
     ]
     errors = capsys.readouterr().err
-    assert errors.count("the topic broken is left out") == 1 and "ZeroDivisionError" in errors
+    assert len(re.findall(r"(?m)\bbroken\b.*:$", errors)) == errors.count("ZeroDivisionError:") == 1
 
 
 @pytest.mark.parametrize(("name", "message"), [("margins", "built in"), ("x-y", "Python name")])

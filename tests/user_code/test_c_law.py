@@ -1,6 +1,7 @@
 """Control laws in C: same results as built-in laws; violations are rejected by name."""
 
 import ctypes
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -163,9 +164,8 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     plan = make(HEAD + INIT + STEP % "dt = own->ticks == 30 ? 0.0 / 0.0 : dt;")
     block = fly(plan, parameters)
     assert {Outcome(code) for code in block.outcome} == {Outcome.NOT_FINITE}
-    assert describe_end(plan, parameters[:1], Outcome.NOT_FINITE).endswith(
-        "The first was the throttle command (equivalence_ratio_command) at 0.31 s."
-    )
+    ended = describe_end(plan, parameters[:1], Outcome.NOT_FINITE)
+    assert re.search(r"\(equivalence_ratio_command\) .*\b0\.31 s\.$", ended)
 
 
 @pytest.mark.parametrize(
@@ -187,16 +187,16 @@ def test_a_law_that_fails_at_its_first_ticks_is_rejected_with_its_line(
 
 
 REFUSED = {
-    "hidden memory": PLAIN.replace(
+    "memory": PLAIN.replace(
         "double alpha =", "static double x; x += m->bank;\n    double alpha = x +"
     ),
     "SIGSEGV, at 0.31 s (tick 31), measured: altitude 20": PLAIN.replace(
         "own->ticks += 1;", "own->ticks += 1; if (own->ticks == 32) *(volatile int *)0 = 1;"
     ),
     "'expected": PLAIN.replace("return 2;", "return 2"),
-    "helper.h: No such file": '#include "helper.h"\n' + PLAIN,
-    "abhv_law_state_get alone": PLAIN.replace("abhv_law_state_set", "another_name"),
-    "no function abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
+    "helper.h: ": '#include "helper.h"\n' + PLAIN,
+    "abhv_law_state_get": PLAIN.replace("abhv_law_state_set", "another_name"),
+    "abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
 }
 
 
@@ -210,7 +210,7 @@ def test_what_is_no_law_is_refused_in_words(make, message):
             refused.value.line
             == REFUSED[message][: REFUSED[message].index("return 2\n")].count("\n") + 1
         )
-    if "No such file" in message:
+    if message.startswith("helper.h"):
         assert refused.value.expected.startswith("files: [helper.h]")
 
 
@@ -278,12 +278,12 @@ def test_a_library_flies_and_what_it_links_to_is_declared(make, tmp_path):
     (tmp_path / "own.yaml").write_text(
         head.replace("limit", "bank_limit") + "files: [libhelp.so]\n"
     )
-    with pytest.raises(InputError, match="built with other headers"):
+    with pytest.raises(InputError, match=r"\blimit\b.*\bbank_limit\b"):
         short_plan(100, tmp_path / "own.yaml", "level")
     build(far, GAIN, layout, "libfar")
     build(tmp_path, PLAIN, layout, "libmine", f"-L{far}", "-lfar", f"-Wl,-rpath,{far}")
     (tmp_path / "own.yaml").write_text(head)
-    with pytest.raises(InputError, match=r"links to .*libfar.so.*files: \[libfar.so\]"):
+    with pytest.raises(InputError, match=r"libfar\.so.*files: \[libfar\.so\]"):
         short_plan(100, tmp_path / "own.yaml", "level")
 
 

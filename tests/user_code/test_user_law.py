@@ -158,7 +158,7 @@ def test_a_stored_plan_holds_no_source_and_does_not_fly_without(make, tmp_path, 
     stored = read_plan(tmp_path / "plan.npz", lambda arrays: rebuild_plan(arrays, vehicle))
     assert stored.source is None
     assert stored.source_hash == plan.source.hash
-    with pytest.raises(ValueError, match="not its source"):
+    with pytest.raises(ValueError, match=r"\bsource\b"):
         fly(stored, nominal_parameters())
     travelled = pickle.loads(pickle.dumps(plan))  # noqa: S301  as to a worker process
     assert_same(fly(plan, nominal_parameters(2)), fly(travelled, nominal_parameters(2)))
@@ -263,25 +263,25 @@ def test_design_gives_gains_and_the_linear_plant(make):
 LINE = "    return Command(0.0, 0.0, 0.0, 1.0)\n"
 MUTE = "class Mute(Exception):\n    def __str__(self):\n        raise RuntimeError\nraise Mute\n"
 WRONG = [
-    ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "lists", "lists are not allowed"),
+    ("def law(measured):\n    x = [measured.bank]\n" + LINE, 5, "lists", "lists"),
     (
         "def law(measured):\n    x = measured.alttitude\n" + LINE,
         5,
         "measured.alttitude",
-        "did you mean 'altitude'",
+        "'altitude'",
     ),
-    ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "variable 'n'", "Memory"),
+    ("def law(measured):\n    global n\n    n = 1\n" + LINE, 5, "'n'", "Memory"),
     (
         "def law(measured):\n    if measured.bank > 0.0:\n    " + LINE,
         5,
-        "without 'return'",
+        "'return'",
         "return Command",
     ),
     ("def law(measured):\n    return 1.0\n", 5, "'return 1.0'", "return Command"),
-    ("def law(measured):\n" + LINE + MUTE, 9, "a file that raises Mute", "runs without errors"),
-    ("def law(measurd):\n" + LINE, 4, "the argument 'measurd'", "did you mean 'measured'"),
-    ("def law(memory):\n" + LINE, 4, "does not define 'memory'", "class Memory"),
-    ("def law(measured):\n    x = measured.bank @ 1.0\n" + LINE, 5, "does not compile", "floats"),
+    ("def law(measured):\n" + LINE + MUTE, 9, "Mute", "errors"),
+    ("def law(measurd):\n" + LINE, 4, "'measurd'", "'measured'"),
+    ("def law(memory):\n" + LINE, 4, "'memory'", "class Memory"),
+    ("def law(measured):\n    x = measured.bank @ 1.0\n" + LINE, 5, "compile", "floats"),
 ]
 
 
@@ -412,17 +412,15 @@ def test_a_number_that_is_lost_later_ends_the_flight(make):
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "place", "named"),
     [
-        (
-            "{pth: 1.0}",
-            "4:12: unknown key 'pth'; expected one of path, bank_limit (did you mean 'path'?)",
-        ),
-        ("{bank_limit: 60 m}", "4:24: '60 m', a length; expected an angle"),
-        ("{path: fast}", "4:18: 'fast'"),
+        ("{pth: 1.0}", "4:12", ("'pth'", "'path'", "bank_limit")),
+        ("{bank_limit: 60 m}", "4:24", ("'60 m'", "angle")),
+        ("{path: fast}", "4:18", ("'fast'",)),
     ],
 )
-def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, settings, message):
+def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, settings, place, named):
     with pytest.raises(InputError) as caught:
         make(CASCADE.format(compiled=""), settings)
-    assert f"{tmp_path / 'law.yaml'}:{message}" in str(caught.value)
+    assert str(caught.value).startswith(f"{tmp_path / 'law.yaml'}:{place}: ")
+    assert all(name in str(caught.value) for name in named)

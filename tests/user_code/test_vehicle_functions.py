@@ -175,25 +175,25 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
         text.replace("def coefficients(air, controls, rates)", "def coefficients(air, weather)"),
         encoding="utf-8",
     )
-    with pytest.raises(InputError, match=r"own\.py:\d+:23: the argument 'weather'"):
+    with pytest.raises(InputError, match=r"own\.py:\d+:23: .*'weather'"):
         load_vehicle(path)
     own.write_text(text.replace("def coefficients", "def others"), encoding="utf-8")
-    with pytest.raises(InputError, match="no function 'coefficients'"):
+    with pytest.raises(InputError, match="'coefficients'"):
         load_vehicle(path)
     settings = (
         "from typing import NamedTuple\nclass Settings(NamedTuple):\n    a: float = float('nan')\n"
     )
     own.write_text(text + settings, encoding="utf-8")
-    with pytest.raises(InputError, match="the setting 'a' has no value"):
+    with pytest.raises(InputError, match=r"own\.py\S*: .*'a'"):
         load_vehicle(path)
 
 
 @pytest.mark.parametrize(
-    ("lift", "flow", "problem"),
-    [("air.mach * INF * 0.0", "0.0", "a coefficient"), ("0.0", "INF", "a component of force")],
+    ("lift", "flow", "quantity"),
+    [("air.mach * INF * 0.0", "0.0", "coefficient"), ("0.0", "INF", "force")],
 )
 def test_a_function_that_is_not_finite_is_rejected(
-    tmp_path: Path, lift: str, flow: str, problem: str
+    tmp_path: Path, lift: str, flow: str, quantity: str
 ) -> None:
     path = write_ghame_x(tmp_path)
     functions = f"""
@@ -205,7 +205,7 @@ def thrust(air, throttle):
     return Thrust(force_x=throttle, fuel_flow={flow})
 """
     (tmp_path / "own.py").write_text(functions, encoding="utf-8")
-    with pytest.raises(InputError, match=rf"own\.py:\d+: {problem}.* is not finite"):
+    with pytest.raises(InputError, match=rf"own\.py:\d+: .*\b{quantity}\b.*\bfinite\b"):
         make_flight_plan("level", str(path), "tlc")
 
 

@@ -139,15 +139,13 @@ def test_terms_scales_and_effectors(write):
         pytest.param(
             "inertia_zz: 25", "inertia_zz: 31", (7, 7), "impossible", id="impossible inertia"
         ),
-        pytest.param(
-            "[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "minimum and maximum", id="empty engine range"
-        ),
+        pytest.param("[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "minimum", id="empty engine range"),
         pytest.param("area: push", "area: pull", (14, 9), "of push", id="unknown table"),
         pytest.param(
             "surfaces: {",
             "surfaces: {kind: first_order, ",
             (11, 11),
-            "bandwidth and rate_limit",
+            "rate_limit",
             id="first order with damping",
         ),
         pytest.param(
@@ -157,12 +155,10 @@ def test_terms_scales_and_effectors(write):
             "aileron: 0.5}",
             "aileron: 0.5, kind: first_order, damping: 0.5}",
             (10, 9),
-            "an effector of the kind first_order",
+            "first_order",
             id="first-order effector with damping",
         ),
-        pytest.param(
-            "unit: 1/deg, ", "", (25, 10), "1/deg or 1/rad", id="derivative without a unit"
-        ),
+        pytest.param("unit: 1/deg, ", "", (25, 10), "1/rad", id="derivative without a unit"),
         pytest.param(
             "constant: 1000",
             "constant: 30000",
@@ -214,7 +210,7 @@ def with_tables(tables):
 
 def test_too_many_tables_or_grids_are_rejected(write, tmp_path):
     """Each table has a different Mach grid; SMALL itself has three grids."""
-    with pytest.raises(InputError, match=f"at most {MAX_TABLE_ROWS}"):
+    with pytest.raises(InputError, match=rf"\b{MAX_TABLE_ROWS}\b"):
         load_vehicle(
             write(with_tables([(f"t{i}", f"{{constant: {i}}}") for i in range(MAX_TABLE_ROWS)]))
         )
@@ -225,7 +221,7 @@ def test_too_many_tables_or_grids_are_rejected(write, tmp_path):
         load_vehicle(write(with_tables(tables[: MAX_AXES // 2]))).tables.axis_variable.size
         == MAX_AXES // 2 + 3
     )
-    with pytest.raises(InputError, match="different grids"):
+    with pytest.raises(InputError, match=r"\bgrids\b"):
         load_vehicle(write(with_tables(tables)))
 
 
@@ -303,7 +299,7 @@ def _with_drag(repository, change):
         ),
         (
             lambda drag, mach, alpha: 0.05 * drag,
-            r"lift-to-drag ratio is [\d.]+ at Mach [\d.]+",
+            r"\blift-to-drag\b.* [\d.]+ .*\bMach [\d.]+",
         ),
     ],
 )
@@ -321,9 +317,9 @@ def test_an_implausible_drag_causes_a_warning(repository, change, pattern):
             "pitching_moment",
             "pitch_rate",
             -1.0,
-            "2.81 per unit of pitch rate.*pitch rate is amplified",
+            r"\b2\.81 .*\bpitch rate\b",
         ),
-        ("yawing_moment", "sideslip", -1.0, "-0.30.* statically unstable in yaw"),
+        ("yawing_moment", "sideslip", -1.0, r"-0\.30.*\bunstable\b.*\byaw\b"),
         ("rolling_moment", "roll_rate", 180 / np.pi, "would be -0.1"),
     ],
 )

@@ -87,7 +87,7 @@ def test_arrays_of_another_shape_are_refused(tmp_path, name):
     parts = stored_arrays(plan)
     changed = parts[name][:, :-1] if parts[name].ndim == 2 else parts[name][:-1]
     np.savez(tmp_path / "one.npz", **{**parts, name: changed})
-    with pytest.raises(InputError, match="damaged plan"):
+    with pytest.raises(InputError, match=rf"one\.npz: .*\b{name.removesuffix('.grid')}: "):
         read(tmp_path / "one.npz", plan)
     write_plan(
         tmp_path / "one.npz",
@@ -102,9 +102,9 @@ def test_pickles_are_not_opened_and_damaged_or_missing_plans_are_named(tmp_path)
     np.savez(pickled, controller=np.array([object()], dtype=object))
     for content in (pickled.getvalue(), b"", b"PK\x03\x04 nothing"):
         (tmp_path / "bad.npz").write_bytes(content)
-        with pytest.raises(InputError, match="damaged plan"):
+        with pytest.raises(InputError, match=r"bad\.npz"):
             read(tmp_path / "bad.npz", make_plan("one"))
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match=r"none\.npz"):
         read(tmp_path / "none.npz", make_plan("one"))
 
 

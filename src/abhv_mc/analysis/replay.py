@@ -20,6 +20,8 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError
 
+EQUAL_BITS = "equal the stored metrics bit for bit"  # what a report says of the metrics
+
 
 @dataclass(frozen=True)
 class Replay:

@@ -30,7 +30,7 @@ def replay(
 
     The exit code is 1 if any metric differs.
     """
-    from abhv_mc.analysis.replay import replay_flight
+    from abhv_mc.analysis.replay import EQUAL_BITS, replay_flight
     from abhv_mc.flight.repeatability import ROUNDING, Repeatability
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import first_controller
@@ -71,7 +71,7 @@ def replay(
         elif replay.repeatability is Repeatability.ROUNDING:
             say(f"metrics equal the stored metrics within a relative error of {ROUNDING:g}")
         else:
-            say("metrics equal the stored metrics bit for bit")
+            say(f"metrics {EQUAL_BITS}")
         if replay.differences and replay.repeatability is not None:
             say(replay.repeatability.sentence)
 

@@ -10,6 +10,7 @@ from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.io.input_error import InputError
 
 DAMAGED = "the file is damaged or was changed after the run"
+REPLACED = "a run replaced files of this folder while the files were read"
 GONE = "the file is missing, but the manifest lists it"
 
 
@@ -100,8 +101,7 @@ def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
     Call this function after the files have been read.
     """
     if not manifest.files.items() <= read_manifest(folder.manifest).files.items():
-        problem = "a run replaced files of this folder while the files were read"
-        raise InputError(folder.root, problem, "the same command after the run has ended")
+        raise InputError(folder.root, REPLACED, "the same command after the run has ended")
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ from abhv_mc.statistics.evidence import (
 
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
+SET_LATER = "set after results were known"
 UNSEARCHED = "the worst values of the unknowns were not searched for; use a new folder"
 MOST_TIMES = 10  # largest recommended number of flights, as a multiple of the present number
 _LIKELY = 0.5  # minimum chance of PASS after a recommended extension

@@ -30,8 +30,8 @@ def campaign(folder, table, **entries):
 
 def test_what_looks_right_and_would_be_left_out_is_refused(tmp_path):
     for entries, message in (
-        ({"keep": "{histories: {flights: '5'}}"}, "'5'.*or the number of a flight"),
-        ({"execution": "{workers: }"}, "nothing; expected 'auto' or a whole number"),
+        ({"keep": "{histories: {flights: '5'}}"}, "'5'"),
+        ({"execution": "{workers: }"}, r"\bnothing; .*'auto'"),
     ):
         with pytest.raises(InputError, match=message):
             read_campaign(write_campaign(tmp_path, **entries))
@@ -191,7 +191,7 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes without"),
         (
             {"keep": {"histories": {"channels": ["altitude_m"]}}, "histories": {"altitude": {}}},
-            "channels of the built-in",
+            "built-in",
         ),
         ({"dispersions": {"altitude": {"distribution": "normal", "sigma": "50 kg"}}}, "a mass"),
         (
@@ -284,7 +284,7 @@ def of_tables(folder, inputs=INPUTS, requirements=2000):
 def test_a_missing_key_of_a_campaign_with_tables_is_missing_in_the_campaign(tmp_path):
     path = of_tables(tmp_path, requirements=1)
     path.write_text(path.read_text().replace('"runs": 100', '"seed": 1'))
-    with pytest.raises(InputError, match=r"tables.yaml:1:1: no key 'runs'"):
+    with pytest.raises(InputError, match=r"tables\.yaml:1:1: .*'runs'"):
         read_campaign(path)
 
 

@@ -1,5 +1,7 @@
 """Infeasible campaigns: `validate` rejects them with a location, `run` warns."""
 
+import re
+
 import pytest
 from fake_flight import run, write_campaign
 
@@ -20,32 +22,33 @@ def disperse(law, name="atmosphere.density"):
 
 
 @pytest.mark.parametrize(
-    ("entries", "messages"),
+    ("entries", "named"),
     [
         (
             dict(runs="400", requirements=RARE),
-            "0.9999 that 400 flights cannot demonstrate|at least 26",
+            "0.9999 400",
         ),
         (
             dict(
                 requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.99}]",
                 family="{risk: 0.001}",
             ),
-            "demonstrate at a risk of 0.0005",
+            "0.0005",
         ),
-        (ask("altitude_error_max_m", "below", "-50"), "below -50, which no flight meets"),
-        (ask("altitude_error_max_m", "above", "-50"), "above -50, which every flight meets"),
-        (disperse("uniform, half_width: 12"), "did you mean '12 %' in place of 12?"),
-        (disperse("uniform, half_width: 120 %"), "'atmosphere.density' down to -0.2"),
-        (disperse("uniform, low: 0, high: 2"), "down to 0"),
-        (disperse("normal, sigma: 40 %"), "down to -0.9"),
-        (disperse("discrete, values: [0, 1]"), "down to 0"),
+        (ask("altitude_error_max_m", "below", "-50"), "below -50"),
+        (ask("altitude_error_max_m", "above", "-50"), "above -50"),
+        (disperse("uniform, half_width: 12"), "12 %"),
+        (disperse("uniform, half_width: 120 %"), "atmosphere.density -0.2"),
+        (disperse("uniform, low: 0, high: 2"), "atmosphere.density 0"),
+        (disperse("normal, sigma: 40 %"), "atmosphere.density -0.90137"),
+        (disperse("discrete, values: [0, 1]"), "atmosphere.density 0"),
     ],
 )
-def test_what_cannot_come_out_is_found(tmp_path, entries, messages):
+def test_what_cannot_come_out_is_found(tmp_path, entries, named):
     """Regression: each of these campaigns was valid, and its flights were useless."""
     (problem,) = find_impossible(read_campaign(write_campaign(tmp_path, **entries)))
-    assert any(message in str(problem) for message in messages.split("|")) and problem.line
+    words = re.findall(r"[\w.%-]+", f"{problem.found} {problem.expected}")
+    assert set(named.split()) <= set(words) and problem.line
 
 
 @pytest.mark.parametrize(
@@ -69,30 +72,24 @@ def test_what_can_is_not(tmp_path, entries):
     assert find_impossible(read_campaign(write_campaign(tmp_path, **entries))) == []
 
 
-LIFT = "aero.lift: {distribution"
-ABSENT = "refers to a component that the vehicle does not have"
-
-
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("old", "new", "named"),
     [
-        (LIFT, LIFT.replace("aero.lift", "aero.drag.elevator"), f"'aero.drag.elevator' {ABSENT}"),
-        (LIFT, LIFT.replace("aero.lift", "control.effector_9_effectiveness"), ABSENT),
-        ("runs: 2200", "runs: 400", "that 400 flights cannot demonstrate"),
+        ("aero.lift: {d", "aero.drag.elevator: {d", "'aero.drag.elevator'"),
+        ("aero.lift: {d", "control.effector_9_effectiveness: {d", "'control.effector_9_eff"),
+        ("runs: 2200", "runs: 400", r"\b0\.\d+ .*\b400\b"),
     ],
 )
 def test_validate_refuses_what_the_vehicle_lacks_and_what_cannot_be_shown(
-    repository, tmp_path, old, new, message
+    repository, tmp_path, old, new, named
 ):
     text = (repository / "campaigns/s_manoeuvre.yaml").read_text().replace("../", f"{repository}/")
     (tmp_path / "c.yaml").write_text(text.replace(old, new))
-    with pytest.raises(InputErrors, match=message):
+    with pytest.raises(InputErrors, match=named):
         check_inputs(tmp_path / "c.yaml")
 
 
 def test_run_warns_flies_and_shows_nothing(tmp_path):
     manifest = run(write_campaign(tmp_path / "f", requirements=RARE), tmp_path / "out").manifest
-    assert manifest.warnings[0].startswith(
-        "the campaign has a probability of 0.9999 that 300 flights cannot"
-    )
+    assert re.search(r"\b0\.9999\b.*\b300\b", manifest.warnings[0])
     assert manifest.requirements[0].verdict in ("NOT SHOWN", "FAIL")

@@ -122,10 +122,10 @@ def test_functions_and_infinite_values(tmp_path: Path):
         ("{aero.drag: 2 * aero.lfit}", "'aero.lfit'.*'aero.lift'"),
         ("{aero.drag: 1 + lift}", "'lift'"),
         ("{aero.drag: aero.lift ** 2}", r"aero\.lift \*\* 2"),
-        ("{aero.drag: aero.lift + 0.05}", "1.05 at the nominal values"),
+        ("{aero.drag: aero.lift + 0.05}", r"\b1\.05\b"),
         (
             "{aero.drag: aero.lift, aero.side_force: aero.drag}",
-            "'aero.drag' is itself derived",
+            "'aero.drag'",
         ),
         ("{wind.turbulence_seed: aero.lift}", "a seed"),
     ],
@@ -156,7 +156,7 @@ def test_csv_and_parquet_give_the_same(tmp_path):
         ("aero.lift\n1.0\nx\n", 3, 1, "'x'"),
         ("aero.lift,aero.drag\n1.0,inf\n", 2, 5, "'inf'"),
         ("aero.lft\n1.0\n", 1, 1, "column 'aero.lft'"),
-        ("flight,aero.lift\n1,1.0\n", 2, None, "does not count up"),
+        ("flight,aero.lift\n1,1.0\n", 2, None, "flight"),
     ],
 )
 def test_bad_files_are_refused_in_place(tmp_path, text, line, column, message):

@@ -107,22 +107,21 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
 
 
 @pytest.mark.parametrize(("settings", "message"), [
-    (["atmosphere.density.half_width=12%"], "expected a distribution within 0.9"),
-    (["atmosphere.density.half_width=0.4%"], "an effective number of at least 750"),
-    (["aero.lift.sigma=9%"], "the range of the 1500 flights; expected at most 1 %"),
-    (["aero.lift=9%"], "expected aero.lift.sigma=VALUE"),
-    (["aero.drag.sigma=5%"], "'aero.drag', which the campaign did not disperse"),
+    (["atmosphere.density.half_width=12%"], r" 0\.9\b"),
+    (["atmosphere.density.half_width=0.4%"], r"\b750\b"),
+    (["aero.lift.sigma=9%"], r"\b1500\b.*\b1 %"),
+    (["aero.lift=9%"], r"aero\.lift\.sigma=VALUE"),
+    (["aero.drag.sigma=5%"], r"'aero\.drag'"),
     (["aero.lift.distribution=discrete", "aero.lift.values=[0.9, 1.1]"],
-        "a distribution of the same kind"),
+        r"\bkind\b"),
 ])  # fmt: skip
 def test_what_the_flights_do_not_say_is_refused(flown, settings, message):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=message):
         make_whatif(flown, parse_settings(settings))
-    assert message in str(caught.value)
 
 
 def test_designs_without_independent_flights_are_refused(tmp_path):
-    with pytest.raises(InputError, match="not independent draws"):
+    with pytest.raises(InputError, match=r"\blhs\b"):
         make_whatif(
             fly(tmp_path, sampling="lhs", runs="20"), parse_settings(["aero.lift.sigma=4%"])
         )

