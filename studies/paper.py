@@ -220,6 +220,12 @@ differ from the values of the rules by at most 1.1 %, which moves no end point b
 the number of ends inside is the same. All other stored numbers are equal to those of the command, which prints the
 differences and keeps the stored members if no value differs by more than {tolerance:.1f} %.
 
+With the options `--fresh --searches 19`, the command starts from `abhv` alone, searches from random starts with all
+limits and rules, and writes to another folder. Its 2567 simulated vehicles contain only 5 members, of which `abhv` is
+one. All satisfy the limits above, at least 18 ends are inside, and the largest miss is 15 % of an axis (16 % for the
+stored members). Their L/D at 1 g is 3.6 to 4.3 (3.8 to 4.7), and their Cn_r -0.67 to -0.43 (-0.74 to -0.39). Such a
+search thus finds vehicles of the same kind, but not the same vehicles, and it did not reach eight members.
+
 ## Control powers
 
 The derivatives are per radian and apply at the trim point.

@@ -15,11 +15,11 @@ The results of about sixty such searches, which ran without limits on damping, a
 rules apply these limits to each result (`limit_damping`), and add variants with less pitch damping
 (`with_damping`). Without options, the command selects the ensemble from these and compares it with
 the stored one, which it keeps if the values agree within TOLERANCE. `--searches` adds more
-searches. `--fresh` starts with only the shipped vehicle, and writes to DIR. Then each figure in
-turn is left out and predicted, from three random starts. The results are written after each step.
-After an interruption the same command resumes from DIR, which must be emptied if the box or the
-sides change. More threads do not help with Riccati equations of 4 x 4. `--smoke` simulates one
-candidate.
+searches. `--fresh` starts with only the shipped vehicle, searches from random starts and writes to
+DIR. Then each figure in turn is left out and predicted, from three random starts. The results are
+written after each step. After an interruption the same command resumes from DIR, which must be
+emptied if the box or the sides change. More threads do not help with Riccati equations of 4 x 4.
+`--smoke` simulates one candidate.
 """
 
 import argparse
@@ -44,7 +44,7 @@ SHIPPED = "seed-2"  # the vehicle abhv
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
 LEFT_OUT_SEEDS = (2, 3, 4)
 ALIKE = 0.02  # logarithmic difference of all traits up to which vehicles count as equal
-RANDOM_STARTS = 4  # number of searches without an aim, if no vehicles are known
+RANDOM_STARTS = 4  # number of fresh searches that do not avoid the members
 DAMPING = -0.4027  # 1/s, pitch damping of the shipped vehicle
 LEVELS = (1.02 * DIFFERENT) ** np.arange(1.0, 4.0)  # of pitch damping
 TOLERANCE = 0.015  # relative difference of values up to which stored members are kept
@@ -285,10 +285,8 @@ def find_members(
     if fresh:
         vehicles = {SHIPPED: vehicles[SHIPPED]}
     for number in range(1, searches + 1):
-        if fresh and number <= RANDOM_STARTS:
-            search = Search(f"search-{number}", number)
-        elif fresh and number <= 2 * RANDOM_STARTS:
-            members = choose_members(vehicles).values()
+        if fresh:
+            members = choose_members(vehicles).values() if number > RANDOM_STARTS else ()
             avoided = tuple(other_damping(member.traits) for member in members)
             search = Search(f"search-{number}", number, members=avoided)
         else:
