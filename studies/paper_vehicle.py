@@ -10,20 +10,23 @@ search that may be members are stored. The ensemble is the largest set of these 
 shipped vehicle and in which any two differ in three traits. Each search (paper_vehicle_search.py)
 aims at a vehicle that would enlarge the set.
 
-The members that about sixty such searches found are stored. The figures do not determine their
-pitch damping, which was reduced afterwards to satisfy its limit and to differ between members, and
-the yaw damping of two members was increased to satisfy the limit of the rudder's share.
-`--searches` adds more, `--fresh` starts with only the shipped vehicle. Then each figure in turn is
-left out and predicted, from three random starts. studies/paper_vehicle.json is written after each
-step. After an interruption the same command resumes from DIR, which must be emptied if the box or
-the sides change. More threads do not help with Riccati equations of 4 x 4. `--smoke` simulates one
-candidate.
+The results of about sixty such searches, which ran without limits on damping, are stored
+(paper_vehicle_starts.json). The figures do not determine pitch damping and hardly yaw damping, so
+rules apply these limits to each result (`limit_damping`), and add variants with less pitch damping
+(`with_damping`). Without options, the command selects the ensemble from these and compares it with
+the stored one, which it keeps if the values agree within TOLERANCE. `--searches` adds more
+searches. `--fresh` starts with only the shipped vehicle, searches from random starts and writes to
+DIR. Then each figure in turn is left out and predicted, from three random starts. The results are
+written after each step. After an interruption the same command resumes from DIR, which must be
+emptied if the box or the sides change. More threads do not help with Riccati equations of 4 x 4.
+`--smoke` simulates one candidate.
 """
 
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -33,28 +36,67 @@ from experiment import ROOT, Floats
 from numpy.typing import NDArray
 from paper_vehicle_box import first_mean
 from paper_vehicle_flights import TRAITS, Seen, fly_candidate, third_trait
-from paper_vehicle_search import DIFFERENT, Found, Outcome, Search, rank, run
+from paper_vehicle_search import DIFFERENT, Found, Outcome, Search, limit_damping, rank, run
 
-STARTS = ROOT / "studies/paper_vehicle_starts.json"  # vehicles of earlier searches
+STARTS = ROOT / "studies/paper_vehicle_starts.json"  # results of earlier searches
+STORED = ROOT / "studies/paper_vehicle.json"
 SHIPPED = "seed-2"  # the vehicle abhv
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
 LEFT_OUT_SEEDS = (2, 3, 4)
 ALIKE = 0.02  # logarithmic difference of all traits up to which vehicles count as equal
+RANDOM_STARTS = 4  # number of fresh searches that do not avoid the members
+DAMPING = -0.4027  # 1/s, pitch damping of the shipped vehicle
+LEVELS = (1.02 * DIFFERENT) ** np.arange(1.0, 4.0)  # of pitch damping
+TOLERANCE = 0.015  # relative difference of values up to which stored members are kept
 AIMED = 6  # number of traits with an aim; the figures determine the other two
 _AIMS, _TRIES = 300, 6  # aims drawn for a search, and sets tried for each
 _MOVED = 0.25  # standard deviation of an aim from a known vehicle, logarithmic
 _BEYOND = 0.12  # largest distance of an aim outside the known vehicles, logarithmic
+_CHANGE = 0.01  # added to the rank for each level of pitch damping
+_VARIED = 3  # number of a search's candidates whose pitch damping is varied
 
 
 def read_starts() -> dict[str, Found]:
-    """Return the stored vehicles that still satisfy the rules of members."""
+    """Return the vehicles of the stored searches that satisfy the rules of members.
+
+    The searches ran without the limits of damping, so that these are applied here.
+    """
     vehicles = {}
     for name, values in json.loads(STARTS.read_text(encoding="utf-8")).items():
-        candidate = fly_candidate(values)
-        grade = rank(candidate)
-        if np.isfinite(grade):
-            vehicles[name] = Found(grade, values, candidate.traits)
+        vehicle = limit_damping(values, fly_candidate(values).class_traits)
+        vehicles |= with_damping({name: evaluate(vehicle)})
     return vehicles
+
+
+def evaluate(values: dict[str, float]) -> Found:
+    """Return a vehicle with its rank and traits."""
+    candidate = fly_candidate(values)
+    return Found(rank(candidate), values, candidate.traits)
+
+
+def with_damping(vehicles: dict[str, Found]) -> dict[str, Found]:
+    """Return the vehicles, and variants with less pitch damping, that may be members.
+
+    The figures do not determine pitch damping. That of variants is below DAMPING in the ratios of
+    LEVELS. Each level adds to the rank, so that members are changed only where they would else be
+    too similar.
+    """
+    variants = dict(vehicles)
+    for name, vehicle in vehicles.items():
+        damping = dict(zip(TRAITS, vehicle.traits, strict=True))["rates"]
+        for level, ratio in enumerate(LEVELS, 1):
+            factor = DAMPING / (ratio * damping)
+            if factor < 1.0:
+                reduced = float(f"{factor * vehicle.values['pitch_pitch_rate']:.6g}")
+                variant = evaluate(vehicle.values | {"pitch_pitch_rate": reduced})
+                variants[f"{name} {level}"] = replace(variant, rank=variant.rank + _CHANGE * level)
+    return {name: vehicle for name, vehicle in variants.items() if np.isfinite(vehicle.rank)}
+
+
+def other_damping(traits: tuple[float, ...]) -> tuple[float, ...]:
+    """Return traits with a pitch damping that differs from that of all vehicles."""
+    damping = dict(zip(TRAITS, traits, strict=True))
+    return tuple((damping | {"rates": 100.0 * damping["rates"]}).values())
 
 
 def thin(vehicles: dict[str, Found]) -> dict[str, Found]:
@@ -193,12 +235,46 @@ def ends_of(seen: Seen) -> dict[str, Any]:
     }
 
 
-def write(members: list[dict[str, Any]], without: list[dict[str, Any]]) -> None:
-    """Write the current ensemble to the results file."""
+def write(file: Path, members: list[dict[str, Any]], without: list[dict[str, Any]]) -> None:
+    """Write the current ensemble to a results file."""
     result = {"ensemble": members, "without": without}
-    (ROOT / "studies/paper_vehicle.json").write_text(
-        json.dumps(result, indent=1) + "\n", encoding="utf-8"
+    file.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def agree(members: list[dict[str, Any]], stored: list[dict[str, Any]]) -> bool:
+    """Return whether members have the names and, within TOLERANCE, the values of the stored."""
+    if {member["name"] for member in members} != {member["name"] for member in stored}:
+        return False
+    values = {member["name"]: np.array([*member["values"].values()]) for member in stored}
+    return all(
+        np.allclose([*member["values"].values()], values[member["name"]], TOLERANCE, 0.0)
+        for member in members
     )
+
+
+def comparison(members: list[dict[str, Any]], stored: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield lines on members beside the stored ones: ends, misses, values and ranges of traits."""
+    ensembles = {"these": members, "stored": stored}
+    for label, ensemble in ensembles.items():
+        ends = ", ".join(f"{m['name']} {m['ends_in']} ({m['worst']:.4f})" for m in ensemble)
+        yield f"{label}: {len(ensemble)} members, ends inside (largest miss): {ends}"
+    by_name = {member["name"]: member["values"] for member in stored}
+    for member in members:
+        theirs = by_name.get(member["name"], {})
+        off = [
+            f"{n} {x / theirs[n] - 1.0:+.2%}"
+            for n, x in member["values"].items()
+            if n in theirs and x != theirs[n]
+        ]
+        if theirs:
+            yield f"{member['name']} from stored values: {', '.join(off) or 'equal'}"
+    for group in ("traits", "class_traits"):
+        for name in members[0][group]:
+            spans = []
+            for label, ensemble in ensembles.items():
+                numbers = [member[group][name] for member in ensemble]
+                spans.append(f"{label} {min(numbers):.4g} to {max(numbers):.4g}")
+            yield f"{name.replace('_', ' ')}: {', '.join(spans)}"
 
 
 def find_members(
@@ -209,17 +285,25 @@ def find_members(
     if fresh:
         vehicles = {SHIPPED: vehicles[SHIPPED]}
     for number in range(1, searches + 1):
-        outcome = run_and_tell(aim_search(number, vehicles), folder, go_on)
-        vehicles |= {
-            f"search-{number}-{i}": vehicle for i, vehicle in enumerate(outcome.candidates)
-        }
+        if fresh:
+            members = choose_members(vehicles).values() if number > RANDOM_STARTS else ()
+            avoided = tuple(other_damping(member.traits) for member in members)
+            search = Search(f"search-{number}", number, members=avoided)
+        else:
+            search = aim_search(number, vehicles)
+        outcome = run_and_tell(search, folder, go_on)
+        found = {f"search-{number}-{i}": vehicle for i, vehicle in enumerate(outcome.candidates)}
+        best = dict(list(thin(found).items())[:_VARIED])
+        vehicles |= found | with_damping(best)
         print(f"{len(choose_members(vehicles))} members", flush=True)
         if not outcome.done:
             break
     return choose_members(vehicles)
 
 
-def predict_figures(members: list[dict[str, Any]], folder: Path, go_on: Callable[[], bool]) -> None:
+def predict_figures(
+    file: Path, members: list[dict[str, Any]], folder: Path, go_on: Callable[[], bool]
+) -> None:
     """Fit vehicles from random starts to all figures but one, and write their ends there."""
     without: list[dict[str, Any]] = []
     for seed, figure in product(LEFT_OUT_SEEDS, FIGURES):
@@ -229,7 +313,7 @@ def predict_figures(members: list[dict[str, Any]], folder: Path, go_on: Callable
             seen = fly_candidate(outcome.best.values).seen
             ends = [ends_of(result) for result in seen if result.axis.figure == figure]
             without.append({"start": seed, "figure": figure, "ends": ends})
-            write(members, without)
+            write(file, members, without)
 
 
 def main() -> None:
@@ -263,9 +347,15 @@ def main() -> None:
     vehicles = find_members(
         arguments.state, lambda: time.monotonic() < end, arguments.searches, arguments.fresh
     )
-    members = [describe(name, vehicle.values) for name, vehicle in vehicles.items()]
-    write(members, [])
-    predict_figures(members, arguments.state, lambda: time.monotonic() < end)
+    members = [describe(name.split()[0], vehicle.values) for name, vehicle in vehicles.items()]
+    result = json.loads(STORED.read_text(encoding="utf-8"))
+    print(*comparison(members, result["ensemble"]), sep="\n", flush=True)
+    if agree(members, result["ensemble"]):
+        print("the stored members are kept, because their values agree", flush=True)
+        members = result["ensemble"]
+    file = arguments.state / STORED.name if arguments.fresh else STORED
+    write(file, members, [])
+    predict_figures(file, members, arguments.state, lambda: time.monotonic() < end)
 
 
 if __name__ == "__main__":

@@ -17,10 +17,13 @@ import numpy as np
 from experiment import Floats
 from paper_vehicle_box import FREE, first_mean, limits, to_numbers, to_values
 from paper_vehicle_flights import FURTHEST, READING, Candidate, fly_candidate, third_trait
+from paper_vehicle_sides import HALF_LENGTH, SIDES
 
 ENDS = 18  # required number of the 20 ends in their intervals
 DIFFERENT = 1.5  # factor (or other sign) by which any two members differ in three traits
 OFF_NODE = 0.1  # deg, of the trim from a node of the tables
+LIMITED_RADIUS = 4.2  # m, radius of pitch damping that replaces one beyond its limit
+LIMITED_SHARE = 0.99  # of yaw damping, largest share of the rudder after an increase
 _DIFFERENCE = 0.03  # of the unit of the search's numbers, for slopes
 _DIFFERENCED = 3  # steps after which slopes are computed by differences again
 _PATIENCE = 100  # candidates, after which any that differs is accepted
@@ -63,6 +66,26 @@ class Found:
     rank: float  # number of ends outside, plus the largest miss
     values: dict[str, float]
     traits: tuple[float, ...]
+
+
+def limit_damping(values: dict[str, float], class_traits: dict[str, float]) -> dict[str, float]:
+    """Return the values with pitch and yaw damping inside their limits.
+
+    The figures do not determine the two. A radius of pitch damping beyond its limit is reduced to
+    LIMITED_RADIUS. If the rudder alone damps yaw more than the vehicle, yaw damping is increased by
+    whole percents until the share of the rudder is at most LIMITED_SHARE.
+    """
+    limited = dict(values)
+    radius, share = class_traits["damping_radius"], class_traits["rudder_damping"]
+    if radius > HALF_LENGTH:
+        reduced = values["pitch_pitch_rate"] * (LIMITED_RADIUS / round(radius, 2)) ** 2
+        limited["pitch_pitch_rate"] = float(f"{reduced:.6g}")
+    if share > SIDES["rudder_damping"].high:
+        increased = values["yaw_yaw_rate"] * (
+            1.0 + np.ceil(100.0 * (share / LIMITED_SHARE - 1.0)) / 100.0
+        )
+        limited["yaw_yaw_rate"] = round(round(float(increased) / 0.005) * 0.005, 3)
+    return limited
 
 
 @dataclass
@@ -116,21 +139,24 @@ def run(search: Search, folder: Path, go_on: Callable[[], bool]) -> Outcome:
         """Return the residuals of a candidate, simulated or read."""
         nonlocal has_different
         if outcome.simulated < len(lines):
-            grade, traits, residuals = json.loads(lines[outcome.simulated])
+            grade, traits, residuals, limited = json.loads(lines[outcome.simulated])
         else:
             if not go_on():
                 raise _Stop
             candidate = fly_candidate(values)
-            grade, traits = min(rank(candidate, search.left_out), 100.0), candidate.traits
             residuals = [
                 *candidate.residuals(search.left_out, relieved=bool(search.members)).tolist(),
-                *search.pulls(traits),
+                *search.pulls(candidate.traits),
             ]
+            limited = limit_damping(values, candidate.class_traits)
+            if candidate.seen and limited != values:
+                candidate = fly_candidate(limited)
+            grade, traits = min(rank(candidate, search.left_out), 100.0), candidate.traits
             with file.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps([grade, traits, residuals]) + "\n")
+                stream.write(json.dumps([grade, traits, residuals, limited]) + "\n")
         outcome.simulated += 1
         if grade < 100.0:
-            outcome.candidates.append(Found(grade, values, tuple(traits)))
+            outcome.candidates.append(Found(grade, limited, tuple(traits)))
             is_different = search.is_different(tuple(traits))
             has_different |= is_different
             if is_different and grade <= READING:

@@ -212,6 +212,43 @@ def test_the_ensemble_has_eight_members() -> None:
     assert len(ENSEMBLE) >= 8
 
 
+STARTS = json.loads(ensemble.STARTS.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["seed-2", "seed-22", "seed-23"])
+def test_the_limits_of_damping_change_a_search_result_to_the_member(name: str) -> None:
+    """The first is beyond the radius of pitch damping, the last below the rudder's damping."""
+    member = next(member for member in ENSEMBLE if member["name"] == name)
+    candidate = flights.fly_candidate(STARTS[name])
+    limited = search.limit_damping(STARTS[name], candidate.class_traits)
+    different = {key for key, value in limited.items() if value != member["values"][key]}
+    assert different == ({"pitch_pitch_rate"} if name == "seed-23" else set())
+    assert candidate.keeps_sides == (name == "seed-22")
+
+
+@pytest.mark.thorough
+def test_the_stored_searches_give_the_stored_members() -> None:
+    """The pitch damping of five stored members is rounded; no end moves by 0.1 % of its axis."""
+    members = ensemble.choose_members(ensemble.read_starts())
+    assert len(members) == len(ENSEMBLE)
+    described = [ensemble.describe(name.split()[0], x.values) for name, x in members.items()]
+    assert ensemble.agree(described, ENSEMBLE)
+    equal = set()
+    for member in ENSEMBLE:
+        ours = next(entry for entry in described if entry["name"] == member["name"])
+        if ours == member:
+            equal.add(member["name"])
+        values = {"pitch_pitch_rate": member["values"]["pitch_pitch_rate"]}
+        assert ours["values"] | values == member["values"]
+        here, there = (flights.fly_candidate(x["values"]).seen for x in (ours, member))
+        for one, other in zip(here, there, strict=True):
+            off = max(abs(one.low - other.low), abs(one.high - other.high))
+            assert off <= 1e-3 * one.axis.width
+    assert equal == {"seed-2", "seed-21", "seed-22"}
+    changed = dict(described[0], values=described[0]["values"] | {"yaw_yaw_rate": 1.0})
+    assert not ensemble.agree([changed, *described[1:]], ENSEMBLE)
+
+
 def test_the_largest_set_has_different_vehicles_with_the_best_ranks() -> None:
     """In a ring of five, neighbours differ, so that sets have two vehicles; 1 and 2 are best."""
     is_different = np.zeros((5, 5), dtype=bool)
