@@ -39,8 +39,8 @@ stability margins, from two searches for each controller. The bars are 95 % inte
 {answer}
 
 The [comparison with the paper's figures](paper.md#the-claim-with-the-printed-gains) quotes the claim of Zhu and \
-Shen (2014) and uses the printed gains on eight vehicles. On this page, TLC and LQR are tuned within the same limits \
-on three of these vehicles, each with its own S manoeuvre.
+Shen (2014). On this page, TLC and LQR are tuned within the same limits \
+on three vehicles of the ensemble, each with its own S manoeuvre.
 
 ## The fronts
 

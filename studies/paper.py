@@ -183,37 +183,31 @@ equivalence ratio, whereas that of a real hydrogen ramjet usually decreases. Sle
 
 ## Pitch and yaw damping
 
-The figures do not determine pitch damping, and the stored searches, including those for the [predictions](paper.md),
-ran without limits on the radius of pitch damping and on the yaw damping of the rudder. The results of the searches are
-in `studies/paper_vehicle_starts.json`. The command `OPENBLAS_NUM_THREADS=1 python studies/paper_vehicle.py` applies the
-limits to them by three rules, simulates each vehicle again and selects the largest set of vehicles that differ:
+The figures do not determine the damping. The stored results of the searches (`studies/paper_vehicle_starts.json`) have
+no limit on the radius of pitch damping or on the yaw damping of the rudder. The command `OPENBLAS_NUM_THREADS=1 python
+studies/paper_vehicle.py` applies these limits by three rules, simulates each vehicle again and selects the largest set
+of vehicles that differ:
 
 - A radius of pitch damping of more than 4.3 m is reduced to 4.2 m.
-- Variants of each vehicle have less pitch damping, at levels below that of `abhv` in the ratio of {level:.2f}, which is 2 %
-  more than the factor 1.5. A variant is selected only if the vehicle is otherwise too similar to other members.
+- Variants of each vehicle have less pitch damping, at levels below that of `abhv` in the ratio of {level:.2f}. A variant
+  is selected only if the vehicle is otherwise too similar to other members.
 - If the rudder alone damps yaw more than the vehicle, the magnitude of Cn_r is increased by whole percents until the
   rudder's share is at most 0.99.
 
-The first two rules reduced Cm_q on {reduced} members, on `abhv` from -3.46 to {abhv_damping:.2f}. This change moved the end
-points of the curves by at most 5 % of the axis range, and none of them out of its interval. The limit on the radius is
-an upper bound, which would be reached only if all lift acted at nose and tail: the radius is 2.5 m for lift that is
-uniform along the body, and 3.1 m for GHAME. The pitch damping of `abhv` is thus large, but a smaller value would change
-no figure.
-
-A yaw rate r adds r times the rudder's arm over V to the sideslip at the rudder, so the rudder alone has a Cn_r of
--2 CY_dr (arm/span)^2, to which other surfaces add. The third rule increased the magnitude of Cn_r by 4 % on `seed-16`
-and by 13 % on `seed-23`; this moved the end points of the curves by at most 0.2 % of the axis range.
+The rules reduced Cm_q on {reduced} members, on `abhv` from -3.46 to {abhv_damping:.2f}, and increased the magnitude of
+Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. These changes moved the end points of the curves by at most 5 % of
+the axis range, and none of them out of its interval. The limit on the radius would be reached only if all lift acted at
+nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for GHAME. The pitch damping of
+`abhv` is thus large, but a smaller value would change no figure.
 
 The stored Cm_q of `seed-3`, `seed-7`, `seed-9`, `seed-16` and `seed-23` were set before these rules were written. They
-differ from the values of the rules by at most 1.1 %, which moves no end point by more than 0.06 % of the axis range, and
-the number of ends inside is the same. All other stored numbers are equal to those of the command, which prints the
-differences and keeps the stored members if no value differs by more than {tolerance:.1f} %.
+differ from the values of the rules by at most 1.1 %, which moves no end point by more than 0.06 % of the axis range. The
+command prints the differences, and keeps the stored members if no value differs by more than {tolerance:.1f} %.
 
-With the options `--fresh --searches 19`, the command starts from `abhv` alone, searches from random starts with all
-limits and rules, and writes to another folder. Its 2567 simulated vehicles contain only 5 members, of which `abhv` is
-one. All satisfy the limits above, at least 18 ends are inside, and the largest miss is 15 % of an axis (16 % for the
-stored members). Their L/D at 1 g is 3.6 to 4.3 (3.8 to 4.7), and their Cn_r -0.67 to -0.43 (-0.74 to -0.39). Such a
-search thus finds vehicles of the same kind, but not the same vehicles, and it did not reach eight members.
+With the options `--fresh --searches 19`, the command starts from `abhv` alone and applies all limits in the searches. Its
+2567 simulated vehicles contain 5 members, of which `abhv` is one. All satisfy the limits above, at least 18 ends are
+inside, and the largest miss is 15 % of an axis (16 % for the stored members). Such a search thus finds vehicles of the
+same kind, but it did not reach eight members.
 
 ## Control powers
 

@@ -23,7 +23,7 @@ class Row:
 
     @property
     def judged(self) -> bool:
-        """Whether there is a tolerance."""
+        """True if the row has a tolerance, so that it can fail."""
         return math.isfinite(self.tolerance)
 
 
