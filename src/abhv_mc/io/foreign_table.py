@@ -183,13 +183,14 @@ class ForeignTable:
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
     """Return a column without dictionary encoding; booleans are numbers, text is stripped."""
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):
         return column.cast(pa.uint8())
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        import pyarrow.compute as pc  # imported here because it takes 0.1 s
+
         return pc.utf8_trim_whitespace(column.cast(pa.string()))
     return column
 
