@@ -49,7 +49,9 @@ def start_fork_server(fly: Fly) -> None:
     If the fork server cannot be started, the first worker reports the reason.
     """
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([serve.__module__, fly.__module__, "llvmlite.binding"])
+    # numba imports numpy.ma when it first calls a kernel.
+    modules = [serve.__module__, fly.__module__, "numba", "numpy.ma"]
+    context.set_forkserver_preload(modules)
     with contextlib.suppress(OSError), _starting_processes():
         forkserver.ensure_running()
 

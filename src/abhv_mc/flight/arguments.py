@@ -97,7 +97,7 @@ def make_kernel_plan(
     """
     terms = plan.vehicle.build_up.factor.size
     sources = source_rows(plan.user_sources, plan.effectors, plan.custom_states)
-    parameters = add_settings(plan, parameters)
+    channels, parameters = plan.channels, add_settings(plan, parameters)
     kernel_plan = conform(
         KernelPlan(
             law=LAWS[plan.commanding_law],
@@ -107,9 +107,7 @@ def make_kernel_plan(
             earth=plan.earth,
             timing=plan.timing,
             record_every=recording.every,
-            observed=make_observed(
-                plan, [sources[plan.channels[i].name] for i in recording.channels]
-            ),
+            observed=make_observed(plan, [sources[channels[i].name] for i in recording.channels]),
             unit_factors=np.zeros(terms, np.int64),
             initial_state=plan.initial_state,
             reference=plan.reference,
@@ -209,7 +207,7 @@ def conform(value: Any, kind: Any, name: str) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
             raise ValueError(f"{name} is {value!r:.60}, not a number")
         return kind(value)
-    expected = np.dtype(get_args(get_args(kind)[1])[0])
+    expected = _find_dtype(kind)
     if not isinstance(value, np.ndarray) or value.dtype != expected:
         actual = (
             f"an array of {value.dtype}"
@@ -230,6 +228,12 @@ def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -
             "any" if expected_length is None else str(expected_length) for expected_length in shape
         )
         raise ValueError(f"{name} has the shape {array.shape}, not ({expected})")
+
+
+@cache
+def _find_dtype(kind: Any) -> np.dtype[Any]:
+    """Return the element type of an array annotation."""
+    return np.dtype(get_args(get_args(kind)[1])[0])
 
 
 @cache

@@ -129,7 +129,7 @@ def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
 
     Relative paths are preserved. Return the name of ``path`` in the folder.
     """
-    files = {path.resolve(): None, **dict.fromkeys(find_references(path.resolve()))}
+    files = {path.resolve(): None, **dict.fromkeys(find_references(path))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
         copy = f"{location}/{file.relative_to(root).as_posix()}"

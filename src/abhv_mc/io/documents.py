@@ -141,16 +141,24 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     )  # Write only at the end, so that invalid data leave an existing file unchanged.
 
 
-def _make_scalars_strict(schema: Any) -> None:
+def _make_scalars_strict(schema: Any, model: type) -> None:
+    """Make the scalars of a model's schema strict; those of other models are already."""
     if isinstance(schema, dict):
-        if schema.get("type") in ("int", "float", "bool", "str"):
+        kind = schema.get("type")
+        if (
+            kind == "model"
+            and schema["cls"] is not model
+            and issubclass(schema["cls"], StrictModel)
+        ):
+            return
+        if kind in ("int", "float", "bool", "str"):
             schema["strict"] = True
         for key, subschema in schema.items():
             if key not in ("default", "metadata"):
-                _make_scalars_strict(subschema)
+                _make_scalars_strict(subschema, model)
     elif isinstance(schema, (list, tuple)):
         for subschema in schema:
-            _make_scalars_strict(subschema)
+            _make_scalars_strict(subschema, model)
 
 
 class StrictModel(BaseModel):
@@ -167,7 +175,7 @@ class StrictModel(BaseModel):
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> Any:
         schema = handler(source)
-        _make_scalars_strict(schema)
+        _make_scalars_strict(schema, cls)
         return schema
 
     @model_validator(mode="before")

@@ -47,6 +47,7 @@ _SUFFIXES = {
 }  # in column names, 'min' means minimum, as in altitude_min
 _CORNER = "\\"  # separator of the names of a matrix's two axes
 _BLANKS = " "  # separator that stands for any number of blanks or tabs
+_FEW = 1000  # largest number of rows that are parsed in Python
 _LONGEST_LIST = 20  # longest JSON list whose items become columns
 
 
@@ -145,15 +146,19 @@ class ForeignTable:
 
         from abhv_mc.io.parquet_columns import column_values
 
-        values = [_plain(self.data.column(i)) for i in columns]
+        out = np.empty((len(self), len(columns)))
+        short = len(self) <= _FEW and self.separator == ","
+        values = [self.data.column(i) if short else _plain(self.data.column(i)) for i in columns]
         if self.separator != ",":
             values = _with_points(values)
-        out = np.empty((len(self), len(columns)))
         for i, (column, own) in enumerate(zip(columns, values, strict=True)):
-            try:
-                out[:, i] = column_values(own.cast(pa.float64(), safe=False))
-            except (pa.ArrowException, ValueError):
+            if short:  # Importing Arrow's functions would take 0.1 s.
                 out[:, i] = self._parse(column, own)
+            else:
+                try:
+                    out[:, i] = column_values(own.cast(pa.float64(), safe=False))
+                except (pa.ArrowException, ValueError):
+                    out[:, i] = self._parse(column, own)
             wrong = ~np.isfinite(out[:, i]) if finite else ()
             for row in np.flatnonzero(wrong)[:1]:
                 raise self._no_number(int(row), column)
@@ -163,7 +168,7 @@ class ForeignTable:
         """Parse cells [row] as numbers. Raise InputError at the first invalid cell."""
         numbers = np.empty(len(cells))
         for row, cell in enumerate(cells.to_pylist()):
-            text = "" if cell is None else str(cell).replace("\N{MINUS SIGN}", "-")
+            text = "" if cell is None else str(cell).strip().replace("\N{MINUS SIGN}", "-")
             number = float(text) if _NUMBER.fullmatch(text) else _WORDS.get(text.lower())
             if number is None:
                 raise self._no_number(row, column)
@@ -183,13 +188,14 @@ class ForeignTable:
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
     """Return a column without dictionary encoding; booleans are numbers, text is stripped."""
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_boolean(column.type):
         return column.cast(pa.uint8())
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        import pyarrow.compute as pc  # imported here because it takes 0.1 s
+
         return pc.utf8_trim_whitespace(column.cast(pa.string()))
     return column
 

@@ -15,6 +15,10 @@ def json_data(value: Any) -> Any:
 
     Fields marked ``DRAWN`` are omitted.
     """
+    if value is None or isinstance(value, str | int):
+        return value
+    if type(value) is float:
+        return value if math.isfinite(value) else None
     if is_dataclass(value) and not isinstance(value, type):
         return {
             item.name: json_data(getattr(value, item.name))

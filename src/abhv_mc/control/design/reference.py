@@ -21,6 +21,8 @@ COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 _STEADY = 1e-9  # largest change between two points for which the Mach number counts as constant
 # time after a ramp or step of the reference that "settled" metrics exclude, s
 SETTLING = 5.0
+# Flight and steady plans of a campaign share the start.
+_trim = cache_results(trim)
 
 
 @cache_results
@@ -134,7 +136,6 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
     return mission.model_copy(update={"start": start})
 
 
-@cache_results
 def make_start_trim(
     mission: Mission, vehicle: Vehicle, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> TrimPoint:
@@ -156,4 +157,4 @@ def make_start_trim(
         temperature_factor=float(temperature[0]),
         push=push,
     )
-    return trim(vehicle, fixed_earth, point)
+    return _trim(vehicle, fixed_earth, point)
