@@ -30,7 +30,7 @@ HEAD = """# Does TLC track better with nearly the same control effort?
 
 ![Error against control effort of TLC and LQR on three vehicles](../images/claim_fronts.png)
 
-*Each point is a controller in the paper's S manoeuvre; a point at the lower left is better. The error is the rms \
+*Each point is a controller in the paper's S manoeuvre; points closer to the lower left are better. The error is the rms \
 error relative to the controller's own command; it is the median of 400 flights under the paper's dispersions. The \
 control effort is the mean of rms and travel of the three surfaces. Error and control effort are relative to the \
 values for TLC with the gains of Table 1 (star). The lines show the best designs that satisfy the same limits on \

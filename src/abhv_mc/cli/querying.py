@@ -108,7 +108,7 @@ def metrics(
         str | None,
         typer.Argument(
             metavar="[CAMPAIGN]",
-            help="Campaign file or shipped name, to include the metrics that it declares.",
+            help="Campaign file, or name of a shipped campaign, whose metrics are also listed.",
         ),
     ] = None,
     json: Json = None,

@@ -23,7 +23,7 @@ _HEAD = "Requirements by which the flights of this folder were judged, until the
 
 @dataclass(frozen=True)
 class RequirementChange:
-    """Change of the requirements after results had been seen."""
+    """Changes of the requirements after results were known."""
 
     time: str  # empty if only a report uses the changed requirements
     flights: int  # flights per controller run before that time

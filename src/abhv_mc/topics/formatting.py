@@ -117,7 +117,7 @@ def joined(items: Sequence[str]) -> str:
     )
 
 
-# prefixes of parameter names that sentences omit
+# prefixes of parameter names; sentences omit these prefixes
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")
 _FAILURE_KINDS = {
     "stuck_time": "sticking time",

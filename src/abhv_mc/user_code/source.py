@@ -37,7 +37,7 @@ class UserSource:
 
     @functools.cached_property
     def recipe(self) -> dict[str, Any] | None:
-        """Build description in the text of a law in C or an FMU; None for Python."""
+        """Build description of a law in C or an FMU; None for Python."""
         return json.loads(self.text) if self.text.startswith('{"law": ') else None
 
 

@@ -205,7 +205,8 @@ class ReferencePoint(StrictModel):
     z: Length = Field(
         0.0,
         description=(
-            "distance of the reference point of the function's moments below the moment reference"
+            "vertical distance from the moment reference down to the point about which the "
+            "function's moments are given"
         ),
     )
 

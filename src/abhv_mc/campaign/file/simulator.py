@@ -238,8 +238,8 @@ class SimulatorCampaign(Campaign):
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
         description=(
-            "compared systems by name, each with its own simulator settings; the first system "
-            "must meet the requirements"
+            "systems to compare, keyed by name, each with its own simulator settings; the first "
+            "system must meet the requirements"
         ),
     )
     inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")

@@ -156,7 +156,7 @@ def velocity_loop(
 
 
 def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -> Floats:
-    """Return the gains K2 ``[tick, 3, 6]``, for which ``B K = A - A_c``.
+    """Return the gains K2 ``[tick, 3, 6]`` that satisfy ``B K2 = A - A_c``.
 
     Raise LinAlgError if the velocity is not controllable, for example without thrust.
     """

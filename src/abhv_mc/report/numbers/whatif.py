@@ -74,7 +74,7 @@ def make_whatif(
     settings: Mapping[str, Mapping[str, Any]],
     requirements: RequirementSource | None = None,
 ) -> Whatif:
-    """Return quantiles and failure shares with the simulated and with other ``settings``.
+    """Return quantiles and shares of failures for the simulated and for other ``settings``.
 
     Raise InputError if the flights do not cover the new distributions or their effective number is
     too small.

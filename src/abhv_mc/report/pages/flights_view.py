@@ -138,7 +138,7 @@ def _dispersion(name: str, ends: Ends, moments: Ends, parameters: Parameters) ->
 
 
 def _metric(record: Metric, limits: Sequence[float], ends: Ends) -> dict[str, Any]:
-    """Describe a metric; its axis includes limits that are not far away."""
+    """Describe a metric; the range of its axis includes limits that are close to the data."""
     low, high = min([*limits, ends[0]]), max([*limits, ends[1]])
     if high - low > _FAR * (ends[1] - ends[0]):
         low, high = ends

@@ -49,7 +49,7 @@ _TINY = 1e-10  # smallest variance in a denominator
 # weight of the additional normal distributions, and the factor on their width
 _TAILS, _WIDER = 0.3, 1.6
 _HEAVY = 1.5  # factor on the sampling error, because most samples miss the largest weights
-# Severities are clipped at this multiple of the first median distance from failure.
+# Severities are clipped at this multiple of the median distance from failure in the first batch.
 _LARGEST = 30.0
 
 
