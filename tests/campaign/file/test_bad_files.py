@@ -27,7 +27,7 @@ BAD = Path(__file__).parent / "bad"
 TABLE = [
     ("unknown_parameter", 10, 3, ["'aero.lfit'", "'aero.lift'"]),
     ("no_effect", 10, 3, ["'aero.side_force.elevator'"]),
-    ("missing_controller", 4, 20, ["'tcl.yaml'"]),
+    ("missing_controller", 4, 20, ["tcl.yaml' "]),
     ("empty_range", 9, 63, [" 1.1 ", " 0.9"]),
     ("not_positive_definite", 13, 3, ["definite"]),
     ("everything_at_once", 3, 10, [f":{line}: " for line in ("5:1", "6:7", "11:60")]),
