@@ -24,7 +24,7 @@ Bands = tuple[Floats, Mapping[str, Floats]]  # time [time] and bands by name for
 # function that returns the bands for a controller and a channel
 Find = Callable[[str, str], Bands | None]
 
-_CLIMBING = " If the reference climbs, the altitude error has no band of all flights."
+_VARYING = " The altitude error has no band of all flights, because the reference altitude varies."
 _SIMULTANEOUS = (
     " With 95 % probability a whole flight stays between the dotted lines in all channels."
 )
@@ -43,7 +43,8 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
         return envelope.time, {**envelope.bands, **simultaneous[controller].get(channel, {})}
 
     if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
-        first, mission = names.subject(controllers[0]), campaign.simulator.capabilities.has_mission
+        first = names.subject(controllers[0])
+        varies = np.ptp(results.reference.get("altitude_reference_m", np.zeros(1))) > 0.0
         text = FigureText(
             "channels",
             "The channels over all flights",
@@ -55,7 +56,7 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
                 else ""
             )
             + (" Insets enlarge the shaded times." if any(row.inset for row in rows) else "")
-            + (_CLIMBING if mission else "")
+            + (_VARYING if varies else "")
             + (_SIMULTANEOUS if any(simultaneous.values()) else ""),
             alt="The table above has the smallest and the largest value of each channel.",
         )

@@ -59,8 +59,9 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             "worst_flights",
             "The worst flights",
             f"Each column shows the worst flights of one {names.campaign.kind}: the worst in "
-            f"colour, up to {most} next worst as thin lines. Rows are the channels of the metrics "
-            "in which these flights are worst."
+            "colour"
+            + (f", up to {most} next worst as thin lines" if most else "")
+            + ". Rows are the channels of the metrics in which these flights are worst."
             + (" Bands contain all flights." if any(panel.bands for panel in panels) else "")
             + (
                 " The requirement excludes the shaded transients."
