@@ -302,18 +302,22 @@ def find_members(
 
 
 def predict_figures(
-    file: Path, members: list[dict[str, Any]], folder: Path, go_on: Callable[[], bool]
+    file: Path, result: dict[str, Any], folder: Path, go_on: Callable[[], bool]
 ) -> None:
-    """Fit vehicles from random starts to all figures but one, and write their ends there."""
-    without: list[dict[str, Any]] = []
+    """Fit vehicles from random starts to all figures but one, and write their ends there.
+
+    The stored ends of searches that are not completed are kept.
+    """
+    without = {(entry["start"], entry["figure"]): entry for entry in result["without"]}
+    write(file, result["ensemble"], [*without.values()])
     for seed, figure in product(LEFT_OUT_SEEDS, FIGURES):
         search = Search(f"seed-{seed}-without-{figure}", seed, figure)
         outcome = run_and_tell(search, folder, go_on)
         if outcome.done and outcome.best is not None:
             seen = fly_candidate(outcome.best.values).seen
             ends = [ends_of(result) for result in seen if result.axis.figure == figure]
-            without.append({"start": seed, "figure": figure, "ends": ends})
-            write(file, members, without)
+            without[seed, figure] = {"start": seed, "figure": figure, "ends": ends}
+            write(file, result["ensemble"], [*without.values()])
 
 
 def main() -> None:
@@ -354,8 +358,8 @@ def main() -> None:
         print("the stored members are kept, because their values agree", flush=True)
         members = result["ensemble"]
     file = arguments.state / STORED.name if arguments.fresh else STORED
-    write(file, members, [])
-    predict_figures(file, members, arguments.state, lambda: time.monotonic() < end)
+    result = {"ensemble": members, "without": [] if arguments.fresh else result["without"]}
+    predict_figures(file, result, arguments.state, lambda: time.monotonic() < end)
 
 
 if __name__ == "__main__":
