@@ -13,7 +13,7 @@ from abhv_mc_daveml.signals import find_signals
 from abhv_mc_daveml.writer import make_function
 
 ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table in m
-_GAS_CONSTANT = 287.05287  # J/(kg K), U.S. Standard Atmosphere 1976
+_GAS_CONSTANT = 8314.32 / 28.9644  # J/(kg K), U.S. Standard Atmosphere 1976, as in the plant
 _CHOICES = ("density", "pressure"), ("pressure", "temperature"), ("density",)
 _TEMPERATURES = {"dgk": "K", "dgc": "degC", "dgr": "degR", "dgf": "degF"}  # units of S-119
 

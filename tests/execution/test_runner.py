@@ -361,6 +361,17 @@ def test_fresh_from_the_folders_own_campaign_file(reference, flown):
     assert (flown / "inputs/vehicle/tables/cl.csv").exists()
 
 
+def test_a_folder_of_a_linked_vehicle_can_be_run_again(reference, tmp_path):
+    """Regression: tables beside a link were stored relative to the file to which it points."""
+    path = write_campaign(tmp_path / "inputs")
+    (tmp_path / "elsewhere").mkdir()
+    (path.parent / "vehicle.yaml").rename(tmp_path / "elsewhere/brick.yaml")
+    (path.parent / "vehicle.yaml").symlink_to(tmp_path / "elsewhere/brick.yaml")
+    first = run(path, tmp_path / "out")
+    again = run(tmp_path / "out/campaign.yaml", tmp_path / "again")
+    assert first.manifest.digest == again.manifest.digest == reference.manifest.digest
+
+
 def test_a_slow_disk_does_not_fill_the_memory(campaign, tmp_path, monkeypatch):
     """The number of blocks in memory is limited by the workers, not by the campaign."""
     flying, most = [0], [0]

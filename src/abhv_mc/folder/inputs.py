@@ -14,7 +14,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.kinds import find_references
+from abhv_mc.campaign.file.kinds import find_references, locate
 from abhv_mc.campaign.file.requirement_set import (
     JUDGING,
     data_of_rows,
@@ -129,7 +129,8 @@ def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
 
     Relative paths are preserved. Return the name of ``path`` in the folder.
     """
-    files = {path.resolve(): None, **dict.fromkeys(find_references(path))}
+    path = locate(path)
+    files = {path: None, **dict.fromkeys(find_references(path))}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
         copy = f"{location}/{file.relative_to(root).as_posix()}"
@@ -138,7 +139,7 @@ def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
                 file, "the file name contains characters that are not printable", "another name"
             )
         copies[copy] = file
-    return f"{location}/{path.resolve().relative_to(root).as_posix()}"
+    return f"{location}/{path.relative_to(root).as_posix()}"
 
 
 def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: bool) -> list[str]:

@@ -68,6 +68,14 @@ _YAML = (".yaml", ".yml")
 _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 
 
+def locate(path: Path) -> Path:
+    """Return an absolute path without links to folders.
+
+    A link to a file remains, because the file's references are relative to the link.
+    """
+    return path.parent.resolve() / path.name
+
+
 def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator[Path]:
     """Yield the files to which a YAML file refers by relative paths, recursively."""
     if path.suffix.lower() not in _YAML or path in seen:
@@ -78,7 +86,7 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
         yield from (file.resolve() for file in find_files(law).values())
     for text in _named_files(data):
         if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
-            file = (path.parent / text).resolve()
+            file = locate(path.parent / text)
             if file.is_file():
                 yield file
                 yield from find_references(file, seen | {path})

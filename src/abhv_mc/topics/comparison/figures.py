@@ -64,8 +64,8 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         "Required metrics against control effort"
         if names.requirements
         else "Tracking error against control effort",
-        "Each small mark is one flight: every n-th flight and the one with the largest error, at "
-        f"most {_MOST_POINTS + 1} of each controller. Large marks are the medians of all flights; "
+        f"Small marks are flights, at most {_MOST_POINTS + 2} of each controller, including those "
+        "with the smallest and the largest value. Large marks are the medians of all flights; "
         "where they coincide, the first controller is on top. Control effort is the root of the "
         "summed squares of the rms deflections of aileron, rudder and elevator from their trim.",
     )
@@ -105,7 +105,8 @@ def plot_error_against_usage(
             keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
             if not keep.size:
                 continue
-            few = np.union1d(keep[:: -(-keep.size // _MOST_POINTS)], keep[np.argmax(y[keep])])
+            ends = keep[[np.argmin(y[keep]), np.argmax(y[keep])]]
+            few = np.union1d(keep[:: -(-keep.size // _MOST_POINTS)], ends)
             small = {**mark_look(i, len(trade.errors), 1.5), "color": colors[name]}
             face = {"markerfacecolor": "none", "markeredgewidth": 0.5} if i else {}
             axes.plot(x[few], y[few], **small, **face, linestyle="none", alpha=0.6, rasterized=True)
@@ -128,9 +129,9 @@ def plot_error_against_usage(
         notes = [LOG_AXIS] * is_log + draw_limits(axes, "y", trade.limits, trade.unit)
         title_panel(axes, ", ".join([trade.label, *notes]))
         axes.set_xlabel(usage_label)
-    ends = np.array([axes.get_xlim() for axes in grid.flat[: len(trades)]])
+    spans = np.array([axes.get_xlim() for axes in grid.flat[: len(trades)]])
     for axes in grid.flat[: len(trades)]:
-        axes.set_xlim(ends[:, 0].min(), ends[:, 1].max())
+        axes.set_xlim(spans[:, 0].min(), spans[:, 1].max())
     more = [
         (label, Line2D([], [], color=INK, marker="o", linestyle="none", markersize=size))
         for label, size in (("flight", 2.0), ("median", 6.5))
