@@ -1,4 +1,4 @@
-"""Topic of the report: Spearman correlation of each dispersion with each required metric."""
+"""Report topic with the Spearman correlations of dispersions and required metrics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
