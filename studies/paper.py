@@ -101,8 +101,7 @@ In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 The {number} vehicles are the largest set among the candidates of about {searches} searches in which any two vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits. For each candidate, at least 18 of the 20 ends are inside their intervals, no end is outside by more than 20 % of the axis, and the properties are [plausible](paper-vehicles.md). Each member is trimmed at least 0.1 deg from the nodes of the tables, and its surfaces do not saturate.
 `studies/paper_vehicle.json` contains the traits of each member.
-`python studies/paper_vehicle.py` selects the members
-from the stored results of the searches. Its [rules](paper-vehicles.md#pitch-and-yaw-damping) reduced the pitch damping
+`python studies/paper_vehicle.py` selects the members from the stored searches. The damping [rules](paper-vehicles.md#pitch-and-yaw-damping) reduced the pitch damping
 of {reduced} members and increased the yaw damping of two.
 
 {spread}
@@ -154,7 +153,7 @@ number, and deflections cause no drag. The tables of all members begin at Mach 2
 - The limit on L/D is Kuechemann's 4 (M + 3)/M, which is 6.5 at Mach 4.74, and the limits on the wing loading include
   the 380 kg/m2 of the X-43A (Marshall et al., AIAA 2005-3332).
 - In quasi-steady flow, the rudder alone cannot damp yaw more than the whole vehicle does.
-- The radius of pitch damping is the distance from the centre of gravity at which quasi-steady lift would give the vehicle's Cm_q = -2 CL_alpha (radius/chord)^2. This radius and the two arms are at most half of the vehicle's length.
+- The radius of pitch damping is the distance from the centre of gravity at which quasi-steady lift would give the vehicle's Cm_q = -2 CL_alpha (radius/chord)^2. The radius and the arms of rudder and elevator are at most half of the vehicle's length.
 - The other limits are engineering judgement.
 
 The limits, not only the figures, determine some traits. On at least half of the members, the following traits are near a limit (with the number of members): {near}.
@@ -172,23 +171,19 @@ The figures do not determine the damping. The stored searches (`studies/paper_ve
 studies/paper_vehicle.py` enforces these limits by three rules, simulates each vehicle again and selects the largest set in which all vehicles differ:
 
 - A radius of pitch damping of more than 4.3 m is reduced to 4.2 m.
-- Variants of each vehicle have less pitch damping, at levels that decrease from that of `abhv` by factors of {level:.2f}. A variant
-  is selected only if the vehicle is otherwise too similar to other members.
+- Variants of each vehicle have less pitch damping, at levels that decrease from that of `abhv` by factors of {level:.2f}. A variant is selected only if the original vehicle is too similar to other members.
 - If the rudder alone damps yaw more than the vehicle, the magnitude of Cn_r is increased by whole percents until the
   rudder's share is at most 0.99.
 
 The rules reduced Cm_q on {reduced} members, on `abhv` from -3.46 to {abhv_damping:.2f}, and increased the magnitude of
-Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. These changes moved the end points of the curves by at most 5 % of
-the axis range, and none of them out of its interval. The limit on the radius would be reached only if all lift acted at
+Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. The changes in damping moved no end point of the curves by more than 5 % of the axis range, or out of its interval. The limit on the radius would be reached only if all lift acted at
 nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for GHAME. The pitch damping of
 `abhv` is thus large, but a smaller value would change no figure.
 
-The stored Cm_q of `seed-3`, `seed-7`, `seed-9`, `seed-16` and `seed-23` were set before these rules were written. They
-differ from the values that the rules give by at most 1.1 %, which moves no end point by more than 0.06 % of the axis range. The
+The stored Cm_q of `seed-3`, `seed-7`, `seed-9`, `seed-16` and `seed-23` were set before these rules were written. The rules give values that differ by at most 1.1 %, which moves no end point by more than 0.06 % of the axis range. The
 command prints the differences, and keeps the stored members if no value differs by more than {tolerance:.1f} %.
 
-With the options `--fresh --searches 19`, the command starts from `abhv` alone and applies all limits in the searches. Its
-2567 simulated vehicles contain 5 members, of which `abhv` is one. All satisfy the limits above, at least 18 ends are inside their intervals, and the largest deviation is 15 % of an axis (16 % for the stored members). This search thus finds vehicles of the same kind, but fewer than eight.
+With the options `--fresh --searches 19`, the command starts from `abhv` alone and applies all limits in the searches. The 2567 simulated vehicles contain 5 members, including `abhv`. All five satisfy the limits above, at least 18 ends are inside their intervals, and the largest deviation is 15 % of an axis (16 % for the stored members). This search thus finds vehicles of the same kind, but fewer than eight.
 
 ## Control powers
 
