@@ -298,7 +298,7 @@ def predicted_words(result: dict[str, Any]) -> str:
         f"The fitted vehicles predict {join(near)} within {100.0 * NEAR:.0f} % of the axis, "
         "but not "
         f"{join([f'{label} (outside by up to {100.0 * misses[label]:.0f} %)' for label in far])}, "
-        "so the agreement of a member with the figures not predicted is no test."
+        "so the agreement of a member with these unpredicted figures is not a test."
     )
 
 
