@@ -44,8 +44,7 @@ on three vehicles of the ensemble, each with its own S manoeuvre.
 
 ## The fronts
 
-For each limit on control effort (exceeded by at most 3 %), the table gives the smallest root mean square of the \
-three relative errors, and in brackets the ratios in angle of attack, sideslip and bank.
+For each limit on control effort (exceeded by at most 3 %), the table gives the smallest root mean square of the three relative errors, and in brackets the ratios for angle of attack, sideslip and bank.
 
 {fronts}
 
@@ -54,16 +53,13 @@ started from random points. {agreement}
 
 ## The search
 
-The search has 14 free parameters for each law: the bandwidths and dampings of TLC, or the weights of LQR. Every \
-design on a line has margins of at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and \
+The search has 14 free parameters per controller: the bandwidths and dampings of TLC, or the weights of LQR. Every design on a line of the figure has margins of at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and \
 30 ms at the corners of the paper's box). The *wide box* also contains a control effectiveness of ±20 % and a \
-delay of 0 to 40 ms. In the 128 corners of the wide box and in 200 new flights of 180 s, no flight terminates \
-early or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times the larger of the \
-errors of the two printed designs (2 times in the new flights).
+delay of 0 to 40 ms. At the 128 corners of the wide box and in 200 new flights of 180 s, no flight terminates \
+early or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times (in the new flights, 2 times) the larger error of the two printed designs.
 
 `studies/fronts.py` ran CMA-ES for each limit ({effort}), and `studies/fronts_results.py` simulates the resulting \
-designs with new seeds. The search preceded the present [damping](paper-vehicles.md#pitch-and-yaw-damping) of the \
-vehicles, which changed no error by more than 1 % and reduced no margin below its limit.
+designs with new seeds. The search preceded a change in the vehicles' [damping](paper-vehicles.md#pitch-and-yaw-damping), which changed no error by more than 1 % and reduced no margin below its limit.
 
 ## Printed and shipped designs
 
@@ -139,14 +135,14 @@ def answer(results: dict[str, Any]) -> str:
     if min(gains) <= 0.0:
         raise SystemExit("TLC no longer has the smaller error everywhere: rewrite the conclusion")
     return (
-        "**The claim is not decided: TLC has the smaller error in all nine comparisons, by "
+        "**The claim remains undecided: TLC has the smaller error in all nine comparisons, by "
         f"{min(gains):.0f} to {max(gains):.0f} %, but two searches for the same controller differ by up "
-        f"to {differences(results)}. With the mean control effort of Table 1, the error of TLC in "
-        f"the three angles together is {ratio_words(results, 1.0)} times that of LQR on the three "
-        f"vehicles. With 0.85 of this effort, it is {ratio_words(results, 0.85)} times, and with "
-        f"0.7 of it {ratio_words(results, 0.7)} times that of LQR.** With less than the full effort, "
-        "TLC is not better for every angle. A longer search may change these numbers and the "
-        "ranking of the two controllers."
+        f"to {differences(results)}. With the mean control effort of Table 1, the combined error of "
+        f"TLC in the three angles is {ratio_words(results, 1.0)} times that of LQR on the three "
+        f"vehicles. At 0.85 times this effort, the ratio is {ratio_words(results, 0.85)}, and at "
+        f"0.7 times this effort {ratio_words(results, 0.7)}.** With less control effort, TLC is "
+        "not better in every angle. A longer search may change these numbers and the ranking of "
+        "the two controllers."
     )
 
 
@@ -191,7 +187,7 @@ def agreement(results: dict[str, Any]) -> str:
     ]
     return (
         "For LQR, search 1 is worse in nearly all rows. With search 2 alone, the ratios of the errors "
-        "in the nine rows are "
+        "in the nine rows range from "
         f"{min(ratios):.2f} to {max(ratios):.2f}."
     )
 

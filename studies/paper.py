@@ -76,19 +76,14 @@ IMAGES = {
 TEXT = """
 # Comparison with the figures of Zhu and Shen (2014)
 
-The paper prints neither its tables nor the formula of its S manoeuvre, and shows its flights only as
-figures. Therefore `studies/paper_vehicle.py` searched for vehicles that reproduce Figures 3 to 11 with
-Table 1 and the LQR weights as printed, and found {number}. A conclusion is supported if it holds for all
+Zhu and Shen (2014) print neither their tables nor the formula of their S manoeuvre, and show their flights only in figures. Therefore `studies/paper_vehicle.py` searched for vehicles that reproduce Figures 3 to 11 with the printed gains (Table 1) and LQR weights, and found {number}. A conclusion is supported if it holds for all
 {number} vehicles. `studies/paper.py` writes this page.
 
-- The file `configs/control/tlc.yaml` contains the gains of Table 1, with the paper's differentiator bandwidths of 0.3
+- `configs/control/tlc.yaml` contains the gains of Table 1, with the paper's differentiator bandwidths of 0.3
   and 1.5 rad/s, and `configs/control/lqr.yaml` contains the printed weights.
-- The end of an automatically chosen axis lies within one tick of the data, so each end of an axis gives an interval
-  for the corresponding end of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10
-  and 11 (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 ends. Figure 3 and the
-  insets of Figure 7 give limits only.
-- The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; the word
-  "mirrored" marks the opposite sign.
+- An automatically scaled axis ends within one tick interval of the data, so its ends give intervals for the ends of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10
+  and 11 (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 ends. Figure 3 and the insets of Figure 7 give only limits.
+- The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; the word "mirrored" marks an opposite sign convention.
 - The time in the paper is the time in abhv-mc plus 180 s.
 
 ## Figure by figure
@@ -104,13 +99,9 @@ In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The ensemble
 
-The {number} vehicles are the largest set among the candidates of about {searches} searches in which any two differ by
-a factor of 1.5 or more, or in sign, in at least three of the eight traits. In a candidate, at least 18 of the 20 ends
-are inside their intervals, no end is outside by more than 20 % of its axis, and the properties are
-[plausible](paper-vehicles.md). Each member trims at least 0.1 deg from the nodes of the tables, and does not saturate.
+The {number} vehicles are the largest set among the candidates of about {searches} searches in which any two vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits. For each candidate, at least 18 of the 20 ends are inside their intervals, no end is outside by more than 20 % of the axis, and the properties are [plausible](paper-vehicles.md). Each member is trimmed at least 0.1 deg from the nodes of the tables, and its surfaces do not saturate.
 `studies/paper_vehicle.json` contains the traits of each member.
-The command `python studies/paper_vehicle.py` selects the members
-from the stored results of the searches. Its [rules](paper-vehicles.md#pitch-and-yaw-damping) reduced the pitch damping
+`python studies/paper_vehicle.py` selects the members from the stored searches. The damping [rules](paper-vehicles.md#pitch-and-yaw-damping) reduced the pitch damping
 of {reduced} members and increased the yaw damping of two.
 
 {spread}
@@ -121,8 +112,7 @@ of {reduced} members and increased the yaw damping of two.
 
 The paper claims: "With nearly the same amount of control surface usage, TLC has a better performance in
 tracking angle of attack, sideslip angle and bank angle commands." The following numbers compare the rms errors of
-{flights} dispersed flights of each member, over the whole flight and outside the transients (the ramps of the bank
-and 5 s after each ramp).
+{flights} dispersed flights of each member, over the whole flight and outside the transients (the ramps of the bank angle and 5 s after each).
 
 [CLAIM_WORDS]
 
@@ -131,12 +121,11 @@ and no flight terminates early. `studies/paper_vehicle_claim.json` contains the 
 
 For the bank angle, the result depends on the time window. During a ramp, the faster attitude loop has the smaller error:
 the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with Table 1 and sqrt(2.28e5 / 3.28e3) = 8.3 rad/s with the
-printed weights. Outside the transients, the static error is decisive; it is smaller for TLC, because TLC
-inverts the model and integrates.
+printed weights. Outside the transients, the static error is decisive; it is smaller for TLC, because TLC inverts the model and integrates errors.
 
 The page on [the claim](claim.md) compares controllers that were tuned within the same limits. On a vehicle
 that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in
-bank), LQR with the printed weights is unstable and TLC with Table 1 saturates.
+bank), LQR with the printed weights is unstable and TLC with Table 1 saturates the surfaces.
 
 ## Prediction of one figure from the others
 
@@ -153,28 +142,23 @@ lines are their commands. The shaded area contains all {flights} dispersed fligh
 PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
-The figures alone also admit vehicles that could not be built, so each member of the
-[ensemble](paper.md#the-ensemble) satisfies the limits of this table (`python studies/paper_vehicle_sides.py`);
-`abhv` is `seed-2`. The limits of lift, drag and L/D cover all Mach numbers of the tables; all other limits
+Vehicles that could not be built may also reproduce the figures, so each member of the [ensemble](paper.md#the-ensemble) satisfies the limits below (`python studies/paper_vehicle_sides.py`);
+`abhv` is `seed-2`. The limits on lift, drag and L/D cover all Mach numbers of the tables; all other limits
 apply at the Mach number of the S manoeuvre, 4.74, and no member was designed for flight far from this Mach number.
-The search varies factors on GHAME's tables, for a length of 8.6 m, slightly more than an X-51 with its booster. The
-wing loading was chosen, because a common factor on mass, inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the Mach
+The search scales GHAME's tables, for a length of 8.6 m, slightly more than that of an X-51 with booster. The wing loading was chosen freely, because a common factor on mass, inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the Mach
 number, and deflections cause no drag. The tables of all members begin at Mach 2.
 
 [CLASS]
 
 - The limit on L/D is Kuechemann's 4 (M + 3)/M, which is 6.5 at Mach 4.74, and the limits on the wing loading include
   the 380 kg/m2 of the X-43A (Marshall et al., AIAA 2005-3332).
-- In quasi-steady flow, the rudder alone cannot damp yaw more than the whole vehicle.
-- Quasi-steady lift at the radius of pitch damping from the centre of gravity would produce the vehicle's Cm_q, which
-  is -2 CL_alpha (radius/chord)^2. This radius and the two arms are at most half of the vehicle's length.
+- In quasi-steady flow, the rudder alone cannot damp yaw more than the whole vehicle does.
+- The radius of pitch damping is the distance from the centre of gravity at which quasi-steady lift would give the vehicle's Cm_q = -2 CL_alpha (radius/chord)^2. The radius and the arms of rudder and elevator are at most half of the vehicle's length.
 - The other limits are engineering judgement.
 
-The limits, not only the figures, determine some traits. On at least half of the members, the following traits are
-near a limit (the number of members follows): {near}.
+The limits, not only the figures, determine some traits. On at least half of the members, the following traits are near a limit (with the number of members): {near}.
 
-GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (its best
-is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In
+GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (the maximum is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In
 Figure 11, the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced
 drag, such an increase requires an L/D of 3 to 5, so the paper did not use GHAME's drag. The conclusion depends on
 GHAME's [specific impulse](theory.md#limits-of-the-model), which the members share and which rises with the
@@ -183,31 +167,23 @@ equivalence ratio, whereas that of a real hydrogen ramjet usually decreases. Sle
 
 ## Pitch and yaw damping
 
-The figures do not determine the damping. The stored results of the searches (`studies/paper_vehicle_starts.json`) have
-no limit on the radius of pitch damping or on the yaw damping of the rudder. The command `OPENBLAS_NUM_THREADS=1 python
-studies/paper_vehicle.py` applies these limits by three rules, simulates each vehicle again and selects the largest set
-of vehicles that differ:
+The figures do not determine the damping. The stored searches (`studies/paper_vehicle_starts.json`) had no limit on the radius of pitch damping or on the yaw damping of the rudder. The command `OPENBLAS_NUM_THREADS=1 python
+studies/paper_vehicle.py` enforces these limits by three rules, simulates each vehicle again and selects the largest set in which all vehicles differ:
 
 - A radius of pitch damping of more than 4.3 m is reduced to 4.2 m.
-- Variants of each vehicle have less pitch damping, at levels below that of `abhv` in the ratio of {level:.2f}. A variant
-  is selected only if the vehicle is otherwise too similar to other members.
+- Variants of each vehicle have less pitch damping, at levels that decrease from that of `abhv` by factors of {level:.2f}. A variant is selected only if the original vehicle is too similar to other members.
 - If the rudder alone damps yaw more than the vehicle, the magnitude of Cn_r is increased by whole percents until the
   rudder's share is at most 0.99.
 
 The rules reduced Cm_q on {reduced} members, on `abhv` from -3.46 to {abhv_damping:.2f}, and increased the magnitude of
-Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. These changes moved the end points of the curves by at most 5 % of
-the axis range, and none of them out of its interval. The limit on the radius would be reached only if all lift acted at
+Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. The changes in damping moved no end point of the curves by more than 5 % of the axis range, or out of its interval. The limit on the radius would be reached only if all lift acted at
 nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for GHAME. The pitch damping of
 `abhv` is thus large, but a smaller value would change no figure.
 
-The stored Cm_q of `seed-3`, `seed-7`, `seed-9`, `seed-16` and `seed-23` were set before these rules were written. They
-differ from the values of the rules by at most 1.1 %, which moves no end point by more than 0.06 % of the axis range. The
+The stored Cm_q of `seed-3`, `seed-7`, `seed-9`, `seed-16` and `seed-23` were set before these rules were written. The rules give values that differ by at most 1.1 %, which moves no end point by more than 0.06 % of the axis range. The
 command prints the differences, and keeps the stored members if no value differs by more than {tolerance:.1f} %.
 
-With the options `--fresh --searches 19`, the command starts from `abhv` alone and applies all limits in the searches. Its
-2567 simulated vehicles contain 5 members, of which `abhv` is one. All satisfy the limits above, at least 18 ends are
-inside, and the largest miss is 15 % of an axis (16 % for the stored members). Such a search thus finds vehicles of the
-same kind, but it did not reach eight members.
+With the options `--fresh --searches 19`, the command starts from `abhv` alone and applies all limits in the searches. The 2567 simulated vehicles contain 5 members, including `abhv`. All five satisfy the limits above, at least 18 ends are inside their intervals, and the largest deviation is 15 % of an axis (16 % for the stored members). This search thus finds vehicles of the same kind, but fewer than eight.
 
 ## Control powers
 
@@ -322,7 +298,7 @@ def predicted_words(result: dict[str, Any]) -> str:
         f"The fitted vehicles predict {join(near)} within {100.0 * NEAR:.0f} % of the axis, "
         "but not "
         f"{join([f'{label} (outside by up to {100.0 * misses[label]:.0f} %)' for label in far])}, "
-        "so the agreement of a member with these figures is not a test."
+        "so the agreement of a member with these unpredicted figures is not a test."
     )
 
 

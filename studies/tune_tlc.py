@@ -221,15 +221,15 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "## Damping, from 0.707 upwards",
         "",
         "The damping of all channels is changed in the inner loops (3 and 4) or in the outer loops "
-        '(1 and 2). "Overshoot" is that of the nominal bank angle after the first step, and '
+        '(1 and 2). "Overshoot" refers to the nominal bank angle after the first step, and '
         f'"swings" is the largest number of reversals by more than {SWING:g} deg of any surface '
-        f"between the two steps; {MANY} or more count as an oscillation. The smallest inner "
+        f"between the two steps; {MANY} or more count as oscillation. The smallest inner "
         f"damping without overshoot is {calmest:g}; the value in Table 1 is 3.4.",
         "",
         *header(("loops", "damping", "overshoot", "swings")),
         *dampings,
         "",
-        "## Outer bandwidths below inner ones",
+        "## Outer bandwidths below inner bandwidths",
         "",
         "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. If an "
         "inner bandwidth is reduced to the outer bandwidth, the error that increases most becomes "
@@ -242,9 +242,9 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "bandwidth for sub-loop 4 is larger by a ratio of 3, 4 or 5. The largest bandwidths "
         f"without an oscillation are {swings}; the bandwidth for sub-loop 4 is then near the "
         f"{surfaces:g} rad/s of the surface actuators. The paper uses only 0.3 rad/s, at ratio 5. "
-        "Noise limits the bandwidth first. The table is for ratio 5; its last column is the travel "
-        f"of all surfaces with white noise at 100 Hz (rms {NOISE:g} deg on each measured angle and "
-        f"{NOISE:g} deg/s on each body rate).",
+        "Noise limits the bandwidth earlier than oscillation. The table is for ratio 5; its last "
+        f"column is the travel of all surfaces with white noise at 100 Hz (rms {NOISE:g} deg on "
+        f"each measured angle and {NOISE:g} deg/s on each body rate).",
         "",
         *(
             line + tail
