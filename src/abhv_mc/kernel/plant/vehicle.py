@@ -1,7 +1,7 @@
 """Packed form of a vehicle: named tuples of arrays for the compiled plant.
 
-They are arguments of the compiled code, not constants, so that one compiled flight serves every
-vehicle and changed tables need no new compilation.
+The tuples are arguments of the kernels, not constants, so one compiled kernel simulates any vehicle
+and changed tables need no compilation.
 """
 
 import math
@@ -38,7 +38,8 @@ VARIABLES = (
 # Lift and drag are in stability axes, the side force is along body y, moments about body axes.
 COEFFICIENTS = ("lift", "drag", "side_force", "rolling_moment", "pitching_moment", "yawing_moment")
 
-# Quantities of every vehicle; entry i is table row ``Tables.fixed_row[i]`` (constant if absent).
+# Quantities that every vehicle has. Entry i is in table row ``Tables.fixed_row[i]``, which is
+# constant if the vehicle file has no table for it.
 FIXED_TABLE_ROWS = (
     "capture_area_ratio",  # ca(Mach, alpha); 0 if the vehicle has a thrust area instead
     "specific_impulse",  # specific impulse, s
@@ -62,7 +63,7 @@ class Tables(NamedTuple):
     rows from ``group_row``. Node (i, j, k) of group g starts at
     ``data[group_start[g] + i*stride[g,0] + j*stride[g,1] + k*stride[g,2]]``.
     Every group has two or three dimensions: a 1-D table gets a second axis of stride 0.
-    Constants are tables on the variable ``one`` (grid 0, 2), so they never leave the tables.
+    Constants are tables over the variable ``one`` (grid 0, 2), which never leaves the grid.
     """
 
     axis_variable: Ints  # [axis] index of the variable in VARIABLES
@@ -123,14 +124,14 @@ class Inlet(NamedTuple):
     sideslip_max: float = math.inf
     mach_min: float = -math.inf
     mach_max: float = math.inf
-    # time inside the range until the inlet restarts, s; infinite: never
+    # time inside the range until the inlet restarts, s; infinite if it never restarts
     restart_delay: float = math.inf
     drag_increment: float = 0.0
     pitching_moment_increment: float = 0.0
 
 
 class Foreign(NamedTuple):
-    """Custom functions of the vehicle, whose code is identified by its digest."""
+    """Custom functions of the vehicle, whose code is identified by a digest."""
 
     aerodynamics: int  # 1 if custom functions compute the coefficients
     propulsion: int  # 1 if custom functions compute the thrust
@@ -161,7 +162,7 @@ class Constants(NamedTuple):
     thrust_offset_z: float  # distance of the thrust line below the moment reference, m
     mass_start: float  # initial mass, kg
     mass_empty: float  # mass without fuel, kg
-    burns_fuel: float  # 1; 0 without an empty mass: the mass is constant and the engine runs
+    burns_fuel: float  # 1, or 0 if mass is constant and the engine always runs
     surface_limit: float  # largest axis deflection that a control law commands, rad
     equivalence_ratio_min: float  # minimum and maximum throttle
     equivalence_ratio_max: float
@@ -175,7 +176,7 @@ class Constants(NamedTuple):
     bounds: LoadBounds  # limits beyond which a flight ends
     # delay from the end of an engine's failure to the start of its recovery, s
     relight_delay: float = 0.0
-    relight_time_constant: float = 0.0  # time constant of the recovery, s; 0: the lag of the engine
+    relight_time_constant: float = 0.0  # time constant of recovery, s; if 0, the engine's lag
     sensing: Sensing = Sensing()  # reference for the measured angles and speed
     # 1: effectors have actuators; 0: the three axes have actuators, and effectors follow
     driven: float = 0.0
@@ -187,11 +188,11 @@ class Effectors(NamedTuple):
     variable: Ints  # [effector] index in VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
     share: Floats  # [axis, effector, effector] projection of deflections onto an axis, within a set
-    axes: Floats  # [axis, effector] pseudo-inverse of the mix, from effectors to axes
+    axes: Floats  # [axis, effector] pseudo-inverse of the mix, which maps effectors to axes
 
 
 class Vehicle(NamedTuple):
-    """Packed vehicle."""
+    """Vehicle in packed form, as an argument of the kernels."""
 
     constants: Constants
     tables: Tables
@@ -202,6 +203,6 @@ class Vehicle(NamedTuple):
     # [actuator, column of actuator_step] aileron, rudder, elevator, engine, effectors
     actuators: Floats
     effector_names: Ints  # [effector, letter] code points, padded with zeros
-    # [engine, 4] share of the thrust; x, y, z from the thrust line, m; empty: one engine
+    # [engine, 4] share of the thrust, and x, y, z from the thrust line, m; empty for one engine
     engines: Floats
     foreign: Foreign = no_functions()
