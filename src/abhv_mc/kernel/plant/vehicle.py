@@ -187,7 +187,7 @@ class Effectors(NamedTuple):
 
     variable: Ints  # [effector] index in VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
-    share: Floats  # [axis, effector, effector] projection of deflections onto an axis, within a set
+    share: Floats  # [axis, effector, effector] projection onto each axis (vehicle.actuators)
     axes: Floats  # [axis, effector] pseudo-inverse of the mix, which maps effectors to axes
 
 
