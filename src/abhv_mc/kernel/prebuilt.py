@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from abhv_mc.kernel.cache import source_hash
 
-# folder of builds in the wheel; a checkout has no builds
+# Folder of builds in the wheel; a source checkout has no builds.
 FOLDER = Path(__file__).parents[1] / "prebuilt"
 _COMPILERS = ("numba", "llvmlite")
 _AVX2 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
@@ -36,7 +36,7 @@ class Level(NamedTuple):
         return [name for name in self.needed if not processor.get(name)]
 
 
-LEVELS = (  # levels, best first
+LEVELS = (  # levels in order of decreasing preference
     Level(
         "x86-64-v4",
         "-prefer-256-bit",

@@ -113,7 +113,7 @@ class Active(NamedTuple):
     disturbances: Disturbances
     sensor_errors: SensorErrors
     failures: Failures
-    windy: bool  # whether the air moves
+    windy: bool  # whether there is wind, a gust or turbulence
     misaligned: bool  # whether the thrust is misaligned
     warm: bool  # whether the air has a non-standard temperature
 
@@ -140,7 +140,7 @@ def lean_active(Z, width, plan):
 
 @lanes
 def instruments(plan, Z, width, active, tick, evaluated):
-    """Compute measurements relative to the air, and additional measurements for custom laws.
+    """Compute measurements relative to the air, and additional ones for custom control laws.
 
     ``evaluated`` is true if the forces at the tick's state have already been evaluated.
     """
@@ -422,7 +422,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = (
         1 < width < last_flight - first_flight
-    )  # Otherwise there is only one group, or there are no lanes to reassign.
+    )  # With a single lane or a single group, there are no lanes to reassign.
     for first in range(first_flight, last_flight, saved.shape[0]):
         flying = min(saved.shape[0], last_flight - first)
         for i in range(flying):
@@ -446,8 +446,8 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 for lane in range(n):
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
-                        # The slot is at or before the flight's own slot, which has already been
-                        # restored.
+                        # This slot may be overwritten, because it is at or before the flight's own
+                        # slot, from which the flight has been restored.
                         save_lane(memory, lane, saved[still_flying], driven, custom, own)
                         order[still_flying] = flight
                         still_flying += 1

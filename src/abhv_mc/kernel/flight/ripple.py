@@ -19,7 +19,7 @@ from abhv_mc.kernel.numerics.angles import larger
 # LARGEST (deg) and FREQUENCY (Hz) describe the largest complete cycle.
 MEAN, FARTHEST, TICK, LAST, LAST_TICK, SWING, FIRST_TICK, LARGEST, FREQUENCY = range(9)
 N_RIPPLE_ROWS = 9
-LEAST = 0.01  # smallest excursion to the other side of the mean that ends a side, deg
+LEAST = 0.01  # smallest excursion across the mean that ends a side, deg
 HALF = 0.5
 
 

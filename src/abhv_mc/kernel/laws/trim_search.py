@@ -30,7 +30,7 @@ NO_EQUIVALENCE_RATIO, NO_ANGLE_OF_ATTACK, NO_BANK, NO_ELEVATOR = 1, 2, 4, 8
 
 
 class GuidancePoints(NamedTuple):
-    """Trim points with prescribed accelerations; fields are ``[point]``, SI and radians."""
+    """Trim points with prescribed accelerations [point], in SI units and radians."""
 
     speed: Floats
     density: Floats

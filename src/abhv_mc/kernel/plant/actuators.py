@@ -354,7 +354,7 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
 
 @lanes
 def set_actuators(Z, width):
-    """Set axes and engine to their state at the end of the step, for its last stage."""
+    """Set axes and engine to their state at the end of the step, for the last stage."""
     for i in range(s.AILERON, s.ETA_RATE + 1):
         for lane in range(width):
             Z[XS + i, lane] = Z[SUM + i, lane]

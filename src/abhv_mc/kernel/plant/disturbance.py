@@ -97,7 +97,7 @@ class Disturbances(NamedTuple):
     gusty: bool
     turbulent: bool
     profiled: bool  # whether there is a density profile
-    windy: bool  # whether the air moves: any wind, gust or turbulence
+    windy: bool  # whether there is any wind, gust or turbulence
 
 
 @lanes

@@ -221,7 +221,7 @@ def run_effectors(Z, A, width, vehicle, step, active):
 
 @lanes
 def end_effectors(A, width, vehicle):
-    """Set the effectors to their positions at the end of the step, for its last stage."""
+    """Set the effectors to their positions at the end of the step, for the last stage."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):

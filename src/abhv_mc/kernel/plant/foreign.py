@@ -17,7 +17,7 @@ from abhv_mc.kernel.plant.thrust import DISPERSED, NOMINAL
 STEP = 1e-5  # step of central differences, rad
 _K_PART = parameter_row(
     "aero.lift.sideslip"
-)  # The other coefficients follow, in the order of the variables.
+)  # The rows of the other variables and coefficients follow.
 # number of dispersed variables: sideslip, rates and deflections
 N_PARTS = s.V_DELTA_E - s.V_BETA + 1
 

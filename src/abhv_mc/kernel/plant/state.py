@@ -73,7 +73,7 @@ NAV = FIXED + len(FIXED_TABLE_ROWS)  # true motion relative to the Earth
 MEASURED = NAV + 8  # measurement, the input of the control laws
 N_MEASURED = len(SENSORS)
 N_SEEN = len(ALL_SENSORS)  # number of measurements, including those for custom laws
-COUNTED = MEASURED + N_SEEN  # 1 if the tick's sample is counted
+COUNTED = MEASURED + N_SEEN  # 1 if metrics count the sample of the tick, else 0
 COMMANDS = COUNTED + 1  # commands from the guidance to the attitude loop
 GUST = (
     COMMANDS + 3

@@ -16,7 +16,7 @@ MAX_EFFECTORS = 16
 MAX_ACTUATORS = MAX_EFFECTORS + 3
 MAX_ENGINES = 4
 
-# Variables of table axes and build-up terms, SI and radians.
+# Variables of table axes and build-up terms, in SI units and radians.
 # Effectors are surfaces of the vehicle, mixed from the three axis deflections.
 VARIABLES = (
     "one",
@@ -95,7 +95,7 @@ class BuildUp(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """Reference for measured values: 1 is relative to the air, 0 relative to the Earth."""
+    """Reference of measured values: 1 for the air, 0 for the Earth."""
 
     angle_of_attack: int = 0
     sideslip: int = 0
@@ -103,7 +103,7 @@ class Sensing(NamedTuple):
 
 
 class LoadBounds(NamedTuple):
-    """Largest values allowed in a flight, SI and radians; infinite without a limit."""
+    """Largest allowed values in a flight, in SI units and radians; infinite if unlimited."""
 
     dynamic_pressure: float = math.inf  # maximum dynamic pressure, Pa
     load_factor: float = math.inf  # maximum load factor, g
@@ -116,9 +116,9 @@ class LoadBounds(NamedTuple):
 
 
 class Inlet(NamedTuple):
-    """Range in which the inlet stays started, SI and radians, and effects of an unstart."""
+    """Flow conditions of a started inlet, and effects of an unstart, SI units and radians."""
 
-    unstarts: float = 0.0  # 1 if the vehicle file has a started range, else 0
+    unstarts: float = 0.0  # 1 if the vehicle file limits the flow of a started inlet, else 0
     angle_of_attack_min: float = -math.inf
     angle_of_attack_max: float = math.inf
     sideslip_max: float = math.inf
@@ -149,12 +149,12 @@ def no_functions() -> Foreign:
 
 
 class Constants(NamedTuple):
-    """Constants of a vehicle, SI and radians."""
+    """Constants of a vehicle, in SI units and radians."""
 
     area: float  # reference area, m2
     span: float  # reference span (roll and yaw), m
     chord: float  # reference chord (pitch), m
-    # T = capture_thrust * eta * rho * V * ca * Isp: stoichiometric ratio * cowl area * g0
+    # stoichiometric ratio * cowl area * g0, so that T = capture_thrust * eta * rho * V * ca * Isp
     capture_thrust: float
     standard_gravity: float  # g0 of the specific impulse, m/s2: fuel flow = T / (g0 Isp)
     thrust_cos: float  # cosine and sine of the upward inclination of the thrust line
@@ -169,7 +169,7 @@ class Constants(NamedTuple):
     angle_of_attack_min: float  # A flight ends outside this range of the angle of attack, rad.
     angle_of_attack_max: float
     sideslip_max: float
-    # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
+    # 1 if drag opposes the velocity (as for a sphere), 0 if drag and lift are in stability axes
     drag_in_wind_axes: float
     nose_radius: float  # nose radius, m; 0 if the vehicle file has none
     inlet: Inlet
@@ -178,7 +178,7 @@ class Constants(NamedTuple):
     relight_delay: float = 0.0
     relight_time_constant: float = 0.0  # time constant of recovery, s; if 0, the engine's lag
     sensing: Sensing = Sensing()  # reference for the measured angles and speed
-    # 1: effectors have actuators; 0: the three axes have actuators, and effectors follow
+    # 1 if the effectors have actuators; 0 if the three axes have actuators and effectors follow
     driven: float = 0.0
 
 
@@ -202,7 +202,7 @@ class Vehicle(NamedTuple):
     effectors: Effectors
     # [actuator, column of actuator_step] aileron, rudder, elevator, engine, effectors
     actuators: Floats
-    effector_names: Ints  # [effector, letter] code points, padded with zeros
+    effector_names: Ints  # [effector, letter] Unicode code points, padded with zeros
     # [engine, 4] share of the thrust, and x, y, z from the thrust line, m; empty for one engine
     engines: Floats
     foreign: Foreign = no_functions()
