@@ -69,7 +69,7 @@ class Metric(Signal):
 
     @property
     def counted(self) -> str:
-        """Definition as text, such as 'max_abs of bank_error_deg, outside the transients'."""
+        """Definition of the metric, such as 'max_abs of bank_error_deg, from 5 s'."""
         if not self.of:
             return "of the linearized loops"
         text = f"{self.statistic.word} of {self.of}"

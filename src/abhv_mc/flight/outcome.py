@@ -15,13 +15,13 @@ from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 
 class Outcome(IntEnum):
-    """Outcome of a flight; the name in lower case is the code in files."""
+    """Outcome of a flight; files contain its name in lower case as a code."""
 
     OK = 0
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # value in the kernel
+    NOT_FINITE = int(user.NOT_FINITE)  # the value that the kernel uses
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7

@@ -30,9 +30,9 @@ NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 class Recording(NamedTuple):
     """Specification of the time histories that are recorded."""
 
-    every: int  # number of control ticks between samples; 0 records nothing
+    every: int  # number of control ticks between samples; 0 if nothing is recorded
     channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # indices into the plan's channels
-    extremes: bool = False  # record extremes over all flights and control ticks
+    extremes: bool = False  # whether to record extremes over all flights and control ticks
 
     def count_samples(self, timing: "Timing") -> int:
         """Return the number of samples of a complete flight."""
@@ -176,7 +176,7 @@ class FlightBlock:
     metrics: Floats  # [flight, metric], in the order of the plan's metrics
     history: Singles  # [flight, time, channel] recorded channels; NaN after the end
     times: Floats  # [time] times of the history, s
-    # [flight, time, state]; empty unless requested
+    # [flight, time, state] recorded states; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
     # [time, channel] extremes over all flights and all control ticks between the adjacent times;
     # NaN if there are no flights, None unless requested

@@ -37,7 +37,7 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 @contextlib.contextmanager
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
-    """Yield the addresses of a vehicle's functions for ``width`` lanes, or zeros."""
+    """Yield the addresses of a vehicle's custom functions for ``width`` lanes; 0 if undefined."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
     # The reference keeps the functions alive while the kernel uses them.
     functions: tuple[Any, ...] = (None, None, None)
@@ -57,7 +57,7 @@ def open_law(
     flights: int = TOGETHER,
     dispersed: bool = False,
 ) -> Iterator[UserCode]:
-    """Yield the addresses of a plan's custom code for ``width`` lanes, or zeros.
+    """Yield the addresses of a plan's custom code for ``width`` lanes; 0 if undefined.
 
     If ``memory_in_rows`` is true, control laws in plain Python or native code have their memory in
     the lane memory, like compiled control laws; see :func:`law_memory`. If ``dispersed`` is true,

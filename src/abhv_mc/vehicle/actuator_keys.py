@@ -148,7 +148,7 @@ class ThrustLine(StrictModel):
 
 
 class Unstart(StrictModel):
-    """Flow conditions in which the inlet stays started; outside these the engine fails."""
+    """Flow conditions in which the inlet stays started; under other conditions it unstarts."""
 
     angle_of_attack: AngleRange = Field(
         default=(-math.inf, math.inf),

@@ -115,7 +115,7 @@ class MassPoints(StrictModel):
 
 
 class MassModel(MassPoints):
-    """Mass model: initial mass of a flight, and mass properties as functions of mass."""
+    """Initial mass of a flight, and mass properties as functions of mass."""
 
     start: Annotated[Mass, Positive] = Field(
         description="initial mass of the vehicle, within the mass range of the points"
@@ -268,7 +268,7 @@ def _aerodynamics_kind(value: Any) -> str:
 
 
 class FlightLimits(LoadLimits):
-    """Limits of the vehicle; exceeding one ends the flight."""
+    """Limits of the vehicle; a flight that exceeds a limit ends."""
 
     angle_of_attack: AngleRange = Field(description="minimum and maximum angle of attack")
     sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")

@@ -52,7 +52,7 @@ from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
-# upper limit of specific impulses in s
+# largest plausible specific impulse, s
 _LARGEST_IMPULSE = 1e4
 
 
@@ -168,7 +168,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
 
     terms: list[list[tuple[int, int, int, int]]] = [
         [] for _ in COEFFICIENTS
-    ]  # (coefficient, entry, variable, factor)
+    ]  # Each term is (coefficient, table entry, variable, factor).
     for c, coefficient in enumerate(COEFFICIENTS):
         for term in getattr(content.aerodynamics, coefficient, ()):
             variable = _variable(term.times, tuple(content.effectors))

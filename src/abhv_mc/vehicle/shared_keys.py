@@ -55,7 +55,7 @@ def _oscillation(value: Any) -> Any:
 
 
 class LoadLimits(StrictModel):
-    """Load limits; exceeding one ends the flight. By default there is no limit."""
+    """Load limits; a flight that exceeds a limit ends. By default there are no limits."""
 
     dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
         None, description="maximum dynamic pressure"
@@ -121,7 +121,7 @@ Against = Literal["air", "inertial"]
 
 
 class SensingKeys(StrictModel):
-    """Reference for measured quantities: the air, or the Earth ("inertial")."""
+    """Reference of measured quantities: the air, or the Earth ("inertial")."""
 
     angle_of_attack: Against | None = Field(
         None, description="reference for the measured angle of attack: air, or inertial (default)"

@@ -27,7 +27,7 @@ from abhv_mc.vehicle.actuator_keys import ThrustFunction
 from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
 
 N_THRUST = 7  # number of values of a propulsion function: force, moment, fuel flow
-STEP = 1e-5  # step of the central differences in rad
+STEP = 1e-5  # step of the central differences, rad
 _ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
 
 
@@ -45,7 +45,7 @@ class Setting(NamedTuple):
     """Setting of a custom function, which a campaign may disperse."""
 
     name: str  # name such as dynamics.frequency
-    unit: str  # SI
+    unit: str  # SI unit of the value
     value: float
 
 

@@ -20,8 +20,11 @@ from abhv_mc.vehicle.evaluate import (
 from abhv_mc.vehicle.pack import nodes_of
 
 _STEP = 0.02  # step of numerical derivatives
-_SMALL_ANGLES = (-0.05, 0.2)  # range of evaluated angles of attack in rad
-_ALTITUDE = 20_000.0  # altitude in m at which derivatives are evaluated
+_SMALL_ANGLES = (
+    -0.05,
+    0.2,
+)  # range of the angles of attack at which derivatives are evaluated, rad
+_ALTITUDE = 20_000.0  # altitude at which derivatives are evaluated, m
 _BISECTIONS = 30
 _SECOND_MINIMUM = 0.05  # minimum depth of a second drag minimum, relative to the least drag
 

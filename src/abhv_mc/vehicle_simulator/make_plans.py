@@ -46,7 +46,7 @@ def make_plans(
     for plan in plans.values():
         _check_dispersions(campaign, plan)
         if plan.channels_source is not None:
-            compile_plan_channels(plan, LANES)  # Compile before any file is written.
+            compile_plan_channels(plan, LANES)  # Errors occur before any file is written.
     return plans
 
 

@@ -67,7 +67,7 @@ def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
 
 def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
     if array.shape != shape:
-        raise ValueError(f"'{name}' has the shape {array.shape} instead of {shape}")
+        raise ValueError(f"{name}: shape {array.shape} instead of {shape}")
 
 
 def read_trusted_plan(
