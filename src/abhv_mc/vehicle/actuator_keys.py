@@ -251,7 +251,7 @@ class _Inlets(StrictModel):
             )
         if max(map(abs, moments)) > 1e-6:
             problem = (
-                f"the mean engine position is {', '.join(f'{x:g}' for x in moments)} m from the "
+                f"the engines' mean position is {', '.join(f'{x:g}' for x in moments)} m from the "
                 "thrust line"
             )
             raise Refusal(problem, "positions whose weighted mean is 0", ("engines",))
