@@ -49,9 +49,9 @@ _SENTENCES = {
         "`simulator: {repeatable: no}` that the noise is independent between flights and "
         "processes."
     ),
-    Repeatability.SHARED: "The campaign states (`repeatable: no`) that the simulator draws "
-    "independent noise, but new processes draw the same noise: flights of different workers are "
-    "copies. No verdict is given. Seed the noise from an input with `seed: true`.",
+    Repeatability.SHARED: "New processes draw the same noise, although the campaign states "
+    "(`repeatable: no`) that the noise is independent: flights of different workers are copies. No "
+    "verdict is given. Seed the noise from an input with `seed: true`.",
 }
 
 
