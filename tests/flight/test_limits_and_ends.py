@@ -101,7 +101,8 @@ def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(
     dispersions = {name: {"distribution": "uniform", "half_width": value}}
     campaign = read_campaign(write_inputs(content | {"dispersions": dispersions}, tmp_path))
     with pytest.raises(
-        InputError, match=rf"campaign.yaml:\d.*'{name}' with 'limits: {{oscillation}}'.*still air"
+        InputError,
+        match=rf"campaign.yaml:\d.*'{name}' conflicts with 'limits: {{oscillation}}'.*still air",
     ):
         campaign.simulator.make_plans(["tlc"])
 

@@ -172,7 +172,7 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     ("fault", "problem"),
     [
         ("dt = 0.0 / 0.0;", "the throttle command is not finite at 0.01 s"),
-        ("if (own->ticks == 0) return 1;", "the law returns an error at 0 s"),
+        ("if (own->ticks == 0) return 1;", "the control law returns an error at 0 s"),
     ],
 )
 def test_a_law_that_fails_at_its_first_ticks_is_rejected_with_its_line(

@@ -135,7 +135,9 @@ def test_terms_scales_and_effectors(write):
         pytest.param(
             "start: 100 kg", "start: 200 kg", (4, 10), "50 to 150 kg", id="start outside the points"
         ),
-        pytest.param("mass: 150 kg", "mass: 40 kg", (8, 14), "rising masses", id="falling masses"),
+        pytest.param(
+            "mass: 150 kg", "mass: 40 kg", (8, 14), "increasing masses", id="falling masses"
+        ),
         pytest.param(
             "inertia_zz: 25", "inertia_zz: 31", (7, 7), "impossible", id="impossible inertia"
         ),

@@ -1,1 +1,1 @@
-"""Flights of the built-in simulator: signals, outcomes, metrics, plans and simulation."""
+"""Flights of the built-in simulator: channels, outcomes, metrics, plans and simulation."""

@@ -1,4 +1,4 @@
-"""Arguments of the compiled flight, checked for type and shape."""
+"""Arguments of the simulation kernel, with checks of their types and shapes."""
 
 import math
 from collections.abc import Sequence
@@ -41,17 +41,17 @@ _COLUMNS = {  # numbers of gains and of settings, by control law
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
-}  # A custom law may have any number of gains and settings.
-# Outcome code in the kernel for a flight that reached the end of its mission; the code truncates to
-# OK.
+}  # A custom control law may have any number of gains and settings.
+# The kernel's outcome code for a flight that reached an end condition of its mission. Conversion to
+# an integer gives Outcome.OK.
 _FLOWN = 0.5
 
 
 class SavedFlights(NamedTuple):
-    """Memory of flights at a control tick, before the measurement."""
+    """Memory of flights at a control tick, before measurements are computed."""
 
     tick: int
-    # [flight, row] lane memory (kernel.plant.state), then observer memory
+    # [flight, row] lane memory (kernel.plant.state), followed by the observer's memory
     rows: Floats
 
 
@@ -64,7 +64,7 @@ def make_results(
 ) -> KernelResults:
     """Return result arrays for the kernel to fill.
 
-    With ``save_memory`` the kernel also saves the memory of each flight.
+    If ``save_memory`` is true, the kernel also saves the memory of each flight.
     """
     samples, channels = recording.count_samples(plan.timing), len(recording.channels)
     bins = (samples if recording.extremes else 0, channels)
@@ -139,7 +139,7 @@ def make_kernel_plan(
     rows = min(len(kernel_plan.reference), len(kernel_plan.gains))
     if rows <= plan.timing.ticks:
         raise ValueError(
-            f"plan.reference or plan.gains has {rows} rows for control ticks 0 to "
+            f"plan.reference or plan.gains has only {rows} rows for control ticks 0 to "
             f"{plan.timing.ticks}"
         )
     return kernel_plan
@@ -148,8 +148,8 @@ def make_kernel_plan(
 def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
     """Return rows [flight, parameter] with added settings and initial custom states.
 
-    Rows that already have these values are unchanged, except for settings of control laws at the
-    end: only the settings of the plan's law are kept.
+    Rows that already have these values are unchanged, but settings of other control laws are
+    removed from their end.
     """
     foreign = plan.vehicle.foreign
     nominal = np.concatenate([foreign.settings, np.zeros(foreign.states)])
@@ -167,11 +167,11 @@ def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
 
 
 def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
-    """Return the limits and recorded channels that a flight evaluates at each tick."""
+    """Return the limits and recorded channels that the kernel evaluates at each tick."""
     limits = plan.limits
     bounded = [
         limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))
-    ]  # possibly empty
+    ]  # This list may be empty.
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
     state_limits = plan.vehicle.foreign.state_limit  # Limits of custom states come first.
     limited = np.flatnonzero(np.isfinite(state_limits))
@@ -195,8 +195,8 @@ def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
 def conform(value: Any, kind: Any, name: str) -> Any:
     """Return a named tuple whose arrays have the layout that compiled code expects.
 
-    Arrays are C-contiguous, aligned and writable. Raise ValueError if an array or number, at any
-    depth, does not have the declared type.
+    Arrays are C-contiguous, aligned and writable. Raise ValueError if an array or number does not
+    have the declared type; nested tuples are checked as well.
     """
     if hasattr(kind, "_fields"):
         members = zip(_hints(kind).items(), value, strict=True)

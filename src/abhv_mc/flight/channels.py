@@ -1,12 +1,12 @@
-"""Table of sources: quantities recorded by channels and evaluated by metrics.
+"""Table of sources: quantities that channels record and metrics evaluate.
 
-Arrays have the order of the table.
+Arrays of channels have the order of this table.
 
-A source is a row of the lane memory (a state of :mod:`abhv_mc.kernel.plant.state`, a variable of
-the tables or a named row, in SI and radians, converted to degrees if the unit is degrees) or a row
-of :mod:`abhv_mc.kernel.flight.derived` in the source's unit. Only channels are recorded;
-expressions of metrics may use every source. A new source needs an entry in this table, and a
-derived row if the lane memory does not contain the quantity.
+Each source is a row of the lane memory. States of :mod:`abhv_mc.kernel.plant.state`, variables of
+the tables and other named rows are in SI units and radians, and are converted to degrees if the
+source's unit is degrees. Rows of :mod:`abhv_mc.kernel.flight.derived` are in the source's unit.
+Only channels are recorded; expressions of metrics may use every source. A new source needs an entry
+in this table, and a derived row if the lane memory does not contain the quantity.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 
 @dataclass(frozen=True)
 class Signal:
-    """Quantity of a flight: a number or a function of time."""
+    """Quantity that describes a flight: a number or a function of time."""
 
     name: str  # name that ends with the unit
     unit: str
@@ -136,7 +136,7 @@ CHANNELS += (
     ),
 )
 
-# Reference trajectory of the mission, common to all flights of a campaign.
+# Reference trajectory of the mission, which is the same for all flights of a campaign.
 REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("altitude_reference_m", "m", "reference altitude"),
     Signal("speed_reference_mps", "m/s", "reference speed"),
@@ -173,7 +173,7 @@ _SOURCES: tuple[Source, ...] = (
         Source(
             f"{name}_moved_deg",
             "deg",
-            f"absolute change of the {name} deflection since the last tick",
+            f"absolute change of the {name} deflection since the previous tick",
             f"{name}_moved_deg",
             True,
         )
@@ -228,7 +228,7 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
                 Source,
                 "saturated",
                 "-",
-                "1 if at a limit: deflection or command of effector",
+                "1 if the deflection or the command is at a limit: effector",
                 "effector_saturated",
             ),
         )
@@ -258,7 +258,7 @@ def effector_channels(names: Sequence[str]) -> tuple[Channel, ...]:
 def name_effector_signals(names: Sequence[str]) -> list[str]:
     """Return the names that effectors have in channels and metrics.
 
-    An effector named after an axis gets the suffix ``_effector``, because the name already denotes
-    the axis deflection.
+    An effector with the name of an axis gets the suffix ``_effector``, because the name without
+    suffix denotes the axis deflection.
     """
     return [f"{name}_effector" if f"{name}_deg" in SOURCES else name for name in names]

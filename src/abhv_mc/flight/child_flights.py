@@ -1,7 +1,7 @@
 """Simulation of native control laws in a child process, which may crash.
 
-The memory of a single flight is in a file that outlives the process, so that the last tick can be
-reported.
+The memory of a single flight is mapped to a file that remains after a crash, so that the last tick
+can be reported.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from abhv_mc.user_code.child import LostError, in_child, may_run_here
 from abhv_mc.user_code.law_interface import Measured, find_unit
 from abhv_mc.user_code.unpack import laws_folder
 
-_LIMIT = 60.0  # time limit in s for up to 16 flights
+_LIMIT = 60.0  # time limit for each group of up to 16 flights, s
 _FEW = 16
 _ROWS = Z_ROWS + O_ROWS + 1  # number of rows of the file; the last row contains the control period
 _compiled: set[int] = set()  # lane counts of the compiled flights loaded by the child
@@ -44,7 +44,7 @@ def fly_in_child(
 ) -> FlightBlock:
     """Call ``fly`` in the child process.
 
-    A single flight that twice ends the process or exceeds the time limit gets a special outcome.
+    If a single flight crashes the process or exceeds the time limit twice, its outcome states this.
     """
     if lanes not in _compiled:  # Compilation does not count towards the time limit.
         in_child(fly, plan, parameters[:0], recording, lanes, keep_states)
@@ -88,7 +88,7 @@ def make_failed_block(
     metrics: int,
     keep_states: bool = False,
 ) -> FlightBlock:
-    """Return the block of one flight of which only the outcome is known."""
+    """Return a block for one flight that failed to run, with its outcome but without results."""
     times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
     return FlightBlock(
         outcome=np.array([outcome], np.int64),
@@ -102,9 +102,9 @@ def make_failed_block(
 
 @contextlib.contextmanager
 def open_memory(width: int, flights: int, tick_length: float) -> Iterator[Memory]:
-    """Yield memory for ``width`` lanes, for any vehicle.
+    """Yield memory for ``width`` lanes that is large enough for any vehicle.
 
-    For a single flight in a process that may crash, the memory is in a file.
+    For a single flight in a process that may crash, the memory is mapped to a file.
     """
     if flights != 1 or width != LANES or not may_run_here():
         yield make_memory(width)

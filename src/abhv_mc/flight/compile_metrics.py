@@ -1,4 +1,4 @@
-"""Translation of metrics into instructions for the compiled flight.
+"""Translation of metrics into instructions for the simulation kernel.
 
 Expressions are parsed, never evaluated as Python.
 """
@@ -52,7 +52,7 @@ class SourceRow(NamedTuple):
 def _make_row(source: Source) -> SourceRow:
     """Return the row of a source; ``effector_at+3`` is the fourth row of ``effector_at``.
 
-    Rows are in SI and radians, except that rows of derived quantities are in the source's unit.
+    Rows of derived quantities are in the source's unit, other rows in SI units and radians.
     """
     name, _, offset = source.source.partition("+")
     is_in_unit = source.unit not in ("deg", "deg/s") or name.endswith("_deg")
@@ -75,12 +75,12 @@ def source_rows(
 ) -> dict[str, SourceRow]:
     """Return the lane-memory rows of all sources, by name.
 
-    Sources are built in, or belong to ``effectors`` with actuators, custom ``states`` (names and
-    units), or custom channels [channel, 2] (names and units).
+    The sources are the built-in ones and those of ``effectors`` with actuators, custom ``states``
+    (names and units), and custom channels [channel, 2] (names and units).
     """
     if len(user_channels) > MAX_CHANNELS:
         raise ValueError(
-            f"{len(user_channels)} custom channels, at most {MAX_CHANNELS} are possible"
+            f"the plan has {len(user_channels)} custom channels; at most {MAX_CHANNELS} are allowed"
         )
     return _builtin_source_rows(effectors, states) | {
         name: SourceRow(unit, CHANNEL + i, 1.0)
@@ -89,13 +89,13 @@ def source_rows(
 
 
 def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow]) -> Counted:
-    """Compile metrics for the flight. Raise Refusal if an expression is invalid."""
+    """Compile metrics for the kernel. Raise Refusal if an expression is invalid."""
     lean_indices = [index for index, metric in enumerate(metrics) if _is_lean(metric, sources)][
         :MAX_LEAN
     ]
     program_indices = [index for index in range(len(metrics)) if index not in lean_indices]
     if len(program_indices) > MAX_PROGRAMS:
-        raise Refusal(f"{len(program_indices)} metrics", f"at most {MAX_PROGRAMS}")
+        raise Refusal(f"there are {len(program_indices)} metrics", f"at most {MAX_PROGRAMS}")
     rows = [sources[metrics[index].of] for index in lean_indices]
     lean_metrics = [metrics[index] for index in lean_indices]
     programs = [compile_expression(metrics[index].of, sources) for index in program_indices]
@@ -108,7 +108,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
             factors[i], program.constant[0] = (
                 program.constant[0],
                 1.0,
-            )  # Convert units after taking the difference, to avoid rounding errors.
+            )  # Units are converted after taking the difference, to avoid rounding errors.
     return Counted(
         Lean(
             row=np.array([row.row for row in rows], np.int64),
@@ -141,7 +141,7 @@ def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:
 
 
 def _is_lean(metric: Metric, sources: Mapping[str, SourceRow]) -> bool:
-    """Return whether a metric needs only one accumulator over one row."""
+    """Return whether a metric is a statistic of one row that needs only one accumulator."""
     if (
         metric.group == "user"
         or metric.of not in sources
@@ -204,13 +204,13 @@ class Expression:
         """
         if register >= MAX_REGISTERS:
             raise Refusal(
-                "an expression that is nested too deeply",
+                "the expression is nested too deeply",
                 f"at most {MAX_REGISTERS} intermediate values",
             )
         match node:
             case (
                 ast.Name() | ast.Attribute(value=ast.Name())
-            ):  # Custom states are written as state.NAME.
+            ):  # Expressions refer to custom states as state.NAME.
                 name = ast.unparse(node)
                 if name not in self.sources:
                     raise Refusal(f"unknown channel '{name}'", one_of(self.sources, name))
@@ -224,7 +224,8 @@ class Expression:
                 literal = str(ast.get_source_segment(self.text, node))
                 if not (re.fullmatch(NUMBER, literal) and math.isfinite(value)):
                     raise Refusal(
-                        f"number {describe(literal)}", "a decimal number, such as 0.5 or 1e3"
+                        f"invalid number {describe(literal)}",
+                        "a decimal number, such as 0.5 or 1e3",
                     )
                 self._emit(Operation.CONSTANT, register, constant=float(value))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
@@ -262,7 +263,7 @@ class Expression:
                 self._emit(FUNCTIONS[name], register, register, register)
             case _:
                 raise Refusal(
-                    f"'{ast.unparse(node):.60}'",
+                    f"'{ast.unparse(node):.60}' is not allowed in an expression",
                     "channels, numbers, + - * / abs min max sqrt sin cos",
                 )
 

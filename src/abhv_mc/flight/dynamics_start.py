@@ -1,4 +1,4 @@
-"""Initial equilibrium of custom dynamics, computed together with the trim."""
+"""Equilibrium of custom dynamics at the start of a mission, computed with the trim."""
 
 import math
 from collections.abc import Callable
@@ -30,19 +30,19 @@ MakeState = Callable[[TrimPoint], Floats]
 
 _ITERATIONS = 30
 _STEP = 1e-4  # relative step of numerical derivatives
-_SMALLEST = 1e-6  # smallest magnitude of a state in the computation of its step
-_CONVERGED = 1e-10  # relative size of the last Newton step
-_SINGULAR = 1e-12  # smallest singular value relative to the largest
-_NOTED, _REJECTED = 0.4, 2.0  # thresholds for |eigenvalue| times time step, for warning and error
+_SMALLEST = 1e-6  # lower limit of a state's magnitude when its step is computed
+_CONVERGED = 1e-10  # relative tolerance of the last Newton step
+_SINGULAR = 1e-12  # smallest accepted ratio of the smallest to the largest singular value
+_NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| * step above which a warning or an error is issued
 
 
 def start_custom(
     mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
 ) -> tuple[TrimPoint, Floats, list[str]]:
-    """Return the trim with static deflection, the initial custom states and warnings.
+    """Return the trim in equilibrium with custom dynamics, initial custom states and warnings.
 
-    ``rigid`` is the trim of the rigid vehicle; ``make_state`` converts a trim to a state. Raise
-    InputError if there is no equilibrium or the step is too long.
+    ``rigid`` is the trim without custom dynamics; ``make_state`` converts a trim to a state. Raise
+    InputError if there is no equilibrium or the integration step is too long.
     """
     code = find_code(vehicle)
     if code is None or code.dynamics is None:
@@ -70,12 +70,12 @@ def start_custom(
         )
         value = next_value
     else:
-        raise _no_equilibrium(code, "no equilibrium of the custom states with the trim")
+        raise _no_equilibrium(code, "the custom states and the trim have no common equilibrium")
     return point.trim(push), states, _check_step(code, point, states, push, step_length)
 
 
 def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
-    """Solve for the custom states with zero rates at the trim point with ``push``.
+    """Return the custom states whose rates are zero in the trim with ``push``.
 
     The iteration starts at ``states``. Raise InputError if it does not converge.
     """
@@ -96,7 +96,7 @@ def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push:
         x[free] -= change
         if (np.abs(change) <= _CONVERGED * np.maximum(np.abs(x[free]), _SMALLEST)).all():
             return x
-    raise _no_equilibrium(code, "no equilibrium of the custom states at the start of the mission")
+    raise _no_equilibrium(code, "the custom states have no equilibrium at the mission's start")
 
 
 def _no_equilibrium(code: VehicleCode, problem: str) -> InputError:
@@ -122,7 +122,7 @@ def _slopes(
 
 
 def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
-    """Raise InputError with the name of a state that the Jacobian does not determine."""
+    """Raise InputError with the name of a state if the Jacobian is singular."""
     sizes = np.abs(J).max(axis=1, keepdims=True)
     scaled = J / np.where(sizes > 0.0, sizes, 1.0)
     _, singular, rows = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0).clip(1e-300))
@@ -138,7 +138,7 @@ def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
 
 
 def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> None:
-    """Raise InputError if a number that the function returns is not finite at the start."""
+    """Raise InputError if the function returns a non-finite number at the mission's start."""
     rates, _ = point.evaluate(states, push)
     names = [f"rate of '{state.name}'" for state in code.states]
     names += [f"{quantity} along {axis}" for quantity in ("force", "moment") for axis in "xyz"]
@@ -146,39 +146,40 @@ def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push:
     bad = np.flatnonzero(~np.isfinite([*rates, *point.effect]))
     if bad.size == 0:
         return
-    problem = f"the {names[bad[0]]} is not finite at the start"
+    problem = f"the {names[bad[0]]} is not finite at the start of the mission"
     raise InputError(_file_of(code), problem, "finite numbers", function_line(code.dynamics))
 
 
 def _check_step(
     code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats, step: float
 ) -> list[str]:
-    """Return warnings about eigenvalues that the integration step barely resolves.
+    """Return a warning if the integration step barely resolves the fastest eigenvalue.
 
-    Raise InputError if the step is unstable.
+    Raise InputError if the integration is unstable.
     """
     steps = _STEP * np.maximum(np.abs(states), _SMALLEST)
     free = np.ones(len(states), bool)
     J = _slopes(lambda x: point.evaluate(x, push)[0], states, free, steps)
     fastest = float(np.abs(np.linalg.eigvals(J)).max())
-    phrase = f"an eigenvalue of {fastest:.3g} rad/s at a step of {1e3 * step:g} ms"
+    phrase = f"an eigenvalue of {fastest:.3g} rad/s, but the step is {1e3 * step:g} ms"
     longest_step = f"{1e3 * _NOTED / fastest:.2g} ms" if fastest > 0.0 else ""
     if fastest * step > _REJECTED:
-        expected = f"'step:' in the mission of at most {longest_step}"
+        expected = f"a 'step:' of at most {longest_step} in the mission file"
         problem = f"the custom dynamics have {phrase}"
         raise InputError(_file_of(code), problem, expected, function_line(code.dynamics))
     if fastest * step <= _NOTED:
         return []
     return [
-        f"the custom dynamics have {phrase}, at which integration adds damping; use a step of at "
-        f"most {longest_step}"
+        f"the custom dynamics have {phrase}, which adds numerical damping; use a step of at most "
+        f"{longest_step}"
     ]
 
 
 class _StartPoint:
     """Custom dynamics at the start of a mission, as a function of states and push.
 
-    ``push`` contains the forces along body x and z and the moment about y due to the states.
+    ``push`` contains the forces along body x and z and the moment about body y that the custom
+    states cause.
     """
 
     def __init__(
@@ -198,7 +199,7 @@ class _StartPoint:
         return self.trims[push.tobytes()]
 
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
-        """Return the rates of the states and the resulting push at the trim point with ``push``."""
+        """Return the rates of the states and the resulting push, in the trim with ``push``."""
         trim, start = self.trim(push), self.mission.start
         x, alpha, mass = (
             self.make_state(trim),
@@ -213,7 +214,7 @@ class _StartPoint:
         )
         q0, q1, q2, q3 = x[s.Q0 : s.Q3 + 1].tolist()
         gravity = rotate_meridional(q0, q1, q2, q3, local_gravity[0], local_gravity[1])
-        # Forces that the trim requires in addition to the force in `push`.
+        # These are the forces that the trim requires in addition to the force in `push`.
         force_x = trim.forward * math.cos(alpha) + trim.upward * math.sin(alpha) - push[0]
         force_z = trim.forward * math.sin(alpha) - trim.upward * math.cos(alpha) - push[1]
         variables = make_variables(

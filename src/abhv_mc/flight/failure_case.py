@@ -8,7 +8,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 
 NO_FAILURE = "none"
-UNSTART = "engine unstart"  # failure case of an engine that fails by inlet unstart
+UNSTART = "engine unstart"  # failure case of an engine that failed because its inlet unstarted
 _ENGINE = "failure.engine"  # prefix of the names of engine failures
 _KINDS = {"time": "failed", "stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
 
@@ -27,11 +27,9 @@ def failure_cases(
 ) -> list[str]:
     """Return the failure case of each flight: failures joined by ' + ', or ``none``.
 
-    Only failures before the end of the mission count.
-
-    ``end_time`` [flight] is in s. A failure drawn for a time after an early termination counts too,
-    so that all controllers have the same flights in each case. An engine that failed for
-    ``engine_failed`` s without a drawn failure had an unstart.
+    Failures after ``end_time`` [flight], the end of the mission in s, do not count. Failures after
+    an early termination count, so that all controllers have the same flights in each case. If
+    ``engine_failed`` [flight] (s) is positive without a drawn engine failure, the inlet unstarted.
     """
     cases: dict[int, list[str]] = {}
     timed = np.zeros(len(end_time), dtype=np.bool_)
@@ -50,6 +48,6 @@ def failure_cases(
 
 
 def failure_times(names: Sequence[str], samples: Floats) -> Floats:
-    """Return the time (s) of the first drawn failure of each flight, or infinity."""
+    """Return the time (s) of each flight's first drawn failure, infinite without failures."""
     columns = [i for i, name in enumerate(names) if name in FAILURE_TIMES]
     return samples[:, columns].min(axis=1, initial=np.inf)

@@ -13,13 +13,13 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.plain_law import failures
 
-_LAST = 1  # The second tick reads the memory that the law returned at the first one.
-_LONGEST = 600.0  # time limit in s including compilation
+_LAST = 1  # The second tick reads the memory that the control law returned at the first tick.
+_LONGEST = 600.0  # time limit including compilation, s
 _COMMANDS = ("gamma_cmd", "alpha_cmd", "bank_cmd", "cmd_", "effector_asked")
 
 
 def check_first_ticks(plan: FlightPlan) -> None:
-    """Raise InputError if a custom law fails, or commands numbers that are not finite.
+    """Raise InputError if a custom control law fails or returns non-finite commands.
 
     Only the first two ticks of the nominal flight are simulated.
     """
@@ -29,13 +29,15 @@ def check_first_ticks(plan: FlightPlan) -> None:
     try:
         block = run_in_thread(lambda: fly(start, nominal_parameters(), 1), _LONGEST)
     except TimeoutError:
-        problem = f"the first ticks of the law did not end within {_LONGEST:g} s"
-        raise InputError(source.file, problem, "a law without endless loops", line) from None
+        problem = f"the first ticks of the control law took more than {_LONGEST:g} s"
+        raise InputError(source.file, problem, "no endless loops", line) from None
     if block.outcome[0] == Outcome.LAW_FAILED:
         raised, exception = failures.get(source.hash, (None, ""))
         failure = f"raises {exception}" if exception else "returns an error"
-        problem = f"the law {failure} {_at(block.end_time[0])}"
-        raise InputError(source.file, problem, "a law that returns commands", raised or line)
+        problem = f"the control law {failure} {_at(block.end_time[0])}"
+        raise InputError(
+            source.file, problem, "a control law that returns commands", raised or line
+        )
     if block.outcome[0] != Outcome.NOT_FINITE:
         return
     for time, row in zip(block.times, block.history[0], strict=True):
@@ -44,7 +46,7 @@ def check_first_ticks(plan: FlightPlan) -> None:
             for channel, value in zip(plan.channels, row.tolist(), strict=True)
             if channel.source.startswith(_COMMANDS) and not np.isfinite(value)
         ]
-        if broken and np.isfinite(row).any():  # Rows after the end contain no number.
+        if broken and np.isfinite(row).any():  # Rows after the end of the flight contain only NaN.
             expected = (
                 f"finite numbers in {returned}(...); control errors are zero at the start, so "
                 "check divisions by them"
@@ -59,7 +61,7 @@ def _at(time: float) -> str:
 
 
 def _find_step(plan: FlightPlan) -> int | None:
-    """Return the line at which the function of a law is defined; None in binary files."""
+    """Return the line of a control law's function in its source; None for binary files."""
     source = plan_source(plan)
     if plan.law == PYTHON:
         law = load_plan_law(plan)

@@ -1,4 +1,4 @@
-"""Simulation of flights of a plan; only this module calls the compiled flight."""
+"""Simulation of the flights of a plan; only this module calls the simulation kernel."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,8 +28,8 @@ from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.user_code.child import in_child
 
-_SAMPLED = 512  # number of flights per call if quantiles need all ticks; this limits memory
-_LONGEST = 600.0  # time limit in s for fly_until with native code
+_SAMPLED = 512  # number of flights per call if quantiles need all ticks; limits memory use
+_LONGEST = 600.0  # time limit for fly_until with native code, s
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
 compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
@@ -37,13 +37,13 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """Return the compiled flight function; a lean plan may get the cached full version."""
+    """Return the lean kernel for lean plans if the full kernel is not cached, else the full."""
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 
 
 def nominal_parameters(flights: int = 1) -> Floats:
-    """Return nominal parameters [flight, parameter]."""
+    """Return an array [flight, parameter] of nominal parameters."""
     return np.tile([parameter.nominal for parameter in PARAMETERS], (flights, 1))
 
 
@@ -75,8 +75,9 @@ def fly(
 
     ``record_every`` is a Recording, or the number of control ticks between samples of all channels;
     ``keep_states`` also records the full state. A flight depends only on its row and the plan, not
-    on ``lanes`` or other rows. With ``start``, flights of ``fly_until`` continue, and histories are
-    NaN before that time. Thread-safe. Raise ValueError if an array has the wrong type or shape.
+    on ``lanes`` or other rows. If ``start`` is given, the flights saved by ``fly_until`` continue,
+    and histories are NaN before that time. The function is thread-safe. Raise ValueError if an
+    array has the wrong type or shape.
     """
     recording = make_recording(record_every, plan)
     if must_run_in_child(plan):
@@ -100,10 +101,9 @@ def fly_until(
 ) -> SavedFlights:
     """Simulate flights up to a control tick and return the memory of each flight.
 
-    Flights continue from ``start`` if it is given.
-
-    The memory of a flight that ended earlier is undefined, except that its lane is not alive. Raise
-    InputError for a law in plain Python whose memory is not a named tuple of numbers.
+    Flights continue from ``start`` if it is given. The memory of a flight that ended earlier is
+    undefined, except that it is marked as ended. Raise InputError for a control law in plain Python
+    whose memory is not a named tuple of numbers.
     """
     if must_run_in_child(plan):
         return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
@@ -131,15 +131,15 @@ def fly_in_memory(
     start: SavedFlights | None = None,
     memory_in_rows: bool = False,
 ) -> None:
-    """Simulate and fill ``results``. Raise ValueError if an array does not conform.
+    """Simulate flights and fill ``results``. Raise ValueError if an array is invalid.
 
-    With ``memory_in_rows`` the memory of a custom law is part of the lane memory.
+    If ``memory_in_rows`` is true, the memory of a custom control law is part of the lane memory.
     """
     if plan.lean and not np.array_equal(
         parameters[:, : _NOT_LEAN.size][:, _NOT_LEAN],
         nominal_parameters(len(parameters))[:, _NOT_LEAN],
     ):
-        raise ValueError("the parameters disperse a quantity that this plan does not simulate")
+        raise ValueError("the parameters disperse a quantity that a lean plan does not simulate")
     kernel_plan = make_kernel_plan(plan, parameters, recording, start)
     width = memory.Z.shape[1]
     in_rows = memory_in_rows or start is not None
@@ -169,8 +169,9 @@ def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
     """Return extremes [sample, channel] between the previous and the next sample.
 
-    Extremes are NaN without flights; -0 becomes 0. ``low`` and ``high`` are the extremes in the
-    bins between samples, with low > high in an empty bin; ``history`` is [flight, sample, channel].
+    Extremes are NaN if there are no flights; -0 is replaced by 0. ``low`` and ``high`` are the
+    extremes in the bins between samples, with low > high in an empty bin; ``history`` has the shape
+    [flight, sample, channel].
     """
     has_value = low <= high
     return _join(np.where(has_value, low, np.nan), history, np.fmin), _join(

@@ -1,6 +1,7 @@
-"""Table of metrics in array order: names, units, definitions and worse values.
+"""Table of metrics: names, units, definitions, and which values are worse.
 
-Declared metrics and stability margins of linearized loops are records of the same type.
+Metrics in arrays have the order of the table. Metrics that a campaign declares and stability
+margins of linearized loops are also records of the type ``Metric``.
 """
 
 import math
@@ -30,7 +31,7 @@ _ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
 
 @dataclass(frozen=True)
 class Metric(Signal):
-    """Metric: a number computed for each flight, with names and definition."""
+    """Number that is computed for each flight, with its names and its definition."""
 
     label: str  # label without the unit
     bad: Bad
@@ -38,15 +39,15 @@ class Metric(Signal):
     of: str  # source or expression of sources; "" for a margin
     statistic: Statistic
     limit: float = 0.0  # limit used by the statistic, or probability of a quantile
-    start: float = 0.0  # start of the time window in s
-    end: float = math.inf  # end of the time window in s
-    settled: bool = False  # exclude 5 s after each step of the reference
+    start: float = 0.0  # start of the time window, s
+    end: float = math.inf  # end of the time window, s
+    settled: bool = False  # whether to exclude 5 s after each step of the reference
     empty: float = math.nan  # value if a flight ends before the window
     never_negative: bool = False
     leads: bool = False  # whether the metric is listed first in reports without requirements
     customary: float = 0.0  # customary lower limit of a stability margin
-    plateaus: tuple[float, ...] = ()  # values that many flights may share
-    # Finding stated in the report for flights with large values.
+    plateaus: tuple[float, ...] = ()  # values that many flights may have exactly
+    # Finding that the report states if values are large.
     finding: Literal["", "saturates", "cycles", "leaves_tables"] = ""
     band: Bounds | None = None  # limits of a two-sided requirement
 
@@ -61,14 +62,14 @@ class Metric(Signal):
 
     @property
     def phrase(self) -> str:
-        """Label as used within a sentence, such as 'rms angle of attack error'."""
+        """Label for use in a sentence, such as 'rms angle of attack error'."""
         head, *qualifiers = self.label.split(", ")
         head = head if head[1:2].isupper() else head[:1].lower() + head[1:]
         return " ".join([*reversed(qualifiers), head])
 
     @property
     def counted(self) -> str:
-        """Definition as text, such as 'max_abs of bank_error_deg, outside the transients'."""
+        """Definition of the metric, such as 'max_abs of bank_error_deg, from 5 s'."""
         if not self.of:
             return "of the linearized loops"
         text = f"{self.statistic.word} of {self.of}"
@@ -98,7 +99,7 @@ class Metric(Signal):
 
 
 def name_end(unit: str) -> str:
-    """Return the name suffix of a unit without underscore, such as 'mps', 'j_m2' or ''."""
+    """Return the suffix of names for a unit, such as 'mps', 'j_m2' or '', without underscore."""
     return _ENDS.get(unit, unit.lower().replace("/", "_").replace(" ", "_"))
 
 
@@ -287,7 +288,7 @@ def _margin(
     )
 
 
-# Smallest margins over all loops and points; NaN if not computed.
+# Smallest margins over all loops and points; a margin that is not computed is NaN.
 MARGINS: tuple[Metric, ...] = (
     _margin("gain_margin_min_db", "dB",
             "smallest gain margin, up or down, over loops and points",
@@ -301,7 +302,7 @@ MARGINS: tuple[Metric, ...] = (
             "Disk margin, min", (0.0,)),
 )  # fmt: skip
 GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
-# Reasons why a point has no margin; such margins count as zero.
+# Reasons why a point has no margin; missing margins count as zero.
 MARGIN_FAULTS: tuple[Signal, ...] = (
     Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
     Signal(
@@ -315,7 +316,7 @@ MARGIN_NAMES = tuple(metric.name for metric in MARGINS)
 
 
 def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
-    """Return the metrics of effectors with actuators, as declared metrics."""
+    """Return the metrics of effectors with actuators, in the form of declared metrics."""
     return tuple(
         _count(f"{name}_{end}", unit, f"{name.replace('_', ' ')}: {phrase}",
                f"{label_of(name, '-')}{after}", "usage", of=f"{name}{of}", statistic=statistic)
@@ -368,7 +369,7 @@ def _as_text(value: Any) -> str:
 def unpack_metrics(rows: NDArray[np.str_]) -> tuple[Metric, ...]:
     """Restore metrics from packed text. Raise ValueError or KeyError if a row is invalid."""
     if rows.ndim != 2 or rows.shape[1] != len(_TEXT):
-        raise ValueError(f"declared metrics of shape {rows.shape}")
+        raise ValueError(f"the declared metrics have the invalid shape {rows.shape}")
     return tuple(_record(dict(zip(_TEXT, row, strict=True))) for row in rows.tolist())
 
 
@@ -378,6 +379,6 @@ def _record(text: dict[str, Any]) -> Metric:
     text |= {name: text[name] == "1" for name in ("settled", "never_negative")}
     if text["bad"] not in ("high", "low", "size") or text["group"] not in ("user", "usage"):
         raise ValueError(
-            f"a declared metric that is bad when {text['bad']}, of the group {text['group']}"
+            f"a declared metric has the invalid 'bad: {text['bad']}' or 'group: {text['group']}'"
         )
     return Metric(**text)

@@ -1,4 +1,4 @@
-"""Checks of native control laws for hidden memory and settable states."""
+"""Checks whether native control laws have hidden memory or states that cannot be set."""
 
 import hashlib
 from collections.abc import Callable
@@ -17,17 +17,17 @@ from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50
-_SLOW_TICKS = 200  # number of ticks during which the effects of hidden memory grow
-# Relative tolerance if states are set at each tick, which restarts integrators of some FMUs.
+_SLOW_TICKS = 200  # number of ticks, long enough for the effect of hidden memory to grow
+# Relative tolerance if states are set, because this restarts the integrators of some FMUs.
 _ALIKE = 1e-6
-_LONGEST = 600.0  # time limit in s including compilation
+_LONGEST = 600.0  # time limit including compilation, s
 
 
 def check_native(plan: FlightPlan) -> None:
     """Check that two flights are bit-identical when run alone, together and in swapped order.
 
-    Each version of the law's files is checked once. Raise InputError if the flights differ or the
-    law fails.
+    Each version of the control law's files is checked once. Raise InputError if the flights differ
+    or the control law fails.
     """
     file = plan_source(plan).file
     try:
@@ -39,7 +39,7 @@ def check_native(plan: FlightPlan) -> None:
             file, problem, "a control law that returns a command at each tick"
         ) from None
     if not is_independent:
-        problem = "the control law has hidden memory, so that a flight depends on other flights"
+        problem = "the control law has hidden memory, so a flight depends on other flights"
         expected = (
             "all memory in the state of the flight; for generated code with global structures, "
             "add three lines around its step: 'model_DW = saved->dw; model_step(); saved->dw = "
@@ -50,7 +50,7 @@ def check_native(plan: FlightPlan) -> None:
 
 
 def check_states(plan: FlightPlan) -> None:
-    """Simulate an FMU with and without setting its states at each tick.
+    """Check that setting the states of an FMU after a tick does not change a flight.
 
     Raise InputError if the flights differ.
     """
@@ -59,7 +59,7 @@ def check_states(plan: FlightPlan) -> None:
 
 
 def _try_once(is_right: Callable[[FlightPlan], bool], plan: FlightPlan, ticks: int) -> bool:
-    """Run a check in the child process, only once for each version of a law that passes."""
+    """Run a check in the child process; skip it if this version of the law has passed."""
     key = hashlib.sha256(f"{plan_source(plan).hash} {plan.settings.tolist()}".encode()).hexdigest()[
         :24
     ]

@@ -15,13 +15,13 @@ from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 
 class Outcome(IntEnum):
-    """Outcome of a flight; the name in lower case is the code in files."""
+    """Outcome of a flight; files contain its name in lower case as a code."""
 
     OK = 0
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # value in the kernel
+    NOT_FINITE = int(user.NOT_FINITE)  # the value that the kernel uses
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7
@@ -58,7 +58,7 @@ class Outcomes:
         return tuple(map(self.codes.__getitem__, numbers.tolist()))
 
 
-# These outcomes count like LAW_FAILED but their flights have no metrics.
+# These outcomes count like LAW_FAILED, but their flights have no metrics.
 LAW_LOST = (
     Outcome.LAW_CRASHED,
     Outcome.LAW_HUNG,
@@ -66,9 +66,9 @@ LAW_LOST = (
 
 
 def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """Return the outcome of a flight that crashed or hung its process twice when run alone.
+    """Return the outcome of a flight that, run alone, twice crashed or hung its process.
 
-    The control law is the cause if it is native code.
+    If the control law is native code, it is assumed to be the cause.
     """
     if law not in ("c", "fmu"):
         return Outcome.FAILED_TO_RUN
@@ -123,7 +123,7 @@ def simulator_outcomes(declared: Mapping[str, str]) -> Outcomes:
 
 
 class EndBounds(NamedTuple):
-    """Ranges whose violation completes the mission, in SI units and radians."""
+    """Ranges in SI units and radians; leaving a range completes the mission."""
 
     altitude: tuple[float, float] = (-math.inf, math.inf)
     speed: tuple[float, float] = (-math.inf, math.inf)
@@ -143,7 +143,7 @@ class Limits(NamedTuple):
     sideslip_max: float
     loads: LoadBounds = LoadBounds()
     end: EndBounds = EndBounds()
-    fuel_min: float = -math.inf  # minimum mass in kg
+    fuel_min: float = -math.inf  # minimum mass of fuel, kg
     speed_max: float = math.inf
 
 
@@ -159,7 +159,7 @@ class Limit:
     bounds: Callable[[Limits], tuple[float, float]]
 
 
-# Names in the lane memory that differ from the names of the limits.
+# Names of quantities in the lane memory, if they differ from the names of the limits.
 _SOURCES = {
     "dynamic_pressure": "q_bar",
     "flight_path_angle": "gamma",

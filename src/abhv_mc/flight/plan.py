@@ -28,11 +28,11 @@ NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
 
 
 class Recording(NamedTuple):
-    """Specification of the time histories to record."""
+    """Specification of the time histories that are recorded."""
 
-    every: int  # number of control ticks between samples; 0 records nothing
+    every: int  # number of control ticks between samples; 0 if nothing is recorded
     channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # indices into the plan's channels
-    extremes: bool = False  # record extremes over all flights and control ticks
+    extremes: bool = False  # whether to record extremes over all flights and control ticks
 
     def count_samples(self, timing: "Timing") -> int:
         """Return the number of samples of a complete flight."""
@@ -42,7 +42,7 @@ class Recording(NamedTuple):
 def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recording:
     """Convert a request to a Recording; an int is the number of ticks between samples.
 
-    A number records all channels, None records nothing.
+    If the request is an int, all channels are recorded; if it is None, nothing is recorded.
     """
     return (
         request
@@ -51,7 +51,7 @@ def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recor
     )
 
 
-# Prefixes of dispersions that a lean flight does not support.
+# Prefixes of dispersed parameters that lean kernels do not support.
 NOT_LEAN = (
     *("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_"),
     *("thrust.", "atmosphere.temperature"),
@@ -74,15 +74,15 @@ def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str]
         values = parameters[:, PARAMETER_INDEX[name]]
         for value in values[(values < 0.0) | (values > limit)]:
             delay_range = (
-                f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms, {MAX_DELAY_TICKS} control periods"
+                f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms ({MAX_DELAY_TICKS} control periods)"
             )
-            return f"{name} of {1e3 * value:g} ms", delay_range if limit < np.inf else "0 or more"
+            return f"{name} is {1e3 * value:g} ms", delay_range if limit < np.inf else "0 or more"
     return None
 
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """Data for the flights of one controller, except the dispersions."""
+    """Input data for the flights of one controller, except the dispersed parameters."""
 
     controller: str  # name of the controller in the campaign
     law: str  # kind of control law: "tlc", "lqr", "recorded", "python", "c" or "fmu"
@@ -95,17 +95,17 @@ class FlightPlan:
     initial_state: Floats  # [state] nominal initial state, see kernel.plant.state
     reference: Floats  # [tick, column], see kernel.laws.columns
     gains: Floats  # [tick, gain], in the order of the gain names
-    settings: Floats  # constants of the law (differentiator bandwidths, command limits)
+    settings: Floats  # constants of the control law (differentiator bandwidths, command limits)
     # [knot, column] nominal atmosphere
     profile: Floats = field(default_factory=no_profile)
     warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
-    # names of the gains of a custom law
+    # names of the gains of a custom control law
     gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
     # declared metrics, packed by pack_metrics
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)
     # [channel, 2] name and unit of custom channels
     user_sources: NDArray[np.str_] = field(default_factory=NO_SOURCES.copy)
-    period: int = 0  # declared period of a custom law in ticks; 0 if undeclared
+    period: int = 0  # declared period of a custom control law in ticks; 0 if undeclared
     # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
     # dispersed settings of control laws; they follow the vehicle's settings
@@ -118,13 +118,13 @@ class FlightPlan:
     # The following fields are sent to workers but not stored.
     source: UserSource | None = field(default=None, metadata={"stored": False})
     channels_source: UserSource | None = field(default=None, metadata={"stored": False})
-    # code with the digest in vehicle.foreign
+    # custom code of the vehicle, whose digest is in vehicle.foreign
     vehicle_code: VehicleCode | None = field(default=None, metadata={"stored": False})
     # whether to use a smaller kernel with bit-identical results, see lean_for
     lean: bool = field(default=False, metadata={"stored": False})
 
     def lean_for(self, names: Collection[str]) -> "Self":
-        """Return the plan for flights that disperse the named parameters.
+        """Return the plan for flights that disperse the named parameters, lean if possible.
 
         The result depends only on the names, so that all processes compile the same kernel.
         """
@@ -137,7 +137,7 @@ class FlightPlan:
 
     @property
     def commanding_law(self) -> str:
-        """Law that computes the commands; for a custom filter, the built-in law."""
+        """Control law that computes the commands; with a custom filter, the built-in law."""
         return self.around or self.law
 
     @property
@@ -147,7 +147,7 @@ class FlightPlan:
 
     @property
     def sources(self) -> tuple[UserSource, ...]:
-        """Custom code of the law and the channels."""
+        """Custom code of the control law and of the channels."""
         return tuple(source for source in (self.source, self.channels_source) if source)
 
     @property
@@ -169,20 +169,20 @@ class FlightPlan:
 
 @dataclass(frozen=True)
 class FlightBlock:
-    """Results of flights simulated in one call, in the order of their parameters."""
+    """Results of flights that were simulated in one call, in the order of their parameters."""
 
     outcome: NDArray[np.int64]  # [flight] values of Outcome
-    end_time: Floats  # [flight] end time in s
+    end_time: Floats  # [flight] end time, s
     metrics: Floats  # [flight, metric], in the order of the plan's metrics
     history: Singles  # [flight, time, channel] recorded channels; NaN after the end
-    times: Floats  # [time] times of the history in s
-    # [flight, time, state]; empty unless requested
+    times: Floats  # [time] times of the history, s
+    # [flight, time, state] recorded states; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
-    # [time, channel] extremes over flights and control ticks between the adjacent times; NaN if
-    # there are no flights, None unless requested.
+    # [time, channel] extremes over all flights and all control ticks between the adjacent times;
+    # NaN if there are no flights, None unless requested
     low: Singles | None = None
     high: Singles | None = None
-    flown_by: tuple[Flyer, ...] = ()  # processes that computed the block, if it is signed
+    flown_by: tuple[Flyer, ...] = ()  # processes that computed the block, if results are signed
     reasons: Mapping[int, str] = field(
         default_factory=dict
     )  # reasons why flights failed to run, by row
@@ -207,7 +207,7 @@ class FlightBlock:
 
 
 def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
-    """Concatenate blocks of flights; full states are omitted."""
+    """Concatenate blocks of flights, without the full states."""
     arrays = {
         name: np.concatenate([getattr(block, name) for block in blocks])
         for name in ("outcome", "end_time", "metrics", "history")

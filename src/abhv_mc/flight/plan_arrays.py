@@ -1,7 +1,7 @@
 """Conversion of flight plans, which are nested records, to and from named arrays.
 
 Index arrays are not stored but rebuilt from the inputs, because compiled code does not check index
-bounds. Only floating-point numbers of the expected shapes are read.
+bounds. Only arrays of floating-point numbers with the expected shapes are read.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ REBUILT = "effectiveness."  # prefix of the names of arrays that are computed fr
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
-    """Return the arrays and scalars of a nested record, by dotted name."""
+    """Return the arrays and scalars of a nested record as a dictionary of dotted names."""
     if not _is_record(type(value)):
         return {prefix: np.asarray(value)}
     flat: dict[str, np.ndarray] = {}
@@ -30,8 +30,8 @@ def flatten(value: Any, prefix: str = "") -> dict[str, np.ndarray]:
 def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
     """Rebuild a record of type ``kind`` from the result of :func:`flatten`.
 
-    Arrays are contiguous. Raise KeyError if an item is missing, and ValueError if an item has
-    the wrong type.
+    The arrays in the result are contiguous. Raise KeyError if an item is missing, and ValueError if
+    an item has the wrong type.
     """
     if _is_record(kind):
         hints = typing.get_type_hints(kind)
@@ -50,7 +50,7 @@ def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
 
 
 def stored_arrays(plan: FlightPlan) -> dict[str, np.ndarray]:
-    """Return the arrays of a plan to store, without integer and derived arrays."""
+    """Return the arrays of a plan that are stored; integer and derived arrays are not."""
     numbers = {
         name: value
         for name, value in flatten(plan).items()

@@ -74,11 +74,11 @@ from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
 _find_warnings = cache_results(
     find_vehicle_warnings
-)  # Controllers of a campaign share the vehicle.
-_LEAST_FUEL = 1e-9  # fuel mass in kg at which the tank counts as empty
+)  # All controllers of a campaign use the same vehicle.
+_LEAST_FUEL = 1e-9  # fuel mass at which the tank counts as empty, kg
 _SPEED_FACTOR = 2.0  # default speed limit relative to the largest reference speed
-_OUTSIDE = 1.0  # minimum time in s outside the tables that causes a warning
-_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle of attack that is a node in few tables
+_OUTSIDE = 1.0  # minimum time outside the tables that causes a warning, s
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle of attack that is rarely a node of tables, rad
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
@@ -89,14 +89,14 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     law, user_code = read_law(controller)
     glides = packed_vehicle.constants.equivalence_ratio_max == 0.0
     if packed_vehicle.constants.surface_limit == 0.0 or (glides and user_code is None):
-        problem = "a vehicle without control surfaces or engine"
+        problem = "the vehicle has no control surfaces or no engine"
         expected = (
-            "a vehicle with both, as this controller requires (custom control laws also work "
-            "without an engine)"
+            "a vehicle with both, because this controller requires them (custom control laws also "
+            "work without an engine)"
         )
         raise InputError(vehicle, problem, expected)
     if isinstance(law, TlcController) and not has_authority(packed_vehicle, parsed_mission):
-        problem = "deflections whose moments are not linearly independent"
+        problem = "the moments caused by the deflections are not linearly independent"
         raise InputError(
             vehicle, problem, "aileron, rudder and elevator that control roll, yaw and pitch"
         )
@@ -104,14 +104,14 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
         plan = make_plan(packed_vehicle, parsed_mission, law, name, mission, user_code)
     except np.linalg.LinAlgError as error:
         problem = (
-            f"a mission along which {law.law} has no gains for this vehicle ({str(error).lower()})"
+            f"{law.law} has no gains for this vehicle along the mission ({str(error).lower()})"
         )
         expected = "a mission along which the vehicle is controllable"
         raise InputError(mission, problem, expected) from None
     if plan.law in NATIVE:
         check_native(plan)
     else:
-        with open_law(plan, LANES):  # Compile before any file is written.
+        with open_law(plan, LANES):  # Errors of compilation occur before any file is written.
             pass
     if plan.law in USER_LAWS:
         check_first_ticks(plan)
@@ -119,7 +119,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
 
 
 class UserLaw(NamedTuple):
-    """Custom control law with its settings and commands."""
+    """Custom control law with its settings and the commands of the mission."""
 
     source: UserSource
     settings: Floats
@@ -129,7 +129,7 @@ class UserLaw(NamedTuple):
 
 
 def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
-    """Read a controller file, and read and run its custom control law, if any.
+    """Read a controller file; if it has a custom control law, also read and run its file.
 
     Raise InputError if a file is invalid.
     """
@@ -148,9 +148,9 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
     around = read_around(law)
     if loaded.mark.filters != (around is not None):
         problem = (
-            "a measurement filter without 'around'"
+            "a measurement filter has no 'around'"
             if around is None
-            else "'around' is given for a control law"
+            else "a control law has 'around'"
         )
         expected = (
             "'around:' with a TLC or LQR controller file if, and only if, the function is "
@@ -164,7 +164,7 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
 
 
 def read_around(law: PythonController) -> TlcController | LqrController | None:
-    """Read the controller whose measurements a law filters; return None for other laws.
+    """Read the controller whose measurements ``law`` filters; return None for control laws.
 
     Raise InputError if the controller is not built in.
     """
@@ -172,7 +172,7 @@ def read_around(law: PythonController) -> TlcController | LqrController | None:
         return None
     document, around = read_controller_document(law.around)
     if isinstance(around, UserController):
-        raise document.error(("law",), f"'{around.law}' with a filter", "tlc or lqr")
+        raise document.error(("law",), f"the filtered controller is '{around.law}'", "tlc or lqr")
     return around
 
 
@@ -198,7 +198,7 @@ def user_law_of(plan: FlightPlan, controller: Controller) -> UserLaw | None:
 
 
 def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
-    """Return whether control allocation is solvable at the start of the mission."""
+    """Return whether control allocation has a solution at the start of the mission."""
     start = mission.start
     environment = make_environment(
         mission.make_earth(), start.altitude, start.latitude, mission.make_air()
@@ -237,7 +237,7 @@ def make_plan(
     mission_file: str | Path | None = None,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Make the flight plan of one controller, with warnings about missing nominal trim.
+    """Make the flight plan of one controller, with warnings, for example about missing trim.
 
     Raise InputError with ``mission_file`` if the vehicle cannot be trimmed at any point of the
     mission.
@@ -277,7 +277,7 @@ def make_plan(
     constants = vehicle.constants
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
-        problem = "a limit on the heat flux for a vehicle whose file gives no nose radius"
+        problem = "the heat flux has a limit, but the vehicle has no nose radius"
         raise InputError(
             mission_file or mission.name, problem, "reference.nose_radius in the vehicle file"
         )
@@ -321,9 +321,9 @@ def make_plan(
 def make_gains(
     controller: Controller, user_code: UserLaw | None, model: DesignModel
 ) -> tuple[tuple[str, ...], Floats, Floats]:
-    """Return the gain names of a custom law, gains [tick, gain] and settings.
+    """Return the gain names of a custom control law, gains [tick, gain] and settings.
 
-    Built-in laws have no gain names. Raise InputError if the design fails.
+    The names are empty for built-in control laws. Raise InputError if the design fails.
     """
     if isinstance(controller, TlcController):
         gains = make_tlc_gains(controller, model.table, model.vehicle, model.trim_tables)
@@ -334,7 +334,7 @@ def make_gains(
         )
         return (), gains, make_limit_settings(controller.limits, model.vehicle)
     if user_code is None:
-        raise ValueError("a custom controller without its law")
+        raise ValueError("the control law of a custom controller is missing")
     if user_code.around is not None:
         return make_gains(user_code.around, None, model)
     names, gains = watched_design(user_code.source, model, user_code.settings)
@@ -343,7 +343,7 @@ def make_gains(
 
 
 def limit_faults(controller: TlcController | LqrController, reference: Floats) -> list[str]:
-    """Return a sentence for each nominal control beyond the controller's command limits."""
+    """Return a sentence for each nominal control that exceeds the controller's limits."""
     limits = controller.limits
     faults = []
     for quantity, column, low, high in (
@@ -356,7 +356,7 @@ def limit_faults(controller: TlcController | LqrController, reference: Floats) -
             worst = np.rad2deg(nominal[ticks][np.argmax(np.abs(nominal[ticks]))])
             first = reference[ticks[0], TIME]
             faults.append(
-                f"the mission needs {worst:.1f} deg of {quantity} at {first:.2f} s, beyond the "
+                f"the mission requires {worst:.1f} deg of {quantity} at {first:.2f} s, beyond the "
                 "controller's limit"
             )
     return faults
@@ -376,8 +376,8 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
             first = reference[np.flatnonzero(outside)[0], TIME]
             faults.append(
                 f"the reference leaves the vehicle's tables in {name.replace('_', ' ')} for "
-                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s; values at the edge are "
-                "used"
+                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s; table values at the edge "
+                "are used"
             )
     return faults
 
@@ -385,7 +385,7 @@ def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
 def make_timing(mission: Mission, rate: float) -> Timing:
     """Divide the control period 1 / rate (Hz) into equal integrator steps.
 
-    No step is longer than the step of the mission.
+    The steps are at most as long as the mission's step.
     """
     tick = 1.0 / rate
     steps = max(1, int(np.ceil(tick / mission.step - 1e-9)))
@@ -404,7 +404,7 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
     if start.bank:
-        # Bank about the velocity vector, which is (cos alpha, 0, sin alpha) in body axes.
+        # The bank is a rotation about the velocity, (cos alpha, 0, sin alpha) in body axes.
         half = 0.5 * start.bank
         turned = np.cos(half), np.sin(half) * np.cos(alpha), 0.0, np.sin(half) * np.sin(alpha)
         attitude = multiply(*attitude, *turned)

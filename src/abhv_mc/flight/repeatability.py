@@ -7,15 +7,15 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 
-ROUNDING = 1e-9  # relative difference up to which values count as equal
+ROUNDING = 1e-9  # largest relative difference between values that count as equal
 
 
 class Repeatability(StrEnum):
-    """Repeatability of the first flights of a campaign; later members take precedence."""
+    """Repeatability of a campaign's first flights, in order of increasing precedence."""
 
     EXACT = "yes"
     ROUNDING = "rounding"
-    # the campaign states `repeatable: no`, and the flights agree
+    # The campaign states `repeatable: no`, and the first flights agree with this statement.
     DECLARED = "no, independent noise"
     NOISE = "no"
     SHARED = "no, noise that processes share"
@@ -38,8 +38,8 @@ _SENTENCES = {
     f"rounding (at most {ROUNDING:g} of the value); re-run flights are compared with that "
     "tolerance.",
     Repeatability.DECLARED: (
-        "The simulator draws noise (`repeatable: no`) that is stated to be independent between "
-        "flights and processes; the first flights do not contradict this statement. Re-run "
+        "The campaign states (`repeatable: no`) that the simulator draws independent noise for "
+        "each flight and process; the first flights do not contradict this statement. Re-run "
         "flights, including re-runs for histories, have different noise."
     ),
     Repeatability.NOISE: (
@@ -49,9 +49,9 @@ _SENTENCES = {
         "`simulator: {repeatable: no}` that the noise is independent between flights and "
         "processes."
     ),
-    Repeatability.SHARED: "The simulator is stated to draw independent noise (`repeatable: no`), "
-    "but new processes draw the same noise: flights of different workers are copies. No verdict is "
-    "given. Seed its noise from an input with `seed: true`.",
+    Repeatability.SHARED: "New processes draw the same noise, although the campaign states "
+    "(`repeatable: no`) that the noise is independent: flights of different workers are copies. No "
+    "verdict is given. Seed the noise from an input with `seed: true`.",
 }
 
 

@@ -1,4 +1,4 @@
-"""Compilation of the custom code of a plan: control law, channels, vehicle functions."""
+"""Compilation of the custom code of a plan: control law, channels and vehicle functions."""
 
 import contextlib
 import re
@@ -37,15 +37,13 @@ NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 @contextlib.contextmanager
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
-    """Yield the addresses of a vehicle's functions for ``width`` lanes, or zeros."""
+    """Yield the addresses of a vehicle's custom functions for ``width`` lanes; 0 if undefined."""
     foreign, code = plan.vehicle.foreign, plan.vehicle_code
-    # functions that are kept alive while the kernel uses them
+    # The reference keeps the functions alive while the kernel uses them.
     functions: tuple[Any, ...] = (None, None, None)
     if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
-            raise ValueError(
-                "the plan has a vehicle with custom functions but without their source"
-            )
+            raise ValueError("the source of the vehicle's custom functions is missing")
         functions = compile_functions(code, width)
     addresses = (0 if function is None else int(function.address) for function in functions)
     yield UserCode(0, 0, 0, 0, **dict(zip(Functions._fields, addresses, strict=True)))
@@ -59,14 +57,15 @@ def open_law(
     flights: int = TOGETHER,
     dispersed: bool = False,
 ) -> Iterator[UserCode]:
-    """Yield the addresses of a plan's custom code for ``width`` lanes, or zeros.
+    """Yield the addresses of a plan's custom code for ``width`` lanes; 0 if undefined.
 
-    With ``memory_in_rows``, laws in plain Python or native code have their memory in the lane
-    memory, like compiled laws; see :func:`law_memory`. With ``dispersed``, each flight has its own
-    settings of the law. Raise ValueError if a source is missing, as in a stored plan.
+    If ``memory_in_rows`` is true, control laws in plain Python or native code have their memory in
+    the lane memory, like compiled control laws; see :func:`law_memory`. If ``dispersed`` is true,
+    each flight has its own settings of the control law. Raise ValueError if a source is missing, as
+    in a stored plan.
     """
     address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
-    runner: Any = None  # object that is kept alive while the kernel uses the law
+    runner: Any = None  # This reference keeps the control law alive while the kernel uses it.
     if plan.law == PYTHON:
         law = load_plan_law(plan)
         source, gains = law.source, tuple(plan.gain_names.tolist())
@@ -81,7 +80,7 @@ def open_law(
             runner = PlainLaw(law, gains, width, memory_in_rows, effectors)
         address = int(runner.address)
     elif plan.law in NATIVE:
-        # Lanes are reused by further flights.
+        # Flights that start later reuse the lanes of ended flights.
         lanes = -(-max(min(flights, TOGETHER), 1) // width) * width
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, n_measured = tuple(plan.gain_names.tolist()), measured_count(plan)
@@ -114,15 +113,15 @@ def compile_plan_channels(plan: FlightPlan, width: int) -> Any:
 
 
 def dispersable_settings(plan: FlightPlan) -> tuple[str, ...]:
-    """Return the names of the custom law's settings that a campaign may disperse."""
+    """Return the names of the custom control law's settings that a campaign may disperse."""
     is_commanding = plan.law == PYTHON and not plan.around
     return load_plan_law(plan).mark.dispersable if is_commanding else ()
 
 
 def extra_measurements(plan: FlightPlan) -> int:
-    """Return 1 if the plan's law may read measurements beyond the ten standard measurements.
+    """Return 1 if the control law may read measurements other than the ten standard ones.
 
-    Return 2 if these may include accelerations, and 0 if the law reads none of them.
+    Return 2 if these measurements may include accelerations, and 0 if none of them are read.
     """
     if plan.law not in USER_LAWS:
         return 0
@@ -131,8 +130,8 @@ def extra_measurements(plan: FlightPlan) -> int:
     texts, before, copies = [source.text], r"\.", ""
     if plan.law == "c":
         if (source.recipe or {})["library"] is not None:
-            return 2  # It is unknown which measurements a library reads.
-        # Copies of the whole struct may read all measurements.
+            return 2  # A compiled library may read any measurement.
+        # Code that copies the whole struct may read any measurement.
         texts, before, copies = [*files.values()], r"\b", "|memcpy|memmove"
     elif plan.law == PYTHON:
         if "measured" not in load_plan_law(plan).arguments:
@@ -146,7 +145,7 @@ def extra_measurements(plan: FlightPlan) -> int:
 
 
 def sees_onboard(plan: FlightPlan) -> bool:
-    """Return whether the law of a plan receives the nominal vehicle."""
+    """Return whether the control law of a plan receives the nominal vehicle."""
     if plan.law not in NATIVE:
         return plan.law == PYTHON and "onboard" in load_plan_law(plan).arguments
     recipe = plan_source(plan).recipe or {}
@@ -156,46 +155,46 @@ def sees_onboard(plan: FlightPlan) -> bool:
 
 
 def measured_count(plan: FlightPlan) -> int:
-    """Return the number of measurements that the law of a plan may read."""
+    """Return the number of measurements that the control law of a plan may read."""
     return (s.N_MEASURED, s.N_SEEN - len(ACCELERATIONS), s.N_SEEN)[extra_measurements(plan)]
 
 
 def load_plan_law(plan: FlightPlan) -> Law:
-    """Return the custom Python law of a plan."""
+    """Return the custom Python control law of a plan."""
     return load_law(plan_source(plan))
 
 
 def plan_source(plan: FlightPlan) -> UserSource:
-    """Return the source of the custom law of a plan."""
+    """Return the source of a plan's custom control law. Raise ValueError if it is missing."""
     return _checked(plan.source, plan.source_hash)
 
 
 def _checked(source: UserSource | None, digest: str) -> UserSource:
     if source is None or source.hash != digest:
-        raise ValueError("the plan has custom code but not its source")
+        raise ValueError("the source of the plan's custom code is missing")
     return source
 
 
 def _find_backend(law: str, file: str) -> LawBackend:
-    """Return the backend of a native law. Raise InputError if none is registered."""
+    """Return the backend of a native control law. Raise InputError if none is registered."""
     if law == "c":
         return LawBackend(open_c_law, find_c_memory)
     backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
     if backend is None:
-        problem = f"no installed package supports laws of kind '{law}'"
+        problem = f"no installed package supports control laws of kind '{law}'"
         raise InputError(file, problem, "'law: c' or 'law: python'")
     return backend
 
 
 def check_native_law(document: Document, law: str, source: UserSource) -> None:
-    """Raise InputErrors for entries of a controller file that do not match its native law."""
+    """Raise InputErrors for entries of a controller file that contradict the native code."""
     find_misfits = _find_backend(law, source.file).find_misfits
     if find_misfits and (misfits := in_child(find_misfits, source)):
         raise InputErrors([document.error(*misfit) for misfit in misfits])
 
 
 def native_memory(plan: FlightPlan) -> dict[str, float]:
-    """Return the initial memory of a native law. Raise InputError if it is hidden."""
+    """Return the initial memory of a native control law. Raise InputError if it is hidden."""
     memory = in_child(
         _find_backend(plan.law, plan_source(plan).file).find_memory,
         plan_source(plan),
@@ -208,7 +207,7 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
-    """Return the InputError for linearizing a law whose memory is unknown."""
+    """Return the InputError for linearizing a control law whose memory is unknown."""
     problems = {
         "c": "the memory of the control law is unknown",
         "fmu": "the memory of the FMU cannot be set completely",
@@ -220,12 +219,12 @@ def hidden_memory_error(plan: FlightPlan) -> InputError:
             "be set"
         ),
     }
-    expected = f"{requirements[plan.law]}, for linearization"
+    expected = f"{requirements[plan.law]}, which linearization requires"
     return InputError(plan_source(plan).file, problems[plan.law], expected)
 
 
 def must_run_in_child(plan: FlightPlan) -> bool:
-    """Return whether the law of a plan is native code that this process must not run."""
+    """Return whether a plan's control law is native code that this process must not run."""
     return plan.law in NATIVE and not may_run_here()
 
 
@@ -239,17 +238,17 @@ def _python_memory(law: Law) -> dict[str, float]:
         or len(names) > MAX_MEMORY
         or not all(is_number(defaults.get(name)) for name in names)
     ):
-        problem = "the memory of the law in plain Python is not a NamedTuple of numbers"
-        expected = "a class Memory that is a NamedTuple of numbers, for linearization"
+        problem = "the memory of the control law in plain Python is not a NamedTuple of numbers"
+        expected = "a class Memory that is a NamedTuple of numbers, which linearization requires"
         raise InputError(law.source.file, problem, expected)
     return {name: float(defaults[name]) for name in names}
 
 
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
-    """Return the lane-memory row and initial value of each memory value of a law, by name.
+    """Return lane-memory row and initial value of a control law's memory values, by name.
 
-    The memory includes the last commands if the law receives them (``onboard``). Raise InputError
-    if the memory is hidden.
+    The memory includes the last commands if the control law receives them (``onboard``). Raise
+    InputError if the memory is hidden.
     """
     starts = native_memory(plan) if plan.law in NATIVE else _python_memory(load_plan_law(plan))
     rows = {name: (MEMORY + i, value) for i, (name, value) in enumerate(starts.items())}

@@ -17,7 +17,7 @@ from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
 @functools.lru_cache(maxsize=16)
 def vehicle_parameters(code: VehicleCode | None) -> Parameters:
-    """Return the parameters in the order of the columns of full rows."""
+    """Return the parameters in the order of the columns of parameter arrays."""
     if code is None:
         return OURS
     docs = {
@@ -25,7 +25,7 @@ def vehicle_parameters(code: VehicleCode | None) -> Parameters:
             setting: f"setting of the vehicle's {setting.name.partition('.')[0]} function"
             for setting in code.settings
         },
-        **dict.fromkeys(code.starts, "offset of the initial value of the custom state"),
+        **dict.fromkeys(code.starts, "offset of the custom state's initial value"),
     }
     return Parameters(
         (*PARAMETERS, *(Parameter(*setting, doc, of_user=True) for setting, doc in docs.items()))
@@ -46,8 +46,8 @@ def read_vehicle_parameters(
 def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> Parameters:
     """Return the parameters, including dispersable settings of Python laws as ``law.NAME``.
 
-    The nominal values are the values in the controller files. No law is run. Raise InputError for
-    settings that cannot be dispersed.
+    The nominal values are the values in the controller files. The control laws are not run. Raise
+    InputError for settings that cannot be dispersed.
     """
     added: dict[str, Parameter] = {}
     for path in controllers:
@@ -72,7 +72,7 @@ def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> P
             if added.setdefault(parameter.name, parameter) != parameter:
                 problem = (
                     f"the dispersable setting '{name}: {text}' differs from the value in another "
-                    "file"
+                    "controller file"
                 )
                 raise InputError(
                     path, problem, "the same value in all controllers, or another name"
@@ -92,6 +92,6 @@ def _find_dispersable(path: Path) -> tuple[str, ...]:
                         names = None
                     if not isinstance(names, tuple) or not all(isinstance(n, str) for n in names):
                         expected = 'a tuple of names: dispersable=("bandwidth",)'
-                        raise InputError(path, "dispersable settings", expected, word.value.lineno)
+                        raise InputError(path, "invalid 'dispersable'", expected, word.value.lineno)
                     return names
     return ()

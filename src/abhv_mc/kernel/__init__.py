@@ -1,5 +1,5 @@
-"""Compiled code of flights and stability margins, whose hash names the cache folder.
+"""Compiled code that simulates flights and computes stability margins.
 
-It imports no other part of the package. It defines the order of tables (parameters, state,
-statistics); names, units and descriptions of their entries are defined in the layers above.
+The subpackage imports no other part of abhv-mc. It defines the order of parameters, states and
+statistics; other subpackages define their units and descriptions.
 """

@@ -1,4 +1,4 @@
-"""Cache of compiled code on disk, with a folder for each source, compiler and settings."""
+"""Disk cache of compiled code, with a folder for each source version and compiler."""
 
 import atexit
 import contextlib
@@ -20,7 +20,7 @@ _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 
 def source_hash() -> str:
-    """Return a hash of the kernel's source and numba's version, the same on every machine."""
+    """Return a machine-independent hash of the kernel's source and numba's version."""
     digest = hashlib.sha256(f"numba {version('numba')} llvmlite {version('llvmlite')}".encode())
     for file in sorted(_PACKAGE.rglob("*.py")):
         digest.update(file.relative_to(_PACKAGE).as_posix().encode())
@@ -28,7 +28,7 @@ def source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-# The hash is computed once in each process; later edits of the source apply to the next process.
+# The hash is computed once per process, so an edit of the source affects only later processes.
 _SOURCE = source_hash()
 
 
@@ -40,8 +40,9 @@ def source_unchanged() -> bool:
 def cache_root() -> Path:
     """Return the writable folder for all caches of the program, creating it if necessary.
 
-    The folder is in the first writable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache;
-    otherwise in a temporary folder, with a warning. Child processes use the same folder.
+    The parent folder is the first writable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache. If
+    none is writable, a temporary folder is used and a warning is issued. Child processes use the
+    same folder.
     """
     names = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME", "TMPDIR")
     return _find_root(tuple(map(os.environ.get, names)))
@@ -61,7 +62,7 @@ def _find_root(_environment: tuple[str | None, ...]) -> Path:
         base = Path(tempfile.mkdtemp(prefix="abhv-mc-"))
         atexit.register(shutil.rmtree, base, ignore_errors=True)
     os.environ["XDG_CACHE_HOME"] = str(base)
-    # Otherwise matplotlib would also warn that its configuration folder is not writable.
+    # Without MPLCONFIGDIR, matplotlib would also warn that its configuration folder is read-only.
     os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))
     until = "" if is_lasting else " until this command ends"
     message = f"No cache folder is writable; compiled code is stored in {base}{until}."
@@ -94,7 +95,7 @@ def _is_private(folder: Path) -> bool:
 
 
 def cache_folder(compiler: str) -> Path:
-    """Return the cache folder for code that ``compiler`` compiles from this source.
+    """Return the cache folder for kernels that are compiled with ``compiler``.
 
     ``compiler`` is a string that describes the compiler's interface and settings.
     """
@@ -112,15 +113,15 @@ def compilation_lock(
 ) -> Iterator[None]:
     """Hold a lock while the function ``name`` is compiled or loaded from ``folder``.
 
-    ``folder`` may be a parent of numba's folder; None means no cache. If several processes find no
-    compiled code there, only one at a time is inside the context, so that the others find the code
-    it compiles; the lock ends with the process. ``waiting`` is entered while another process is
-    inside. Files that have changed since their hashes were stored are deleted first, because numba
-    would execute them.
+    ``folder`` may be a parent of numba's cache folder; None means that nothing is cached. If
+    several processes need a function that is not cached, one process compiles it while the others
+    wait, inside the context that ``waiting`` returns, and load the result. The operating system
+    releases the lock when the process ends. Cache files that do not match their stored hashes are
+    deleted, because numba would execute them.
 
-    On a file system without locks, several processes may compile the same function: numba writes
-    each file under another name and renames it, and no two processes give two kernels the same name
-    (``KernelCache``).
+    On a file system without locks, several processes may compile the same function. The cache stays
+    valid: numba writes each file under a temporary name and renames it, and ``KernelCache`` gives
+    each file a unique name.
     """
     if folder is None:
         yield

@@ -1,7 +1,7 @@
 """Compilation target of numba: LLVM's optimization level, processor and vector width.
 
-Settings that the user gives to numba, in the environment or in a file in the working folder, take
-precedence.
+Numba settings in environment variables or in a ``.numba_config.yaml`` file in the working folder
+take precedence.
 """
 
 import functools
@@ -14,7 +14,7 @@ from abhv_mc.kernel.prebuilt import Level, choose_level
 
 PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 
-# settings of numba that change the code but are ignored by numba's own cache
+# Settings of numba that affect the machine code but not the choice of file in numba's own cache.
 _SETTINGS = (
     "BOUNDSCHECK",
     "CPU_FEATURES",
@@ -29,7 +29,7 @@ _SETTINGS = (
 
 
 def code_folder(interface: str) -> Path:
-    """Return the cache folder for code compiled through one of numba's interfaces."""
+    """Return the cache folder for code compiled with the given interface of numba."""
     import numba
 
     return cache_folder(
@@ -49,26 +49,26 @@ def choose_interface() -> str:
 
 @functools.cache
 def find_level(interface: str) -> tuple[Level | None, str]:
-    """Return the level of the wheel's usable kernels (or None), and an explanation."""
+    """Return the x86-64 level of the wheel's usable kernels (or None), and an explanation."""
     origin = "compiled on this machine"
     if interface == "public":
         return None, f"{origin}, by numba's public interface"
     if _is_chosen():
-        return None, f"{origin}, as numba's settings choose a processor"
+        return None, f"{origin}, because numba's settings select a processor"
     import llvmlite.binding as llvm
 
     try:
         return choose_level(llvm.get_host_cpu_features())
     except RuntimeError:
-        return None, f"{origin}, whose processor LLVM does not know"
+        return None, f"{origin}, because LLVM does not recognize the processor"
 
 
 def choose_target(interface: str) -> Level | None:
     """Set numba's target; return the level of the wheel's kernels if they are used."""
     import numba
 
-    # LLVM's optimization level 2 compiles an eighth faster than level 3, and flights run equally
-    # fast.
+    # Compared with level 3, LLVM's optimization level 2 takes an eighth less time to compile, and
+    # the compiled code is equally fast.
     numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
     numba.config.CACHE_LOCATOR_CLASSES = ""  # type: ignore[attr-defined]  # else CACHE_DIR may be ignored
     level, _ = find_level(interface)
@@ -83,7 +83,7 @@ def choose_target(interface: str) -> Level | None:
 
 
 def _is_chosen() -> bool:
-    """Return whether the user has selected numba's target."""
+    """Return whether numba's settings select a processor or its features."""
     import numba
 
     config: Any = numba.config
@@ -93,9 +93,9 @@ def _is_chosen() -> bool:
 def find_features() -> str | None:
     """Return this processor's features in LLVM's format, with 512-bit vectors if available.
 
-    By default LLVM uses only half of that width for Intel processors, because wide vectors reduce
-    the clock rate. A flight consists mostly of vector code: with the full width it takes a fifth
-    less time (``docs/explanation/performance.md``), with the same bits. Return None if the
+    By default LLVM uses 256-bit vectors on Intel processors, because wider vectors reduce the clock
+    rate. Flights consist mostly of vector code and run in a fifth less time with 512-bit vectors
+    (``docs/explanation/performance.md``); the results are bit-identical. Return None if the
     processor is unknown, or if the user has set ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES``.
     """
     if _is_chosen():
@@ -104,6 +104,6 @@ def find_features() -> str | None:
 
     try:
         features = llvm.get_host_cpu_features()
-    except RuntimeError:  # LLVM does not know this kind of processor.
+    except RuntimeError:  # LLVM does not recognize the processor.
         return None
     return f"{features.flatten()},-prefer-256-bit" if features.get("avx512f") else None

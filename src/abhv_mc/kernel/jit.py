@@ -1,17 +1,17 @@
-"""Decorators of compiled code; no other module uses numba's decorators.
+"""Decorators for compiled functions; no other module uses numba's decorators.
 
-Rules for compiled functions (measured; ``make bench`` checks the result):
+Compiled functions follow these rules, which are based on measurements (``make bench``):
 
-- strict floating point everywhere, so that batched lanes equal one flight at a time bit for bit;
-- a ``scalar`` function takes and returns floats, named tuples of floats and nothing that allocates;
-- a ``lanes`` function loops over the lanes of blocks that its caller allocated;
-- arrays that a function takes do not overlap if it writes to one: the compiler relies on that;
-- no libm call inside a lane loop: use :mod:`abhv_mc.kernel.numerics.lane_math`;
-- data (tables, gains, references) are arguments, never globals: numba freezes globals silently.
+- Use strict floating point, so that a flight in a group is bit-identical to a single flight.
+- A ``scalar`` function takes and returns only floats and named tuples of floats.
+- A ``lanes`` function loops over the lanes of arrays that its caller has allocated.
+- The array arguments of a function that writes to one of them must not overlap.
+- Do not call libm inside a lane loop; use :mod:`abhv_mc.kernel.numerics.lane_math`.
+- Pass data (tables, gains, references) as arguments, because numba treats globals as constants.
 
-Functions are compiled by numba's passes, and kernels are stored in its disk cache. Subclasses of
-its private classes inline all functions into a few kernels (``docs/explanation/performance.md``);
-its public interface gives the same bits, slower.
+Numba compiles the functions and stores the kernels in its disk cache. Subclasses of numba's private
+classes inline all functions into a few kernels (``docs/explanation/performance.md``). Numba's
+public interface gives bit-identical results, but slower code.
 """
 
 import contextlib
@@ -37,19 +37,20 @@ from abhv_mc.kernel.compiler_target import PUBLIC, choose_interface, choose_targ
 from abhv_mc.kernel.prebuilt import unpack
 
 F = TypeVar("F", bound=Callable[..., Any])
-# maximum number of array arguments for noalias: more than a vehicle has, fewer than a plan has
+# Maximum number of arrays in the arguments of a function that is compiled with noalias. A vehicle
+# contains fewer arrays, a plan more.
 _MOST_ARRAYS = 40
 
-# True if numba compiles nothing and all functions are plain Python, e.g. to count operations.
+# True if numba is disabled and all functions are plain Python, for example to count operations.
 PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 def scalar(function: F) -> F:
-    """Compile a pure scalar function that is inlined into lane loops; Python can call it, too."""
+    """Compile a pure scalar function, which is inlined into lane loops or called by Python."""
     return _decorate("inlined", function, error_model="numpy", forceinline=True)
 
 
-# Functions that loop over lanes are inlined, so that the compiler knows their blocks.
+# Functions that loop over lanes are inlined, so that the compiler knows the layout of their arrays.
 lanes = scalar
 
 
@@ -61,8 +62,8 @@ def routine(function: F) -> F:
 def kernel(function: F) -> F:
     """Compile an entry point for Python that is cached on disk and runs without the GIL.
 
-    If it is defined inside a function, it may use numbers of that function but no functions,
-    because numba would never find its cached code again.
+    A kernel that is defined inside another function may use that function's numbers but not its
+    local functions, because numba would not find the cached code again.
     """
     return _decorate("kernel", function, error_model="numpy", nogil=True)
 
@@ -80,10 +81,9 @@ def _decorate(kind: str, function: Any, **options: Any) -> Any:
 
 
 class _Deferred:
-    """Function that numba decorates when it is first called or compiled into another.
+    """Function that numba decorates when it is first called by Python or by compiled code.
 
-    Reports and custom simulators import the package but compile nothing, and importing numba takes
-    0.3 s.
+    Reports and custom simulators compile nothing, so they avoid importing numba, which takes 0.3 s.
     """
 
     def __init__(self, kind: str, function: Any, options: dict[str, Any]) -> None:
@@ -126,13 +126,13 @@ def compiler() -> str:
 
 
 def is_cached(function: Any) -> bool:
-    """Return whether the cache contains a kernel."""
+    """Return whether the disk cache contains compiled code of a kernel."""
     folder = None if PLAIN else function.stats.cache_path
     return folder is not None and is_noted(Path(folder), function.py_func.__name__)
 
 
 class _Kernels:
-    """Listener to numba's events, with the contexts of kernels that are being compiled."""
+    """Listener for numba's events that holds the contexts of kernels being compiled."""
 
     def __init__(self) -> None:
         self._open = contextlib.ExitStack()
@@ -145,7 +145,7 @@ class _Kernels:
                 self.end()
 
     def end(self) -> None:
-        """Close the contexts, because numba may report nothing after an interrupt."""
+        """Close the contexts of all kernels, including those with interrupted compilation."""
         self._open.close()
 
 
@@ -161,7 +161,7 @@ _tell: Callable[[Any, bool], AbstractContextManager[None]] = _say_nothing
 
 
 def set_compile_listener(listener: Callable[[Any, bool], AbstractContextManager[None]]) -> None:
-    """Set the context that is entered while a kernel is compiled here or by another process.
+    """Set the context that is entered while this or another process compiles a kernel.
 
     ``listener`` receives the kernel's function, and whether another process compiles it.
     """
@@ -173,7 +173,7 @@ def set_compile_listener(listener: Callable[[Any, bool], AbstractContextManager[
 def _deferred_interrupts() -> Iterator[None]:
     """Raise KeyboardInterrupt at the end of the context if an interrupt occurred inside it.
 
-    Otherwise numba or LLVM may lose it in a callback, or end with another error.
+    An interrupt inside numba or LLVM could be lost in a callback or cause a different error.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -205,7 +205,7 @@ def _deferred_interrupts() -> Iterator[None]:
 
 
 def _make_private() -> tuple[Any, Any]:
-    """Return the classes for inlined functions and for kernels, from numba's private classes."""
+    """Return subclasses of numba's private classes for inlined functions and for kernels."""
     from llvmlite.binding import parse_assembly
     from numba.core import config, types
     from numba.core.caching import (
@@ -224,7 +224,7 @@ def _make_private() -> tuple[Any, Any]:
         return sum(isinstance(kind, types.Array) for kind in kinds) + sum(map(count_arrays, tuples))
 
     class InlinedLibrary(JITCodeLibrary):
-        """Code that is only linked into kernels, and not optimized or translated separately."""
+        """Code that is linked into kernels, and not translated to machine code separately."""
 
         def finalize(self) -> None:
             self._finalized = True
@@ -234,11 +234,11 @@ def _make_private() -> tuple[Any, Any]:
 
         def _get_module_for_linking(
             self,
-        ) -> Any:  # numba's own functions are added with all functions that they call.
+        ) -> Any:  # Numba links its own functions together with all functions that they call.
             return link(self.part().clone(), self)
 
     def link(module: Any, caller: Any) -> Any:
-        """Link the module with all functions that ``caller`` calls at any depth, each once.
+        """Link the module with all functions that ``caller`` calls directly or indirectly.
 
         A function is linked after all its callers, because LLVM omits functions without a caller.
         """
@@ -270,18 +270,18 @@ def _make_private() -> tuple[Any, Any]:
             self.state["library"] = library
             self.state.flags.no_compile = True
             # Without noalias, LLVM checks for overlap before a vectorized loop over lanes.
-            # With noalias for all arrays of a plan, lists of arrays would dominate LLVM's work.
+            # With noalias for all arrays of a plan, LLVM would spend most time on lists of arrays.
             self.state.flags.noalias = count_arrays(self.state.args) <= _MOST_ARRAYS
             result = super().compile_extra(function)
             entry = set[
                 Any
-            ]().remove  # This is never called: numba identifies a function by a builtin.
+            ]().remove  # Numba identifies a function by a builtin, which is never called.
             result.target_context.insert_user_function(entry, result.fndesc, [library])
             return result._replace(entry_point=entry)
 
     class Inlined(CPUDispatcher):
         def __init__(self, function: Any, **options: Any) -> None:
-            # Reference counting (_nrt) of arrays in each lane would take longer than the physics.
+            # Reference counting of arrays (_nrt) would take longer than the simulation itself.
             options |= {
                 "nopython": True,
                 "_nrt": False,
@@ -291,7 +291,8 @@ def _make_private() -> tuple[Any, Any]:
             super().__init__(function, targetoptions=options, pipeline_class=InlinedCompiler)
 
         def get_call_template(self, args: Any, kws: Any) -> Any:
-            # All constants share this code, although each constant is a separate type for numba.
+            # Calls with literal arguments share one compiled function, although numba gives each
+            # literal its own type.
             return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
         @functools.cached_property
@@ -315,7 +316,7 @@ def _make_private() -> tuple[Any, Any]:
             return self.name, "object", (self._get_compiled_object(), stubs.as_bitcode())
 
     class ContentLocator(UserProvidedCacheLocator):
-        """Cache location by a module's name and content instead of path and modification time.
+        """Cache location that depends on a module's name and content, not its path and time.
 
         Another clone, environment or container with the same source loads the same code.
         """
@@ -331,7 +332,7 @@ def _make_private() -> tuple[Any, Any]:
         _locator_classes = [ContentLocator, *CompileResultCacheImpl._locator_classes]
 
     class KernelCache(FunctionCache):
-        """Cache that loads a kernel without numpy's typing rules, which only compilation needs."""
+        """Cache that loads kernels without numpy's typing rules, which only compiling needs."""
 
         _impl_class = KernelCacheImpl
 
@@ -420,12 +421,12 @@ def load_compiler() -> _Compiler:
         except Exception as error:
             warnings.warn(
                 f"The private interface of numba {numba.__version__} is not supported "
-                f"({type(error).__name__}: {error}). Its public interface gives the same results, "
-                "slower.",
+                f"({type(error).__name__}: {error}). Flights run more slowly with its public "
+                "interface; the results are the same.",
                 RuntimeWarning,
                 stacklevel=2,
             )
-            # Child processes use the public interface without another attempt.
+            # The variable makes child processes use the public interface directly.
             os.environ[PUBLIC], interface = "1", "public"
             config.CACHE_DIR = str(code_folder(interface))
 

@@ -1,4 +1,4 @@
-"""Functions that compiled code calls by address, so that custom laws need no new kernel."""
+"""Calls of functions by address, so that custom control laws need no new kernel."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from abhv_mc.kernel.jit import PLAIN, intrinsic, load_compiler
 
 
 class Uncompilable(Exception):
-    """Error for a custom function that numba cannot compile, with its location and message."""
+    """Error for a custom function that numba cannot compile, with file, line and message."""
 
     def __init__(self, file: str | None, line: int | None, message: str) -> None:
         super().__init__(file, line, message)
@@ -93,7 +93,7 @@ def floats_at(typing_context: Any, address: Any) -> Any:
 
 
 def compile_pointer(function: Any) -> Any:
-    """Compile a loop over lanes that flights call by address, see :func:`call_address`.
+    """Compile a loop over lanes that kernels call by address, see :func:`call_address`.
 
     The function's file must exist, because numba caches the machine code under its name. Raise
     Uncompilable if numba cannot compile it.

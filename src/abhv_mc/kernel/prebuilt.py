@@ -1,7 +1,7 @@
 """Precompiled kernels in the wheel, for several interpreters and levels of x86-64.
 
-A build is an archive of numba's cache with a manifest. It is as trusted as the package's code; the
-SHA-256 in the manifest reveals damage.
+A build is an archive of numba's cache with a manifest. Builds are trusted like the package's code;
+the SHA-256 hash in the manifest detects damaged archives.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from abhv_mc.kernel.cache import source_hash
 
-# folder of builds in the wheel; a checkout has no builds
+# Folder of builds in the wheel; a source checkout has no builds.
 FOLDER = Path(__file__).parents[1] / "prebuilt"
 _COMPILERS = ("numba", "llvmlite")
 _AVX2 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
@@ -36,7 +36,7 @@ class Level(NamedTuple):
         return [name for name in self.needed if not processor.get(name)]
 
 
-LEVELS = (  # levels, best first
+LEVELS = (  # levels in order of decreasing preference
     Level(
         "x86-64-v4",
         "-prefer-256-bit",
@@ -59,12 +59,12 @@ def choose_level(processor: Mapping[str, bool]) -> tuple[Level | None, str]:
         if not archive.is_file():
             continue
         if lacks := level.lacks(processor):
-            reason = f"the wheel's kernels need a processor with {', '.join(lacks)}"
+            reason = f"the wheel's kernels require a processor with {', '.join(lacks)}"
         elif misfit := _find_misfit(archive):
             reason = misfit
         else:
             return level, f"for {level.cpu}, from the wheel"
-    return None, f"compiled on this machine, as {reason}"
+    return None, f"compiled on this machine, because {reason}"
 
 
 def _archive(level: Level) -> Path:
@@ -77,9 +77,9 @@ def _find_misfit(archive: Path) -> str:
         manifest = json.loads(archive.with_suffix(".json").read_text(encoding="utf-8"))
         for name in _COMPILERS:
             if manifest[name] != version(name):
-                return f"the wheel's kernels are compiled with {name} {manifest[name]}"
+                return f"the wheel's kernels were compiled with {name} {manifest[name]}"
         if manifest["source"] != source_hash():
-            return "the wheel's kernels are compiled from other source"
+            return "the wheel's kernels were compiled from a different source"
         if manifest["sha256"] != hashlib.sha256(archive.read_bytes()).hexdigest():
             return f"{archive.name} is damaged"
     except (OSError, ValueError, KeyError):

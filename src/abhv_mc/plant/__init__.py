@@ -1,1 +1,1 @@
-"""Dispersed parameters, control effectiveness and trim of the plant."""
+"""Dispersible parameters, control effectiveness and trim of the plant."""

@@ -2,7 +2,7 @@
 
 A term ``table * variable`` may depend on a deflection through the variable and through an axis of
 the table. Both dependences are linear inside a table cell, so the derivatives are exact. The list
-of slopes is made once per vehicle.
+of derivatives is computed once per vehicle.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def _input_weights(vehicle: Vehicle) -> Floats:
 
 
 def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int], int], int]:
-    """Return the first slope row of each (group, axis) that inputs move, and the row count."""
+    """Return the first slope row of each (group, axis) that depends on inputs, and row count."""
     tables = vehicle.tables
     rows: dict[tuple[int, int], int] = {}
     end = int(tables.n_rows)
@@ -43,7 +43,7 @@ def count_rows(vehicle: Vehicle) -> int:
 
 
 def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
-    """Return the table slopes of a vehicle that fits the lane memory (:func:`count_rows`)."""
+    """Return the terms of the coefficients' derivatives, see :class:`Effectiveness`."""
     weights = _input_weights(vehicle)
     tables, terms = vehicle.tables, vehicle.build_up
     entries: list[tuple[int, int, int, int, float]] = []

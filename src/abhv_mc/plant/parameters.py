@@ -41,7 +41,7 @@ class Parameter:
     of_user: bool = (
         False  # whether the user defines the parameter (simulator input or vehicle setting)
     )
-    seed: bool = False  # whether the parameter selects a noise realization
+    seed: bool = False  # whether the parameter selects a realization of noise or turbulence
 
     @property
     def is_factor(self) -> bool:
@@ -63,7 +63,7 @@ class Parameter:
         ):
             if self.nominal == 0.0:
                 raise Refusal(
-                    f"'{value}' is relative to a nominal value of 0", f"a quantity in {self.unit}"
+                    f"'{value}' is relative to the nominal value 0", f"a quantity in {self.unit}"
                 )
             return parse_in_any_unit(value, "-") * abs(self.nominal)
         return parse_in_any_unit(value, self.unit)
@@ -95,7 +95,11 @@ _UNITS = {
 _SENSED = {name: _UNITS.get(name, "rad") for name in ALL_SENSORS}
 _NAVIGATION = {name: _SENSED[name] for name in SENSORS}
 
-_GUST_AXES = {"forward": "along the body", "right": "across it", "down": "down in body axes"}
+_GUST_AXES = {
+    "forward": "along body x",
+    "right": "along body y",
+    "down": "along body z",
+}
 
 
 def _failing(name: str, noun: str) -> tuple[Parameter, ...]:
@@ -110,14 +114,18 @@ def _failing(name: str, noun: str) -> tuple[Parameter, ...]:
             f"failure.{name}.stuck_at",
             "rad",
             NEVER,
-            f"deflection at which {noun} sticks; inf: at its present position",
+            f"deflection at which {noun} sticks; inf means its current position",
         ),
-        _error(f"failure.{name}.effectiveness", "-", f"effectiveness of {noun} after its loss"),
+        _error(
+            f"failure.{name}.effectiveness",
+            "-",
+            f"remaining effectiveness of {noun} after the loss",
+        ),
         Parameter(
             f"failure.{name}.rate_limit",
             "-",
             0.1,
-            f"factor on the rate limit of slow {noun}",
+            f"factor on the rate limit of {noun} after it becomes slow",
         ),
     )
 
@@ -129,7 +137,7 @@ def _failing_engine(name: str, noun: str) -> tuple[Parameter, ...]:
             f"failure.{name}.duration",
             "s",
             NEVER,
-            f"duration of {noun} failure; inf: permanent",
+            f"duration of the failure of {noun}; inf if permanent",
         ),
         _error(f"failure.{name}.thrust", "-", f"factor on the thrust of {noun} after its failure"),
     )
@@ -139,19 +147,19 @@ def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
     noun = name.replace("_", " ")
     return (
         Parameter(
-            f"failure.sensor.{name}.time", "s", NEVER, f"time at which the measured {noun} fails"
+            f"failure.sensor.{name}.time", "s", NEVER, f"time at which the {noun} sensor fails"
         ),
         _error(
             f"failure.sensor.{name}.bias",
             unit,
-            f"error of the measured {noun} after its failure; 0: frozen",
+            f"bias of the measured {noun} after the failure; 0 freezes the value",
         ),
     )
 
 
 _TABLE: tuple[Parameter, ...] = (
-    _factor("one", "not dispersible: factor of terms without a parameter"),
-    _factor("atmosphere.density", "air density, at every altitude"),
+    _factor("one", "constant factor on terms without a parameter (not dispersible)"),
+    _factor("atmosphere.density", "air density at every altitude"),
     _error(
         "atmosphere.temperature",
         "K",
@@ -163,7 +171,7 @@ _TABLE: tuple[Parameter, ...] = (
     _error("wind.shear_east", "1/s", "change of the eastward wind per metre of altitude"),
     *(_factor(f"aero.{name}", f"whole {text}") for name, text in _COEFFICIENTS.items()),
     *(
-        _error(f"aero.{x}.increment", "-", f"added to the {_COEFFICIENTS[x]}")
+        _error(f"aero.{x}.increment", "-", f"increment of the {_COEFFICIENTS[x]}")
         for x in ("lift", "drag", "pitching_moment")
     ),
     *(
@@ -172,31 +180,33 @@ _TABLE: tuple[Parameter, ...] = (
         for variable, noun in _DERIVATIVES.items()
     ),
     *(
-        _factor(f"control.{name}_effectiveness", f"{name} deflection felt by the aerodynamics")
+        _factor(f"control.{name}_effectiveness", f"aerodynamic effectiveness of the {name}")
         for name in AXES
     ),
     *(
         _factor(
             f"control.{name}_effectiveness",
-            f"deflection of the vehicle's effector {i} felt by the aerodynamics",
+            f"aerodynamic effectiveness of the vehicle's effector {i}",
         )
         for i, name in enumerate(EFFECTORS)
     ),
-    _factor("propulsion.thrust", "thrust at the same fuel flow"),
+    _factor("propulsion.thrust", "thrust at unchanged fuel flow"),
     _factor(
-        "propulsion.specific_impulse", "specific impulse at the same thrust (changes the fuel flow)"
+        "propulsion.specific_impulse", "specific impulse at unchanged thrust (changes fuel flow)"
     ),
-    _error("thrust.inclination", "rad", "thrust turned upward about its point of application"),
-    _error("thrust.azimuth", "rad", "thrust turned to the right about its point of application"),
-    _factor("mass.total", "mass at the start"),
+    _error("thrust.inclination", "rad", "upward rotation of the thrust about its point of action"),
+    _error(
+        "thrust.azimuth", "rad", "rotation of the thrust to the right about its point of action"
+    ),
+    _factor("mass.total", "initial mass"),
     *(
         _factor(f"mass.inertia_{axis}{axis}", f"moment of inertia about body {axis}")
         for axis in "xyz"
     ),
     _factor("mass.inertia_13", "product of inertia (matrix element 13)"),
-    _error("mass.center_of_gravity_x", "m", "centre of gravity moved forward"),
-    _error("mass.center_of_gravity_y", "m", "centre of gravity moved right"),
-    _error("mass.center_of_gravity_z", "m", "centre of gravity moved down"),
+    _error("mass.center_of_gravity_x", "m", "forward shift of the centre of gravity"),
+    _error("mass.center_of_gravity_y", "m", "rightward shift of the centre of gravity"),
+    _error("mass.center_of_gravity_z", "m", "downward shift of the centre of gravity"),
     _factor("actuator.bandwidth", "natural frequency of the three surface actuators"),
     _factor("actuator.damping", "damping ratio of the three surface actuators"),
     _factor("actuator.deflection_limit", "deflection limit of the three surfaces"),
@@ -210,7 +220,7 @@ _TABLE: tuple[Parameter, ...] = (
         for name, noun in (("dead_zone", "dead zone"), ("backlash", "backlash"))
     ),
     *(
-        _error(f"initial.{name}", unit, f"error of the {name.replace('_', ' ')} at the start")
+        _error(f"initial.{name}", unit, f"initial error of the {name.replace('_', ' ')}")
         for name, unit in _NAVIGATION.items()
     ),
     *(
@@ -242,33 +252,33 @@ _TABLE: tuple[Parameter, ...] = (
     _error("wind.gust_north", "m/s", "1-cosine gust: wind change towards the north"),
     _error("wind.gust_east", "m/s", "1-cosine gust: wind change towards the east"),
     _error("wind.gust_down", "m/s", "1-cosine gust: wind change downwards"),
-    Parameter("wind.gust_start", "s", 0.0, "1-cosine gust: time at which the flight enters it"),
-    Parameter("wind.gust_length", "m", 1000.0, "1-cosine gust: distance over which it builds up"),
+    Parameter("wind.gust_start", "s", 0.0, "1-cosine gust: time at which the gust begins"),
+    Parameter("wind.gust_length", "m", 1000.0, "1-cosine gust: distance from zero to full wind"),
     _error("wind.turbulence", "m/s", "Dryden turbulence: rms of each of the three components"),
     Parameter(
         "wind.turbulence_length",
         "m",
         533.4,
-        "Dryden turbulence: scale length (1750 ft at altitude)",
+        "Dryden turbulence: scale length (1750 ft at medium and high altitudes)",
     ),
     Parameter(
         "wind.turbulence_seed",
         "-",
         0.5,
-        "number from 0 to 1 that selects the turbulence of a flight; to be drawn uniformly",
+        "uniformly distributed number from 0 to 1 that selects the turbulence of a flight",
         seed=True,
     ),
     Parameter(
         "sensor.noise_seed",
         "-",
         0.5,
-        "number from 0 to 1 that selects the sensor noise of a flight; to be drawn uniformly",
+        "uniformly distributed number from 0 to 1 that selects the sensor noise of a flight",
         seed=True,
     ),
     _error(
         "sensor.delay",
         "s",
-        "age of all measurements, in whole control periods, at most 25",
+        "delay of all measurements, in whole control periods, at most 25 of them",
     ),
     *(entry for name in AXES for entry in _failing(name, f"the {name}")),
     *(
@@ -284,12 +294,12 @@ _TABLE: tuple[Parameter, ...] = (
     *(entry for name, unit in _NAVIGATION.items() for entry in _failing_sensor(name, unit)),
     Parameter("failure.engine.time", "s", NEVER, "time at which the engine fails"),
     Parameter(
-        "failure.engine.duration", "s", NEVER, "duration of the engine failure; inf: permanent"
+        "failure.engine.duration", "s", NEVER, "duration of the engine failure; inf if permanent"
     ),
     _error(
         "failure.engine.thrust",
         "-",
-        "factor on thrust and fuel flow of the failed engine; 0: flame-out",
+        "factor on thrust and fuel flow of the failed engine; 0 is a flame-out",
     ),
     *(
         _error(
@@ -300,20 +310,22 @@ _TABLE: tuple[Parameter, ...] = (
         for name in ("drag", "pitching_moment")
     ),
     *(
-        _factor(f"wind.turbulence_{axis}", f"Dryden turbulence: rms {noun} / wind.turbulence")
+        _factor(
+            f"wind.turbulence_{axis}", f"Dryden turbulence: rms {noun} divided by wind.turbulence"
+        )
         for axis, noun in _GUST_AXES.items()
     ),
     *(
         _factor(
             f"wind.turbulence_length_{axis}",
-            f"Dryden turbulence: scale length {noun} / wind.turbulence_length",
+            f"Dryden turbulence: scale length {noun} divided by wind.turbulence_length",
         )
         for axis, noun in _GUST_AXES.items()
     ),
     _error(
         "wind.turbulence_rotary",
         "-",
-        "rotary gusts p, q, r of Dryden turbulence: 1 switches them on, 0 off",
+        "Dryden turbulence: 1 switches the rotary gusts p, q and r on, 0 off",
     ),
 )
 
@@ -324,7 +336,7 @@ assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENT
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters of flights, in the column order of full rows."""
+    """Parameters of flights, in the order of the columns of parameter arrays."""
 
     records: tuple[Parameter, ...]
 
@@ -339,7 +351,7 @@ class Parameters:
 
     @cached_property
     def dispersible(self) -> tuple[str, ...]:
-        """Names of all parameters except the constant factor."""
+        """Names of all parameters except the constant factor ``one``."""
         return tuple(name for name in self.index if name != PARAMETERS[0].name)
 
     def __getitem__(self, name: str) -> Parameter:
@@ -360,7 +372,7 @@ class Parameters:
 
 OURS = Parameters(PARAMETERS)
 
-# parameters that can make an angle oscillate even if there is no limit cycle
+# Parameters that can make an angle oscillate even if there is no limit cycle.
 DISTURBANCES = (
     "wind.gust_north",
     "wind.gust_east",

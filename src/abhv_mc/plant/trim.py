@@ -23,10 +23,10 @@ from abhv_mc.vehicle.evaluate import (
 )
 from abhv_mc.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
-GRAVITY = 9.80665  # standard gravity, by which load factors are defined, m/s2
+GRAVITY = 9.80665  # standard gravity, which defines load factors, m/s2
 # tolerance of forces relative to the weight, and of moments relative to weight times chord
 _TOLERANCE = 1e-8
-_STEEPEST = -1.2  # steepest flight path angle of a glide, rad
+_STEEPEST = -1.2  # lower limit of the flight path angle of a glide, rad
 _USUAL = math.pi / 4.0  # preferred range of the angle of attack, rad
 _STEP = 1e-13  # tolerance of a solution, in rad or as an equivalence ratio
 
@@ -73,16 +73,16 @@ class TrimPoint(NamedTuple):
 def trim(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float | None = None
 ) -> TrimPoint:
-    """Balance a flight point; the default mass (kg) is the vehicle's initial mass.
+    """Trim a vehicle at a flight point; the default mass (kg) is its initial mass.
 
-    A vehicle without an engine is balanced on its glide path; the flight path angle of the point is
+    A vehicle without an engine is trimmed on its glide path; the flight path angle of the point is
     ignored. If no glide path maintains the speed, only lift and moment are balanced, at the point's
     flight path angle.
 
-    The Earth's rotation is included, with the Coriolis acceleration. The aerodynamic pitch rate is
-    that due to the turn over the ground; the rotation of the local frame, equivalent to 0.03 deg of
-    elevator, is neglected. If no balance exists within the vehicle's limits, the result contains
-    the nearest controls and a ``fault``.
+    The Earth's rotation and the Coriolis acceleration are included. The aerodynamic pitch rate is
+    that of the turn relative to the ground; the rotation of the local frame, which is equivalent to
+    0.03 deg of elevator, is neglected. If no trim exists within the vehicle's limits, the result
+    contains the nearest controls and a ``fault``.
     """
     mass = vehicle.constants.mass_start if mass is None else mass
     if vehicle.constants.equivalence_ratio_max > 0.0:
@@ -99,9 +99,9 @@ def trim(
 def _balance(
     vehicle: Vehicle, earth: Earth, point: FlightPoint, mass: float
 ) -> tuple[TrimPoint, float]:
-    """Return the trim at the point's flight path angle, and the residual along the velocity.
+    """Return the trim at the point's flight path angle, and the residual force / weight.
 
-    The residual is divided by the weight.
+    The residual is the component along the velocity.
     """
     constants = vehicle.constants
     along, across = _specific_force(earth, point)
@@ -110,7 +110,7 @@ def _balance(
     limits = deflection_range(vehicle, 2)
 
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
-        """Return the residual forces and pitching moment, as shares of the weight."""
+        """Return residual forces / weight, and residual pitching moment / (weight * chord)."""
         trial = _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)
         weight = mass * GRAVITY
         return (
@@ -119,8 +119,8 @@ def _balance(
             trial.moment / (weight * constants.chord),
         )
 
-    # Nested searches, each for the control with the dominant effect, are robust to kinks of the
-    # tables.
+    # Each equation is solved for the control that affects it most. Nested searches are robust to
+    # kinks of the tables.
     def eta_of(alpha: float, elevator: float) -> float:
         ends = (constants.equivalence_ratio_min, constants.equivalence_ratio_max)
         return _root(lambda eta: unbalance(alpha, elevator, eta)[0], *ends)
@@ -153,7 +153,7 @@ def _balance(
 def _root(
     function: Callable[[float], float], low: float, high: float, step: float = _STEP
 ) -> float:
-    """Return a root between two ends, or else the end with the smaller residual."""
+    """Return a root in [low, high], or the end with the smaller residual if there is none."""
     from scipy.optimize import brentq
 
     end_values = {low: function(low), high: function(high)}
@@ -162,8 +162,8 @@ def _root(
 
     def once(
         x: float,
-        # Brent's method would evaluate the ends of the interval again, which is most of the work in
-        # nested searches.
+        # Brent's method would evaluate both ends of the interval again, which would take most of
+        # the time of nested searches.
     ) -> float:
         return end_values[x] if x in end_values else function(x)
 
@@ -205,7 +205,7 @@ def _control(
     elevator: float,
     eta: float,
 ) -> TrimPoint:
-    """Return forces and moments for the given controls, balanced or not."""
+    """Return forces and moments for the given controls, which need not trim the vehicle."""
     constants = vehicle.constants
     density, _, _, sound = atmosphere(point.altitude)
     density *= point.density_factor

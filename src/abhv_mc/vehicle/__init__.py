@@ -1,1 +1,1 @@
-"""Reading of vehicle files and their tables, and packing for compiled code."""
+"""Reading of vehicle files and their tables, and conversion to arrays for compiled code."""

@@ -20,7 +20,7 @@ from abhv_mc.io.units import (
 from abhv_mc.kernel.plant.vehicle import MAX_ENGINES, Inlet
 from abhv_mc.vehicle.shared_keys import AngleRange, Positive, Range, Rising
 
-# Propulsion entries of FIXED_TABLE_ROWS, and the keys that name the tables for them.
+# Propulsion quantities in FIXED_TABLE_ROWS, and the vehicle-file keys that name their tables.
 PROPULSION_TABLES = {
     "capture_area_ratio": "capture_area_ratio",
     "specific_impulse": "specific_impulse",
@@ -37,9 +37,9 @@ _DEAD_ZONE = (
     "dead zone: magnitude of the error between command and position below which the actuator does "
     "not move"
 )
-_BACKLASH = "width of the play between the actuator and the surface"
+_BACKLASH = "total free play between the actuator and the surface"
 
-# Dynamics keys that each kind of actuator requires; other keys are rejected.
+# Keys that each kind of actuator requires; other dynamics keys are rejected.
 DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
     "second_order": ("bandwidth", "damping", "rate_limit"),
     "first_order": ("bandwidth", "rate_limit"),
@@ -68,7 +68,9 @@ class Actuator(StrictModel):
     def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
         """Return the kind of actuator, or None. Raise Refusal if 'kind' contradicts 'ideal'."""
         if self.ideal and kind not in (None, "ideal"):
-            raise Refusal(f"'ideal: true' with 'kind: {kind}'", "only one of them", ("ideal",))
+            raise Refusal(
+                f"'ideal: true' contradicts 'kind: {kind}'", "only one of them", ("ideal",)
+            )
         return "ideal" if self.ideal else kind
 
 
@@ -76,7 +78,7 @@ def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None
     """Raise Refusal if the dynamics keys do not match the kind of actuator."""
     needed = DYNAMICS[kind]
     if set(keys) != set(needed):
-        problem = f"{what} of the kind {kind} with {' and '.join(sorted(keys)) or 'no dynamics'}"
+        problem = f"{what} of kind {kind} has {' and '.join(sorted(keys)) or 'no dynamics'}"
         raise Refusal(problem, " and ".join(needed) or "no bandwidth, damping or rate")
 
 
@@ -146,7 +148,7 @@ class ThrustLine(StrictModel):
 
 
 class Unstart(StrictModel):
-    """Flow conditions in which the inlet stays started; outside these the engine fails."""
+    """Flow conditions in which the inlet stays started; under other conditions it unstarts."""
 
     angle_of_attack: AngleRange = Field(
         default=(-math.inf, math.inf),
@@ -161,7 +163,8 @@ class Unstart(StrictModel):
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
         default=math.inf,
         description=(
-            "time for which all conditions must hold before the inlet restarts; default: no restart"
+            "time for which all conditions must be met before the inlet restarts; default: no "
+            "restart"
         ),
     )
     drag_increment: float = Field(
@@ -175,7 +178,7 @@ class Unstart(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "Unstart":
         if not self.model_fields_set & {"angle_of_attack", "sideslip", "mach"}:
-            raise Refusal("unstart without a condition", "angle_of_attack, sideslip or mach")
+            raise Refusal("'unstart' has no condition", "angle_of_attack, sideslip or mach")
         return self
 
     def inlet(self) -> Inlet:
@@ -192,10 +195,10 @@ class Unstart(StrictModel):
 
 
 class Relight(StrictModel):
-    """Recovery of an engine after a failure; the loss of thrust follows the throttle's lag."""
+    """Recovery of the thrust after an engine failure; thrust is lost with the throttle's lag."""
 
     delay: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time from the failure until the thrust begins to recover"
+        0.0, description="time from the end of the failure until the thrust begins to recover"
     )
     time_constant: Annotated[Time, Field(ge=0.0)] = Field(
         0.0, description="time constant of the thrust recovery; 0 uses the lag of the throttle"
@@ -203,7 +206,7 @@ class Relight(StrictModel):
 
 
 class Engine(StrictModel):
-    """Engine of a vehicle with several engines that may fail separately."""
+    """One of several engines of a vehicle, which may fail separately."""
 
     share: Annotated[Fraction, Positive] | None = Field(
         None, description="share of this engine in the total thrust; default: equal shares"
@@ -242,16 +245,16 @@ class _Inlets(StrictModel):
         has_mixed_shares = len({engine.share is None for engine in self.engines.values()}) > 1
         if rows and (has_mixed_shares or abs(total - 1.0) > 1e-9):
             raise Refusal(
-                f"the shares of the thrust have the sum {total:g}",
-                "shares with the sum 1, or no shares",
+                f"the thrust shares sum to {total:g}",
+                "shares that sum to 1, or no shares",
                 ("engines",),
             )
         if max(map(abs, moments)) > 1e-6:
             problem = (
-                f"engines whose thrust acts {', '.join(f'{x:g}' for x in moments)} m from the line "
-                "of thrust"
+                f"the engines' mean position is {', '.join(f'{x:g}' for x in moments)} m from the "
+                "thrust line"
             )
-            raise Refusal(problem, "positions with a weighted mean of 0", ("engines",))
+            raise Refusal(problem, "positions whose weighted mean is 0", ("engines",))
         return self
 
 
@@ -323,7 +326,7 @@ AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
 
 
 class Surfaces(SurfaceActuator):
-    """Actuator settings shared by the three axis deflections."""
+    """Actuator settings that apply to the three axis deflections."""
 
     limit: Annotated[Angle, Positive] = Field(description="maximum deflection in either direction")
     rate_limit: Annotated[AngularRate, Positive] | None = Field(
@@ -338,7 +341,7 @@ class Surfaces(SurfaceActuator):
 
 
 class Effector(SurfaceActuator):
-    """Control surface with its deflection per axis command and, optionally, its own actuator."""
+    """Control surface: deflection per axis command and, optionally, an actuator of its own."""
 
     aileron: float = Field(0.0, description="deflection per unit of aileron command")
     rudder: float = Field(0.0, description="deflection per unit of rudder command")
@@ -358,11 +361,15 @@ class Effector(SurfaceActuator):
     @model_validator(mode="after")
     def _check(self) -> "Effector":
         if self.limits is not None and not self.limits[0] <= 0.0 <= self.limits[1]:
-            raise Refusal(f"{list(self.limits)} rad", "minimum and maximum around 0", ("limits",))
+            raise Refusal(
+                f"the limits {list(self.limits)} rad exclude 0",
+                "a minimum of at most 0 and a maximum of at least 0",
+                ("limits",),
+            )
         if self.response == "ideal" and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
-                "an ideal effector with dynamics",
-                "either ideal, or rate, bandwidth and damping",
+                "an ideal effector has dynamics",
+                "either an ideal effector, or rate, bandwidth and damping",
                 ("ideal" if self.ideal else "kind",),
             )
         return self

@@ -1,4 +1,4 @@
-"""Packing of a vehicle's effectors and actuators from the vehicle file, and queries."""
+"""Conversion of effectors and actuators from a vehicle file to arrays, and queries."""
 
 from collections.abc import Mapping
 
@@ -38,7 +38,7 @@ def pack_effectors(
 ) -> tuple[Floats, Effectors, Ints]:
     """Return the mix of the file's effectors, the table of all effectors, and their names.
 
-    Names are arrays of character codes. An axis used by the aerodynamics is also an effector.
+    Names are arrays of character codes. An axis that the aerodynamics use counts as an effector.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
     variables = np.array(
@@ -59,8 +59,8 @@ def pack_effectors(
 def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
     """Return the array of actuators [actuator, column]: axes, engine, then effectors.
 
-    ``effectors`` is the number of effectors. Omitted keys of effectors, and axes among the
-    effectors, get the values of the key ``surfaces``.
+    ``effectors`` is the number of effectors. The key ``surfaces`` supplies omitted values of
+    effectors, and all values of axes that count as effectors.
     """
     surfaces, engine = content.surfaces, content.propulsion
     limit = surfaces.limit if surfaces else 0.0
@@ -103,7 +103,7 @@ def has_slack(vehicle: Vehicle) -> bool:
 
 
 def slack_warnings(vehicle: Vehicle) -> list[str]:
-    """Return a warning if there are dead zones or backlash, which margins neglect.
+    """Return a warning if the vehicle has dead zones or backlash, which margins neglect.
 
     The warning is a sentence without a full stop.
     """
@@ -117,17 +117,18 @@ def slack_warnings(vehicle: Vehicle) -> list[str]:
     if not phrases:
         return []
     return [
-        f"stability margins and linear models neglect {' and '.join(phrases)}: they apply to "
-        "commands well above the neglected width, not to oscillations of that size"
+        f"stability margins and linear models neglect {' and '.join(phrases)}: they are valid for "
+        "commands much larger than the neglected width, not for oscillations of this size"
     ]
 
 
 def _axis_shares(mix: Floats) -> Floats:
     """Return matrices [axis, effector, effector] that project deflections onto each axis.
 
-    Effectors with equal |mix| are grouped into sets in the order of the file: each effector joins
-    the first set in which its row of the mix is linearly independent, or starts a new set. With a
-    single set, deflections of pairs with different limits would count as commands on other axes.
+    Effectors whose mixes have equal magnitudes are grouped into sets in the order of the file: each
+    effector joins the first set in which its row of the mix is linearly independent, or starts a
+    new set. With a single set, deflections of pairs with different limits would count as commands
+    on other axes.
     """
     sets: list[list[int]] = []
     for e, row in enumerate(mix):

@@ -54,10 +54,10 @@ class Reference(StrictModel):
 
 
 class MassPoint(StrictModel):
-    """Mass properties at one mass; centre of gravity is relative to the moment reference."""
+    """Mass properties at one mass; the centre of gravity is relative to the moment reference."""
 
     mass: Annotated[Mass, Positive] = Field(
-        description="vehicle mass at which these mass properties hold"
+        description="vehicle mass at which these mass properties apply"
     )
     inertia_xx: Annotated[Inertia, Positive] = Field(
         description="moment of inertia about body x (forward)"
@@ -89,7 +89,7 @@ class MassPoint(StrictModel):
         if xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
             raise Refusal(
                 f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 are physically impossible",
-                "moments of inertia that are at most the sum of the two others, and xz squared "
+                "moments of inertia that are each at most the sum of the other two, and xz squared "
                 "below xx times zz",
             )
         return self
@@ -107,15 +107,15 @@ class MassPoints(StrictModel):
         for i, (light, heavy) in enumerate(pairwise(self.points), 1):
             if heavy.mass <= light.mass:
                 raise Refusal(
-                    f"{heavy.mass:g} kg after {light.mass:g} kg",
-                    "rising masses",
+                    f"the mass {heavy.mass:g} kg follows {light.mass:g} kg",
+                    "increasing masses",
                     ("points", i, "mass"),
                 )
         return self
 
 
 class MassModel(MassPoints):
-    """Mass model: initial mass of a flight, and mass properties as functions of mass."""
+    """Initial mass of a flight, and mass properties as functions of mass."""
 
     start: Annotated[Mass, Positive] = Field(
         description="initial mass of the vehicle, within the mass range of the points"
@@ -129,7 +129,7 @@ class MassModel(MassPoints):
     file: File | None = Field(
         default=None,
         description=(
-            "CSV file with one row for each point and the columns mass_kg, inertia_xx_kg_m2, ..."
+            "CSV file with one row per point and the columns mass_kg, inertia_xx_kg_m2, ..."
         ),
     )
 
@@ -137,12 +137,14 @@ class MassModel(MassPoints):
     def _check(self) -> "MassModel":
         if bool(self.points) == (self.file is not None):
             raise Refusal(
-                "both points and a file" if self.points else "neither points nor a file",
-                "either points or a file",
+                "'points' and 'file' are both present"
+                if self.points
+                else "'points' and 'file' are both missing",
+                "exactly one of 'points' and 'file'",
             )
         if self.empty is not None and self.empty > self.start:
             raise Refusal(
-                f"{self.empty:g} kg empty mass exceeds the initial mass",
+                f"the empty mass of {self.empty:g} kg exceeds the initial mass",
                 f"at most {self.start:g} kg",
                 ("empty",),
             )
@@ -155,13 +157,13 @@ class TableEntry(StrictModel):
     file: File | None = Field(
         default=None, description="CSV file with one column per axis and the column 'value'"
     )
-    constant: float | None = Field(default=None, description="constant value, instead of a file")
+    constant: float | None = Field(default=None, description="constant value instead of a file")
     unit: str = Field(default="-", description="unit of the values, such as 1/deg, 1/rad, s, m2")
     scale: float = Field(default=1.0, description="factor that multiplies the values")
     columns: dict[str, str] = Field(
         default_factory=dict,
         description=(
-            "meaning of columns with non-standard headers, such as alpha: angle_of_attack deg"
+            "meanings of columns with non-standard headers, such as alpha: angle_of_attack deg"
         ),
     )
 
@@ -169,11 +171,13 @@ class TableEntry(StrictModel):
     def _check(self) -> "TableEntry":
         if (self.file is None) == (self.constant is None):
             raise Refusal(
-                "both a file and a constant" if self.file else "neither file nor constant",
-                "either a file or a constant",
+                "'file' and 'constant' are both present"
+                if self.file
+                else "'file' and 'constant' are both missing",
+                "exactly one of 'file' and 'constant'",
             )
         if self.columns and self.file is None:
-            raise Refusal("'columns' for a constant", "'columns' only for a file", ("columns",))
+            raise Refusal("a constant has 'columns'", "'columns' only with a file", ("columns",))
         try:
             parse_unit(self.unit)
         except Refusal as refusal:
@@ -198,15 +202,15 @@ class ReferencePoint(StrictModel):
     x: Length = Field(
         0.0,
         description=(
-            "distance of the reference point of the function's moments forward of the moment "
-            "reference"
+            "distance, forward of the moment reference, of the point about which the function's "
+            "moments are defined"
         ),
     )
     z: Length = Field(
         0.0,
         description=(
-            "vertical distance from the moment reference down to the point about which the "
-            "function's moments are given"
+            "distance, below the moment reference, of the point about which the function's moments "
+            "are defined"
         ),
     )
 
@@ -225,8 +229,8 @@ class AerodynamicsFunction(PythonFunction):
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
         default_factory=dict,
         description=(
-            "variable values at which the function has kinks (angles in rad); they become nodes "
-            "of trim tables"
+            "values of variables at which the function has kinks (angles in rad); these values "
+            "become nodes of the trim tables"
         ),
     )
 
@@ -237,7 +241,7 @@ class Aerodynamics(StrictModel):
     force_axes: Literal["stability", "wind"] = Field(
         default="stability",
         description=(
-            "axes of lift and drag; in wind axes, drag opposes the velocity at any sideslip"
+            "axes of lift and drag; in wind axes, drag opposes the velocity even with sideslip"
         ),
     )
     lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
@@ -264,7 +268,7 @@ def _aerodynamics_kind(value: Any) -> str:
 
 
 class FlightLimits(LoadLimits):
-    """Limits of the vehicle; exceeding one ends the flight."""
+    """Limits of the vehicle; a flight that exceeds a limit ends."""
 
     angle_of_attack: AngleRange = Field(description="minimum and maximum angle of attack")
     sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")
@@ -334,19 +338,21 @@ class VehicleDocument(StrictModel):
         for name, value in (self.limits.states if self.limits else {}).items():
             key = ("limits", f"state.{name}")
             if name not in states:
-                raise Refusal(f"a limit of '{name}'", one_of(states, name), key)
+                raise Refusal(
+                    f"a limit names the unknown state '{name}'", one_of(states, name), key
+                )
             try:
                 limits[name] = parse_quantity(value, dimension_of(states[name].unit))
             except Refusal as refusal:
                 raise Refusal(refusal.found, refusal.expected, key) from None
             if limits[name] <= 0.0:
-                raise Refusal(f"a limit of {value}", "a positive limit", key)
+                raise Refusal(f"the limit is {value}", "a positive limit", key)
         return limits
 
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
         """Return each use of a table as (table, quantity, key in the file).
 
-        The quantity is the propulsion quantity of the table, or the variable ``times`` of the term.
+        The quantity is the propulsion quantity in the table, or the variable ``times`` of the term.
         """
         uses: list[tuple[str, str | None, tuple[str | int, ...]]] = []
         for quantity, key in PROPULSION_TABLES.items():
@@ -363,7 +369,7 @@ class VehicleDocument(StrictModel):
         for name, effector in self.effectors.items():
             if name in FACTORS or not name.isidentifier():
                 raise Refusal(
-                    f"the effector name '{name}'",
+                    f"invalid effector name '{name}'",
                     "an identifier that is not the name of another variable",
                     ("effectors", name),
                 )
@@ -385,7 +391,9 @@ class VehicleDocument(StrictModel):
                 raise Refusal(f"unknown table '{table}'", one_of(self.tables, table), key)
             if key[0] == "aerodynamics" and quantity is not None and quantity not in factors:
                 raise Refusal(
-                    f"times '{quantity}'", one_of(factors, quantity), (*key[:-1], "times")
+                    f"unknown variable '{quantity}'",
+                    one_of(factors, quantity),
+                    (*key[:-1], "times"),
                 )
             self._check_unit(table, quantity)
         used = {table for table, _, _ in self.uses()}
@@ -394,7 +402,7 @@ class VehicleDocument(StrictModel):
                 table not in used and self.propulsion is not None
             ):  # The file of a glider may contain engine tables that are not used.
                 raise Refusal(
-                    f"the unused table '{table}'",
+                    f"table '{table}' is not used",
                     "only tables that a coefficient or the propulsion uses",
                     ("tables", table),
                 )
@@ -419,4 +427,6 @@ class VehicleDocument(StrictModel):
                 "1/deg or 1/rad" if expected[0] is ANGLE else f"a unit like '{expected[0].unit}'"
             )
             use = f"for {quantity}" if quantity else "for a term without 'times'"
-            raise Refusal(f"a table in '{unit}' {use}", expected_text, ("tables", table, "unit"))
+            raise Refusal(
+                f"a table {use} has the unit '{unit}'", expected_text, ("tables", table, "unit")
+            )

@@ -13,7 +13,7 @@ Number = float | str
 
 
 class CustomState(StrictModel):
-    """Custom state with its unit and, if it has no equilibrium, an initial value."""
+    """Custom state: its unit and, if it has no equilibrium, its initial value."""
 
     unit: str = Field(description="SI unit of the state, such as m, rad/s or K; - if dimensionless")
     start: Number | None = Field(
@@ -34,7 +34,7 @@ def _state(value: object) -> object:
 
 
 class Dynamics(StrictModel):
-    """Custom dynamics, whose states exert forces and moments and affect the sensors."""
+    """Custom dynamics: states that cause forces and moments and affect the sensors."""
 
     file: File = Field(
         description=(
@@ -59,7 +59,9 @@ class Dynamics(StrictModel):
             for name in getattr(self, key):
                 if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
                     raise Refusal(
-                        f"the name {describe(name)}", "an identifier such as mode_1", (key, name)
+                        f"invalid name {describe(name)}",
+                        "an identifier such as mode_1",
+                        (key, name),
                     )
         for name, value in self.settings.items():
             try:

@@ -1,8 +1,8 @@
 """Table look-up and coefficient build-up with numpy, outside compiled code.
 
-The two look-ups sum over the corners of a cell in different orders. Both are needed: the last
-digits of trims depend on the order in one look-up, and the last digits of controller designs on
-the order in the other look-up.
+The functions ``evaluate_tables`` and ``table_rows`` sum over the corners of a cell in different
+orders. Both are needed to reproduce the last digits of results: trims depend on the order in the
+first function, controller designs on the order in the second.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ _FIRST_EFFECTOR = VARIABLES.index("effector_0")
 def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
     """Return variables [variable, point] from named values (SI, radians).
 
-    Other variables are zero; effector deflections follow from the axis deflections.
+    Variables without a value are zero; effector deflections follow from the axis deflections.
     """
     arrays = [np.asarray(value) for value in values.values()]
     shape = np.broadcast_shapes((1,), *(array.shape for array in arrays))
@@ -68,7 +68,7 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 def table_rows(tables: Tables, variables: Numbers) -> Numbers:
     """Interpolate all tables at variables that may be complex.
 
-    A complex step gives the exact slope within a table cell.
+    A complex step gives the exact derivative within a table cell.
     """
     low, weight = [], []
     for variable, start, length in zip(
@@ -109,8 +109,8 @@ def evaluate_coefficients(
 ) -> Numbers:
     """Return the six COEFFICIENTS [coefficient, point] at variables [variable, point].
 
-    ``factors`` [parameter] or [parameter, point] multiply the table terms; None means nominal.
-    ``rows`` contains the interpolated tables if they have been computed.
+    ``factors`` [parameter] or [parameter, point] multiply the table terms; None means all 1.
+    ``rows`` contains the interpolated tables if they have already been computed.
     """
     if vehicle.foreign.aerodynamics:
         return evaluate_functions(vehicle, variables)[0]
@@ -127,7 +127,7 @@ def evaluate_coefficients(
 def evaluate_fixed(
     vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None
 ) -> dict[str, Numbers]:
-    """Return propulsion and mass tables [point] by their names in FIXED_TABLE_ROWS."""
+    """Return propulsion and mass quantities [point] by their names in FIXED_TABLE_ROWS."""
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     return {
         name: rows[row]

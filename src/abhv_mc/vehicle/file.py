@@ -1,4 +1,4 @@
-"""Reading and packing of vehicle files, including conversion to SI units and radians."""
+"""Reading of vehicle files, and conversion to arrays in SI units and radians."""
 
 import itertools
 import math
@@ -52,7 +52,7 @@ from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_table
 from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
 
-# upper limit of specific impulses in s
+# largest plausible specific impulse, s
 _LARGEST_IMPULSE = 1e4
 
 
@@ -111,7 +111,9 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     indices = {column.position: name for name, column in columns.items()}
     for i, head in enumerate(table.heads):
         if i not in indices:
-            raise table.error(None, i, f"the column '{head}'", one_of(MassPoint.model_fields, head))
+            raise table.error(
+                None, i, f"unknown column '{head}'", one_of(MassPoint.model_fields, head)
+            )
     numbers = table.numbers([column.position for column in columns.values()])
     points: list[Any] = []
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (table.head_line, 1)}
@@ -122,7 +124,7 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     try:
         return validate(Document(path, {"points": points}, locations, {}), MassPoints).points
     except InputErrors as error:
-        # A wrong header causes an error in every row; report only one.
+        # A wrong header causes an error in every row; only the first error is reported.
         raise error.errors[0] from None
 
 
@@ -146,19 +148,19 @@ def _check_meaning(document: Document, content: VehicleDocument, name: str, tabl
 
 def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
     if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
-        problem = f"{content.mass.start:g} kg is the initial mass"
+        problem = f"the initial mass is {content.mass.start:g} kg"
         expected = f"{points[0].mass:g} to {points[-1].mass:g} kg, the range of the mass properties"
         raise document.error(("mass", "start"), problem, expected)
 
 
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
-    """Pack a vehicle; ``factor_index`` maps names such as ``aero.lift.elevator`` to indices."""
+    """Return a vehicle for the kernel; ``factor_index`` maps parameter names to indices."""
     content = file.content
     entries: list[Table] = []
     entry_of: dict[tuple[str, float], int] = {}
 
     def use(name: str, scale: float = 1.0) -> int:
-        """Return the index of a table in the entries, where a shared table occurs only once."""
+        """Return the index of a table among the entries, in which each table occurs only once."""
         if (name, scale) not in entry_of:
             entry_of[name, scale] = len(entries)
             entries.append(file.tables[name].scaled(scale))
@@ -166,7 +168,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
 
     terms: list[list[tuple[int, int, int, int]]] = [
         [] for _ in COEFFICIENTS
-    ]  # (coefficient, entry, variable, factor)
+    ]  # Each term is (coefficient, table entry, variable, factor).
     for c, coefficient in enumerate(COEFFICIENTS):
         for term in getattr(content.aerodynamics, coefficient, ()):
             variable = _variable(term.times, tuple(content.effectors))
@@ -183,7 +185,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     if isinstance(content.aerodynamics, AerodynamicsFunction) and content.aerodynamics.nodes:
         entries.append(_make_nodes(content.aerodynamics.nodes))
     tables, rows = pack_tables(entries, fixed)
-    # Terms of different coefficients alternate, so that successive additions are independent.
+    # Terms of different coefficients alternate, because consecutive additions are then independent.
     turns = [term for turn in itertools.zip_longest(*terms) for term in turn if term is not None]
     columns = np.array(turns, dtype=np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
@@ -219,13 +221,13 @@ def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
 
 
 def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
-    """Return a table of zeros that has nodes at the kinks of a custom function."""
+    """Return a table of zeros whose nodes are the kinks of a custom function."""
     axes = tuple(Axis(VARIABLES.index(name), np.array(grid)) for name, grid in nodes.items())
     return Table(axes, np.zeros([axis.grid.size for axis in axes]))
 
 
 def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
-    """Return the mass properties as tables over mass."""
+    """Return the mass properties as tables that depend on the mass."""
     fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
     fields["inertia_13"] = "inertia_matrix_element_13"
     fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
@@ -242,7 +244,7 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 
 
 def _make_constants(content: VehicleDocument) -> Constants:
-    """Return the constants of a vehicle, with neutral values for missing engines and surfaces."""
+    """Return a vehicle's constants, with neutral values for a missing engine or surfaces."""
     engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
     capture = engine if isinstance(engine, Capture) else None
     jet = None if isinstance(engine, ThrustFunction) else engine

@@ -1,4 +1,4 @@
-"""Packing of vehicle tables into the arrays of :mod:`abhv_mc.kernel.plant.vehicle`."""
+"""Conversion of vehicle tables to the arrays of :mod:`abhv_mc.kernel.plant.vehicle`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Tables
 
-# Values of missing tables: zero, except the specific impulse, which is a divisor.
+# Values of missing tables: 0, or 1 for the specific impulse, which is a divisor.
 _ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TABLE_ROWS}
 
 
@@ -17,7 +17,7 @@ class Axis:
     """Axis of a table."""
 
     variable: int  # index of the variable in VARIABLES
-    grid: Floats  # [node] at least two strictly increasing values, SI and radians
+    grid: Floats  # [node] at least two strictly increasing values, in SI units and radians
 
 
 @dataclass(frozen=True)

@@ -19,18 +19,20 @@ Positive = Field(gt=0.0)
 
 def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
-        raise Refusal(f"an empty range from {ends[0]:g} to {ends[1]:g}", "minimum and maximum")
+        raise Refusal(
+            f"the range from {ends[0]:g} to {ends[1]:g} is empty", "a minimum below the maximum"
+        )
     return ends
 
 
 Rising = AfterValidator(_check_rising)  # validator of a (minimum, maximum) pair
 Range = Annotated[tuple[float, float], Rising]
 AngleRange = Annotated[tuple[Angle, Angle], Rising]
-STILL_AIR = "still air and no noise, because these disturbances cause ripple without a limit cycle"
+STILL_AIR = "still air and no noise, because gusts and noise cause ripple without a limit cycle"
 
 
 class Oscillation(StrictModel):
-    """Maximum oscillation (ripple) of each angle; a larger one ends a flight."""
+    """Maximum oscillation (ripple) of each angle; a larger oscillation ends a flight."""
 
     bank: Annotated[Angle, Positive] | None = Field(
         None, description="maximum peak-to-peak amplitude of oscillations of the bank error"
@@ -53,7 +55,7 @@ def _oscillation(value: Any) -> Any:
 
 
 class LoadLimits(StrictModel):
-    """Load limits; exceeding one ends the flight. By default there is no limit."""
+    """Load limits; a flight that exceeds a limit ends. By default there are no limits."""
 
     dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
         None, description="maximum dynamic pressure"
@@ -80,7 +82,7 @@ class LoadLimits(StrictModel):
     ) = Field(
         default=None,
         description=(
-            "maximum ripple of bank, angle of attack and sideslip: one value, or one for each angle"
+            "maximum ripple of bank, angle of attack and sideslip: one value, or a value per angle"
         ),
     )
 
@@ -100,22 +102,26 @@ class LoadLimits(StrictModel):
 
 
 def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
-    """Return the stricter of the two limits for each bound."""
+    """Return the smaller of the two values of each limit."""
     return LoadBounds(*map(min, bounds, other))
 
 
 def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
     """Describe the conflict of an oscillation limit with gusts or noise, or return ''."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
-    return f"'{disturbances[0]}' with 'limits: {{oscillation}}'" if limited and disturbances else ""
+    return (
+        f"'{disturbances[0]}' conflicts with 'limits: {{oscillation}}'"
+        if limited and disturbances
+        else ""
+    )
 
 
-IN_WIND = "in this wind"  # beginning of the sentence on measured quantities
+IN_WIND = "in this wind"  # beginning of the sentence about measured quantities
 Against = Literal["air", "inertial"]
 
 
 class SensingKeys(StrictModel):
-    """Reference for measured quantities: the air, or the Earth ("inertial")."""
+    """Reference of measured quantities: the air, or the Earth ("inertial")."""
 
     angle_of_attack: Against | None = Field(
         None, description="reference for the measured angle of attack: air, or inertial (default)"
@@ -133,7 +139,7 @@ class SensingKeys(StrictModel):
 
 
 def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
-    """Return the mission's references for measurements; the defaults are the vehicle's."""
+    """Return the mission's references for measurements, by default those of the vehicle."""
     choices = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
     return Sensing(
         *(
@@ -144,7 +150,7 @@ def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
 
 
 def describe_sensing(sensing: Sensing) -> str:
-    """Return a clause that describes the references for measurements."""
+    """Return a clause that states which measurements are relative to air or Earth."""
     references = sensing._asdict().items()
     air = [name.replace("_", " ") for name, is_air in references if is_air]
     ground = [name.replace("_", " ") for name, is_air in references if not is_air]

@@ -1,6 +1,6 @@
-"""Reading of tables on a complete grid, given as one row per point or as a matrix.
+"""Reading of tables on a complete grid, with one row per point or as a matrix.
 
-Column headers give variables and units (``mach,alpha_deg,value``), unless the vehicle file does.
+Column headers state variables and units (``mach,alpha_deg,value``), unless the vehicle file does.
 """
 
 import itertools
@@ -44,7 +44,7 @@ _NARROWEST = {"deg": 1.0, "m": 200.0}
 
 @dataclass(frozen=True)
 class Role:
-    """Role of a column: variable or effector with its unit, table values, or ignored."""
+    """Role of a column: an axis with its unit, the table values, or an ignored column."""
 
     name: str
     unit: str | None = None
@@ -62,7 +62,7 @@ def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
         return Role(name)
     if name not in names:
         raise Refusal(
-            f"'{text}'",
+            f"unknown meaning '{text}' of a column",
             f"{one_of((*names, VALUE, IGNORE), name)}, with a unit if the variable has one",
         )
     return Role(name, unit.strip() or None)
@@ -79,10 +79,12 @@ def _find_role(
     if role is None:
         if not name or (name == VALUE and unit):
             expected = (
-                "mach, alpha_deg, value, ... (or its meaning under columns, and the unit of "
-                "values, in the "
+                "a header such as mach, alpha_deg or value (or the column's meaning under "
+                "'columns', and the unit of the values under 'unit', in the "
             )
-            raise rows.error(None, column, f"the column '{head}'", f"{expected}vehicle file)")
+            raise rows.error(
+                None, column, f"the header '{head}' is not recognized", f"{expected}vehicle file)"
+            )
         return Role(ALIASES.get(name, name), unit or None)
     if role.unit is None and role.name not in (VALUE, IGNORE, *_PLAIN):
         suffix = head.rpartition("_")[2]
@@ -91,17 +93,17 @@ def _find_role(
 
 
 def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
-    """Return the factor to SI of an axis, from the unit in the header or vehicle file."""
+    """Return the factor that converts an axis to SI, from the column's role."""
     dimension, unit = (
         _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
         role.unit,
     )
     expected = f"{role.name} " + (
-        f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "alone"
+        f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "without a unit"
     )
     if (unit is None) != (dimension is None):
         problem = f"'{rows.heads[column]}' " + (
-            "without a unit" if unit is None else f"in '{unit}'"
+            "has no unit" if unit is None else f"has the unit '{unit}'"
         )
         raise rows.error(None, column, problem, expected)
     if unit is None or dimension is None:
@@ -111,7 +113,7 @@ def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
     except Refusal as refusal:
         raise rows.error(None, column, refusal.found, expected) from None
     if exponents != dimension.exponents:
-        raise rows.error(None, column, f"'{rows.heads[column]}' in '{unit}'", expected)
+        raise rows.error(None, column, f"'{rows.heads[column]}' has the unit '{unit}'", expected)
     return factor
 
 
@@ -131,12 +133,12 @@ def _check_plausible(
             f"{low / factor:.6g} to {high / factor:.6g}; check the unit in the header "
             f"'{rows.heads[column]}'"
         )
-        raise rows.error(row, column, f"{role.name} {numbers[row]:g}", expected)
+        raise rows.error(row, column, f"{role.name} is {numbers[row]:g}", expected)
     if not has_declared_unit and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
-        problem = f"{role.name} over {np.ptp(numbers):g} {role.unit} only"
+        problem = f"{role.name} covers only {np.ptp(numbers):g} {role.unit}"
         expected = (
-            f"a wider range in {role.unit} (to confirm it, write "
-            f"'{rows.heads[column]}: {role.name} {role.unit}' under columns)"
+            f"a wider range in {role.unit} (to confirm the unit, write "
+            f"'{rows.heads[column]}: {role.name} {role.unit}' under 'columns')"
         )
         raise rows.error(0, column, problem, expected)
 
@@ -144,9 +146,8 @@ def _check_plausible(
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
     """Return the grids of the axes from sorted points [row, axis].
 
-    ``order`` contains, for each point, its row in the file.
-
-    Raise InputError if the grid is incomplete.
+    ``order`` contains the row of each point in the file. Raise InputError if the grid is
+    incomplete.
     """
     names = [rows.heads[column] for column in columns]
     for row in np.flatnonzero((points[1:] == points[:-1]).all(axis=1))[:1] + 1:
@@ -158,20 +159,20 @@ def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Int
             raise rows.error(
                 0,
                 column,
-                f"only one value of {rows.heads[column]}",
-                "an axis of at least two values",
+                f"{rows.heads[column]} has only one value",
+                "an axis with at least two values",
             )
     for row, point in enumerate(itertools.product(*grids)):
         if row == len(points) or tuple(points[row]) != point:
             node = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
-            problem = f"an incomplete grid without a row for {node}"
+            problem = f"the grid has no row for {node}"
             file_row = int(order[min(row, len(points) - 1)])
             raise rows.error(file_row, None, problem, "a row for every combination of axis values")
     return grids
 
 
 def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
-    """Read a table; axes are converted to SI and radians, values are not converted.
+    """Read a table; convert its axes, but not its values, to SI units and radians.
 
     Raise InputError if the table is invalid.
     """
@@ -187,14 +188,14 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
         if role.name == IGNORE:
             continue
         if role.name in roles:
-            raise rows.error(None, i, f"a second column of {role.name}", "one")
+            raise rows.error(None, i, f"a second column contains {role.name}", "only one")
         roles[role.name] = (i, role)
     if VALUE not in roles:
-        expected = "a column 'value', or another column declared as value under columns"
+        expected = "a column 'value', or another column with the meaning 'value' under 'columns'"
         raise rows.error(None, None, "no column 'value'", expected)
     value = roles.pop(VALUE)[0]
     if not 1 <= len(roles) <= MAX_DIMENSIONS:
-        raise rows.error(None, None, f"{len(roles)} axes", f"1 to {MAX_DIMENSIONS}")
+        raise rows.error(None, None, f"the table has {len(roles)} axes", f"1 to {MAX_DIMENSIONS}")
     factors = [_unit_factor(rows, i, role) for i, role in roles.values()]
     axis_columns = [i for i, _ in roles.values()]
     values, *points = rows.numbers([value, *axis_columns]).T

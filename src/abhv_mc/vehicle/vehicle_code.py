@@ -1,7 +1,7 @@
 """Custom functions of a vehicle: source code, and evaluation outside the simulator.
 
-The compiler of the functions (:mod:`abhv_mc.user_code.vehicle_functions`) is in a higher layer and
-registers an evaluator in this module under the digest of the code.
+The module :mod:`abhv_mc.user_code.vehicle_functions` compiles the functions, and registers an
+evaluator in this module under the digest of the code.
 """
 
 import functools
@@ -27,13 +27,13 @@ from abhv_mc.vehicle.actuator_keys import ThrustFunction
 from abhv_mc.vehicle.document import AerodynamicsFunction, VehicleDocument
 
 N_THRUST = 7  # number of values of a propulsion function: force, moment, fuel flow
-STEP = 1e-5  # step of the central differences in rad
+STEP = 1e-5  # step of the central differences, rad
 _ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
 
 
 @dataclass(frozen=True)
 class FunctionCode:
-    """Custom function: source file, function name, and settings in the vehicle file."""
+    """Custom function: source file, function name, and settings from the vehicle file."""
 
     text: str
     file: str
@@ -45,7 +45,7 @@ class Setting(NamedTuple):
     """Setting of a custom function, which a campaign may disperse."""
 
     name: str  # name such as dynamics.frequency
-    unit: str  # SI
+    unit: str  # SI unit of the value
     value: float
 
 
@@ -61,15 +61,15 @@ class CustomState(NamedTuple):
 
 @dataclass(frozen=True)
 class VehicleCode:
-    """Custom code of a vehicle, which is sent to workers with a plan but not stored."""
+    """Custom code of a vehicle, which is sent to workers with a plan but not stored with it."""
 
     aerodynamics: FunctionCode | None
     propulsion: FunctionCode | None
     dynamics: FunctionCode | None
     states: tuple[CustomState, ...]
     frame: str  # axes of the aerodynamic forces: body, stability or wind
-    # x and z (m) of the moment reference, relative to the reference point of the moments that the
-    # engine function returns
+    # x and z (m) of the moment reference, relative to the point about which the engine function
+    # returns its moments
     engine: tuple[float, float]
     # (name, deflections per unit of aileron, rudder and elevator)
     effectors: tuple[tuple[str, float, float, float], ...]
@@ -102,12 +102,12 @@ class VehicleCode:
 
     @functools.cached_property
     def starts(self) -> tuple[Setting, ...]:
-        """Dispersions of the initial states; in lists of parameters they follow the settings."""
+        """Dispersions of the initial states, which follow the settings in parameter arrays."""
         return tuple(Setting(f"initial.{state.name}", state.unit, 0.0) for state in self.states)
 
     @property
     def digest(self) -> bytes:
-        """SHA-256 digest of the sources and call conventions; file paths are not included."""
+        """SHA-256 digest of the sources and calling conventions, but not of file paths."""
         parts = [
             (code.text, code.function, code.settings) if code else None
             for _, code in self.named_functions()
@@ -160,7 +160,7 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
             text = read_input(path).decode()
         except (OSError, UnicodeDecodeError) as error:
             problem = f"'{path.name}' cannot be read ({getattr(error, 'strerror', error)})"
-            raise document.error((section, key), problem, "a Python file") from None
+            raise document.error((section, key), problem, "a readable Python file") from None
         return FunctionCode(text, str(path), function, tuple(settings.items()))
 
     def read_function(section: str, keys: AerodynamicsFunction | ThrustFunction) -> FunctionCode:
@@ -210,8 +210,8 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         problem = f"'{duplicate}' is the name of a built-in parameter"
         raise document.error((section,), problem, "another name")
     if len(code.settings) + len(states) > MAX_SETTINGS:
-        problem = f"{len(code.settings)} settings and {len(states)} states"
-        raise document.error((), problem, f"at most {MAX_SETTINGS} together")
+        problem = f"the functions have {len(code.settings)} settings and {len(states)} states"
+        raise document.error((), problem, f"at most {MAX_SETTINGS} in total")
     return code
 
 

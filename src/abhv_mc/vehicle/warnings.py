@@ -20,16 +20,19 @@ from abhv_mc.vehicle.evaluate import (
 from abhv_mc.vehicle.pack import nodes_of
 
 _STEP = 0.02  # step of numerical derivatives
-_SMALL_ANGLES = (-0.05, 0.2)  # range of evaluated angles of attack in rad
-_ALTITUDE = 20_000.0  # altitude in m at which derivatives are evaluated
+_SMALL_ANGLES = (
+    -0.05,
+    0.2,
+)  # range of the angles of attack at which derivatives are evaluated, rad
+_ALTITUDE = 20_000.0  # altitude at which derivatives are evaluated, m
 _BISECTIONS = 30
 _SECOND_MINIMUM = 0.05  # minimum depth of a second drag minimum, relative to the least drag
 
-# Coefficient, variable, range of usual magnitudes (per radian or per dimensionless rate), sign for
-# a stable vehicle, and meaning of the opposite sign.
+# Each row contains: coefficient, variable, range of usual magnitudes (per radian or per
+# dimensionless rate), sign for a stable vehicle, and meaning of the opposite sign.
 _USUAL = (
     ("lift", "angle_of_attack", 0.1, 12.0, 1, "lift decreases with the angle of attack"),
-    # The sign is free, because instability in pitch is common.
+    # Either sign is accepted, because instability in pitch is common.
     ("pitching_moment", "angle_of_attack", 0.0, 20.0, 0, ""),
     ("side_force", "sideslip", 0.02, 6.0, -1, "the side force increases the sideslip"),
     ("yawing_moment", "sideslip", 0.002, 1.3, 1, "statically unstable in yaw"),
@@ -86,7 +89,7 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
             other = np.degrees(value) if abs(value) < least else np.radians(value)
             warnings.append(
                 f"{finding}, outside the usual range of {least:g} to {most:g}; with degrees and "
-                f"radians exchanged it would be {other:.3g}"
+                f"radians exchanged, the value would be {other:.3g}"
             )
         elif sign and np.sign(value) != sign:
             warnings.append(f"{finding}: {meaning}")
@@ -96,8 +99,9 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
 def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     """Return a sentence for each implausible property of drag and lift.
 
-    Drag and lift are evaluated at the limits and at the table nodes within the limits. Deflections
-    are zero for the drag, and balance the aerodynamic pitching moment for the lift-to-drag ratio.
+    Drag and lift are evaluated at the limits of the angle of attack and at the table nodes between
+    them. Deflections are zero for the drag, and balance the aerodynamic pitching moment for the
+    lift-to-drag ratio.
     """
     limits = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
     machs, angles = (nodes_of(vehicle.tables, name) for name in ("mach", "angle_of_attack"))
@@ -119,7 +123,7 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
         forward = lift * np.sin(alpha) - drag * np.cos(alpha)
         down = -lift * np.cos(alpha) - drag * np.sin(alpha)
         arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
-        # moment about the centre of gravity
+        # The moment is converted to the centre of gravity.
         coefficient["pitching_moment"] += arm / vehicle.constants.chord
         return coefficient
 

@@ -1,4 +1,4 @@
-"""Access to the custom code of a campaign: channels, control laws, vehicle functions."""
+"""Access to the custom code of a campaign: channels, control laws and vehicle functions."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Stability margins in the initial trim, nominal and at the corners of the dispersions."""
+"""Stability margins in the initial trim, at nominal and extreme parameter values."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -14,7 +14,8 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.vehicle_simulator.margin_plans import make_steady
 
-# maximum number of parameters for which all corners are used; otherwise, number of random corners
+# maximum number of parameters for which all corners are computed, and number of random corners that
+# are computed if there are more parameters
 _ALL_CORNERS, _SOME = (
     6,
     64,
@@ -23,7 +24,7 @@ _DIGITS = 6
 
 
 def make_corners(campaign: Experiment) -> Floats:
-    """Return parameter rows: nominal, then the corners of the ranges of the dispersions."""
+    """Return parameter rows: nominal values, then corners of the ranges of dispersions."""
     count = len(campaign.names)
     ends = np.array([campaign.ends_of(i)[[0, 2]] for i in range(count)]).reshape(count, 2)
     if count <= _ALL_CORNERS:
@@ -43,8 +44,8 @@ def make_corners(campaign: Experiment) -> Floats:
 def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
     """Return the content of ``margins.json``: nominal margins and minima over corners.
 
-    ``plans`` include the code of custom control laws. For a controller without trim or margins the
-    result has the reason. The result is empty for vehicles without control surfaces or engine.
+    ``plans`` include the code of custom control laws. If a controller has no trim or margins, the
+    result contains the reason. The result is empty for vehicles without control surfaces or engine.
     """
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
@@ -69,7 +70,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     from abhv_mc.stability.probe import compile_probes
     from abhv_mc.stability.steady import trim_points
 
-    compile_probes(steady)  # Start before the trims, which may wait for compilation.
+    compile_probes(steady)  # Compilation starts before the trims are computed, which may need it.
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
@@ -94,7 +95,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
 
 
 def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the smallest margins of one loop over the corners, None if unlimited."""
+    """Return the smallest margins of one loop over all corners; None if a margin is unlimited."""
     least: dict[str, Any] = {"loop": rows[0]["loop"]}
     for key in rows[0]:
         if key.endswith(
@@ -114,7 +115,7 @@ def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with its numbers rounded to the digits that are reported."""
+    """Return a row with its numbers rounded to the number of digits in reports."""
     return {k: float(f"{v:.{_DIGITS}g}") if isinstance(v, float) else v for k, v in row.items()}
 
 

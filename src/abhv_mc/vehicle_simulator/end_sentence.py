@@ -1,4 +1,4 @@
-"""Sentences about how flights ended, with the first quantity that is not finite."""
+"""Sentences that describe how a flight ended, with the first quantity that is not finite."""
 
 import numpy as np
 
@@ -14,23 +14,23 @@ from abhv_mc.kernel.flight.memory import make_memory
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.child import in_child
 
-_NEVER = "stagnation_heat_flux_w_m2"  # channel that needs a nose radius
+_NEVER = "stagnation_heat_flux_w_m2"  # channel that is NaN if the vehicle has no nose radius
 _ORDER = sorted(
     range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name
-)  # Control laws use measured values.
+)  # Measured values come first, because control laws use them.
 
 
 def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
-    """Return sentences about the end of a flight, which may be re-run to find the cause.
+    """Return sentences about the end of a flight, which is re-run if the cause is unknown.
 
-    ``parameters`` is a row [1, parameter].
+    ``parameters`` is the flight's row [1, parameter].
     """
     if outcome != Outcome.NOT_FINITE:
         return SENTENCES[outcome]
     quantity = (
         in_child(_find, plan, parameters) if must_run_in_child(plan) else _find(plan, parameters)
     )
-    return f"{SENTENCES[outcome]} The first was the {quantity}."
+    return f"{SENTENCES[outcome]} The first non-finite quantity was the {quantity}."
 
 
 def _find(plan: FlightPlan, parameters: Floats) -> str:
@@ -44,7 +44,7 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
     ]
     for tick in range(max(end - 1, 0), end + 1):
         row = results.history[0, tick]
-        if np.isfinite(row).any():  # Rows without finite values do not count.
+        if np.isfinite(row).any():  # Rows without any finite value were not recorded.
             broken = [
                 CHANNELS[i]
                 for i in _ORDER
@@ -52,7 +52,7 @@ def _find(plan: FlightPlan, parameters: Floats) -> str:
             ]
             if broken and not (
                 commands and broken[0].source.startswith("cmd_")
-            ):  # Sums over all effectors are skipped.
+            ):  # Axis commands are sums over all effectors and do not show which effector is NaN.
                 return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
     states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
     description = (

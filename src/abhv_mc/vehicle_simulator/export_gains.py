@@ -24,8 +24,8 @@ def check_gain_format(file: Path) -> None:
 def write_gains(file: Path, plan: FlightPlan) -> None:
     """Write gains [tick, gain] in SI units and radians, with their names and times (s).
 
-    Numbers are written without rounding. Raise InputError for other suffixes and for control laws
-    without gains.
+    Numbers are written without rounding. Raise InputError if the suffix is unknown or the control
+    law has no gains.
     """
     check_gain_format(file)
     names = _BUILT_IN.get(plan.commanding_law) or tuple(plan.gain_names.tolist())
@@ -55,7 +55,7 @@ def _make_header(
     columns = "".join(f"    GAIN_{name.upper()},\n" for name in names)
     rows = "".join(f"    {{{', '.join(map(repr, row))}}},\n" for row in gains.tolist())
     return (
-        f"/* Gains of {controller} along its mission, SI and radians: "
+        f"/* Gains of {controller} along its mission, in SI units and radians: "
         "gain[tick][GAIN_...] at gain_time_s[tick]. */\n"
         f"enum gain {{\n{columns}    GAINS\n}};\n"
         f"#define GAIN_TICKS {len(times)}\n"

@@ -31,7 +31,7 @@ def find_lacking(campaign: Experiment, vehicle: Vehicle) -> list[InputError]:
 def _has(vehicle: Vehicle, name: str) -> bool:
     """Return whether a parameter can affect the vehicle.
 
-    Only factors on absent components have no effect.
+    The only parameters without an effect are factors on components that the vehicle does not have.
     """
     group, _, suffix = name.partition(".")
     if (vehicle.foreign.aerodynamics and group == "aero") or (
@@ -60,7 +60,7 @@ def _has(vehicle: Vehicle, name: str) -> bool:
 
 
 def _values(vehicle: Vehicle, row: str) -> np.ndarray:
-    """Return the values of a fixed table at all nodes."""
+    """Return the values of one of the FIXED_TABLE_ROWS at all nodes of its table."""
     tables = vehicle.tables
     number = int(tables.fixed_row[FIXED_TABLE_ROWS.index(row)])
     group = int(np.searchsorted(tables.group_row, number, side="right")) - 1

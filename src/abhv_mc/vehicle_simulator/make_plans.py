@@ -46,16 +46,16 @@ def make_plans(
     for plan in plans.values():
         _check_dispersions(campaign, plan)
         if plan.channels_source is not None:
-            compile_plan_channels(plan, LANES)  # Compile before any file is written.
+            compile_plan_channels(plan, LANES)  # Errors occur before any file is written.
     return plans
 
 
 def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
     """Raise InputError, with location, for dispersions that a plan cannot simulate.
 
-    These are sensor delays, lags or intervals out of range with probability above 1e-6, a limit on
-    oscillation if gusts, turbulence or noise excite the angles, and failures of axes if effectors
-    are driven or commanded.
+    The function rejects sensor delays, lags and intervals that are out of range with a probability
+    above 1e-6; gusts, turbulence and noise if oscillations are limited; and failures of axes if
+    effectors have actuators or are commanded directly.
     """
     for name in (name for name in SENSOR_TIMES if name in campaign.varied):
         drawn = values_of(campaign, name)
@@ -88,13 +88,13 @@ def check_rows(plan: FlightPlan, parameters: Floats) -> None:
 def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     """Return the plan with the metrics, channels and actuators of the campaign.
 
-    Plan files do not contain these settings. All control laws use one list of actuators.
+    Plan files do not contain these settings. All controllers of a campaign use the same actuators.
     """
     if find_driven(campaign.model.vehicle, campaign.model.controllers.values()):
         plan = replace(plan, vehicle=drive(plan.vehicle), settings=plan.settings.copy())
         if (
             plan.commanding_law not in USER_LAWS
-        ):  # Built-in laws limit the axes even if the actuators are at the effectors.
+        ):  # Built-in control laws limit axis commands even if the effectors have the actuators.
             limits = axis_limits(plan.vehicle)
             plan.settings[-limits.size :] = limits
     if campaign.model.channels is not None:
@@ -105,7 +105,7 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 
 def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
-    """Return the plan with the metrics of the campaign, specialized to varied parameters."""
+    """Return the plan with the campaign's metrics, specialized to its varied parameters."""
     declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
     laws = [name for name in campaign.parameters.index if name.startswith("law.")]
     return replace(
@@ -123,7 +123,7 @@ def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list
 
 
 def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Return a sentence about the reference of the measured quantities if there is wind."""
+    """Return a sentence that states the reference of measurements, or none without wind."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.varied) or plan.profile[:, 1:3].any()
     return [f"{IN_WIND} {describe_sensing(plan.vehicle.constants.sensing)}"] if windy else []

@@ -1,4 +1,4 @@
-"""Plans with stability margins of flights, and margins of dispersed vehicles in trim."""
+"""Plans that compute stability margins of flights, and margins of dispersed trims."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # Workers do not import these modules.
 
 Margins = tuple[
     Floats, list[str]
-]  # ([flight, margin] in the order of MARGIN_NAMES, reasons by flight)
+]  # margins [flight, margin] in the order of MARGIN_NAMES, and reasons for missing ones
 TrimMargins = Callable[[Floats], Margins]  # argument: rows [flight, parameter]
 _LOOKED_AT = 1000  # number of flights whose sensor intervals are checked
 
@@ -27,7 +27,7 @@ _LOOKED_AT = 1000  # number of flights whose sensor intervals are checked
 def make_margin_plans(
     campaign: "Experiment", plans: Mapping[str, FlightPlan]
 ) -> dict[str, MarginPlan]:
-    """Return plans with stability margins, or none if no margins are requested.
+    """Return plans that compute stability margins, or none if no margins are requested.
 
     Raise InputError if margins cannot be computed.
     """
@@ -40,7 +40,7 @@ def make_margin_plans(
 
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
-        problem = "margins need a vehicle with control surfaces and an engine"
+        problem = "stability margins require control surfaces and an engine"
         raise InputError(model.vehicle, problem, "a vehicle with both")
     sampled = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _LOOKED_AT)))
     margin_plans: dict[str, MarginPlan] = {}
@@ -48,7 +48,7 @@ def make_margin_plans(
         steady = make_steady(campaign, plan, model.controllers[name])
         period = find_period(
             steady
-        ).ticks  # Laws without a period are rejected before any simulation.
+        ).ticks  # Control laws without a period are rejected before any simulation.
         for ticks in np.unique(sensor_ticks(steady, sampled), axis=0):
             repeats_after(ticks, period)
         margin_plans[name] = add_margins(plan, steady, model.margins.at)
@@ -73,14 +73,15 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
 
 
 def count_metrics(plan: FlightPlan) -> int:
-    """Return the number of metrics that a plan's flights have, including margins."""
+    """Return the number of metrics of a plan's flights, including stability margins."""
     return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
 
 
 def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str, TrimMargins]:
-    """Return, by controller, functions of rows [flight, parameter] that give trim margins.
+    """Return for each controller a function of rows [flight, parameter] that returns margins.
 
-    No flight is simulated. Raise InputError if margins cannot be computed.
+    The margins are those of the dispersed trims; no flight is simulated. Raise InputError if
+    margins cannot be computed.
     """
     from abhv_mc.campaign.file.config import MarginsOfFlights
 

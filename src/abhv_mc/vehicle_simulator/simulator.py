@@ -18,7 +18,7 @@ from abhv_mc.user_code.source import UserSource
 
 
 class VehicleSimulator:
-    """Built-in simulator with trimmed plans, designed controllers and compiled flights."""
+    """Built-in simulator, which trims the vehicle, designs controllers and runs kernels."""
 
     kind = "controller"
     origin = ""
@@ -94,9 +94,9 @@ class VehicleSimulator:
         ticks = 1.0 / (rate * plan.timing.tick)
         every = round(ticks)
         if every < 1 or abs(ticks - every) > 1e-9 * ticks:
-            control = f"control ticks at {1.0 / plan.timing.tick:g} Hz"
-            problem = f"{rate:g} Hz (keep.{output}.rate) with {control}"
-            expected = "a rate that divides the control rate"
+            control = f"the control rate of {1.0 / plan.timing.tick:g} Hz"
+            problem = f"the rate of {rate:g} Hz (keep.{output}.rate) does not divide {control}"
+            expected = "a divisor of the control rate"
             raise document.error(("keep", output, "rate"), problem, expected)
         return every
 
@@ -145,7 +145,7 @@ class VehicleSimulator:
 
 
 def make_engine() -> Engine:
-    """Return the engine of the compiled flight."""
+    """Return the engine that prepares and runs compiled flights."""
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.fly_with_margins import fly_with_margins
     from abhv_mc.vehicle_simulator.corner_margins import describe_stability, is_compiled

@@ -28,7 +28,7 @@ from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 from abhv_mc.vehicle_simulator.make_plans import declare_metrics
 
-Code = dict[str, Any]  # fields of a plan that are not stored, such as code
+Code = dict[str, Any]  # fields of a plan that are not stored, such as custom code
 _COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
@@ -50,7 +50,7 @@ def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
     flat |= flatten(rebuild_trim_tables(*numbers), "trim_tables")
     flat |= flatten(make_effectiveness(rebuild(Vehicle, flat, "vehicle")), "effectiveness")
     plan = rebuild(FlightPlan, flat)
-    own = plan.gain_names.size, plan.settings.size  # Custom laws determine these sizes.
+    own = plan.gain_names.size, plan.settings.size  # Custom control laws determine these sizes.
     gains, settings = _COLUMNS.get(plan.commanding_law, own)
     rows = plan.timing.ticks + 1
     shapes = {
@@ -109,11 +109,11 @@ def _take(sources: Iterable[UserSource], folder: Path, digest: str, trusted: boo
         if source.hash == digest:
             check_trusted(source, trusted)
             return with_library(source)
-    raise InputError(folder, "the folder has no copy of the code used", REMEDY)
+    raise InputError(folder, "the folder has no copy of the code that was used", REMEDY)
 
 
 def code_of(plan: FlightPlan) -> Code:
-    """Return the fields sent to workers along with the arrays of a plan."""
+    """Return the fields that are sent to workers together with the arrays of a plan."""
     fields = (field for field in dataclasses.fields(plan) if not is_stored(field))
     code = {field.name: getattr(plan, field.name) for field in fields}
     return code | ({"steady": code_of(plan.steady)} if isinstance(plan, MarginPlan) else {})

@@ -1,1 +1,1 @@
-"""Simulation of a flight from start to end: measurement, control law, plant, metrics."""
+"""Compiled simulation of a flight: measurement, control law, plant and metrics."""

@@ -1,9 +1,10 @@
-"""Accumulation of metrics that :mod:`abhv_mc.flight.compile_metrics` defines as data.
+"""Accumulation of the metrics that :mod:`abhv_mc.flight.compile_metrics` defines as data.
 
-A lean metric is a statistic of one row of the lane memory with one accumulator. Other metrics are
-small programs, and a statistic of the program's value in a time window. An instruction sets a
-register of every lane to a row of the lane memory, a constant, or the result of an operation on
-other registers. Registers are rows of the table memory, which is not in use at that time.
+A lean metric is a statistic of one row of the lane memory and needs one accumulator. Any other
+metric is a statistic, in a time window, of a value that a small program computes. Each instruction
+of a program sets a register in every lane to a row of the lane memory, a constant, or the result of
+an operation on other registers. Registers are rows of the memory for table values, which is unused
+while metrics are updated.
 """
 
 import math
@@ -19,7 +20,7 @@ from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
-MAX_DECLARED = 48  # maximum number of metrics that a campaign declares
+MAX_DECLARED = 48  # maximum number of metrics declared in a campaign
 MAX_LEAN = 42 + 3 * MAX_ACTUATORS  # maximum number of built-in metrics
 MAX_PROGRAMS = MAX_DECLARED + MAX_ACTUATORS
 MAX_REGISTERS = 16
@@ -43,7 +44,7 @@ class Statistic(IntEnum):
     FIRST_OUTSIDE = 11
     REVERSALS = 12  # number of reversals larger than the limit
     SUM = 13  # sum over the control ticks
-    QUANTILE = 14  # quantile over the control ticks; all values are stored, see results.samples
+    QUANTILE = 14  # quantile over the control ticks, of the values in KernelResults.samples
 
     @property
     def word(self) -> str:
@@ -54,7 +55,7 @@ class Statistic(IntEnum):
 class Operation(IntEnum):
     """Operation performed by an instruction of a metric's program."""
 
-    LOAD = 0  # value in a row of the lane memory times the constant
+    LOAD = 0  # constant times the value in a row of the lane memory
     CONSTANT = 1
     ADD = 2
     SUBTRACT = 3
@@ -72,31 +73,31 @@ class Lean(NamedTuple):
     """Metrics that are statistics of single rows over the complete flight."""
 
     row: Ints  # [metric] row of the lane memory
-    factor: Floats  # [metric] factor on the row's value
+    factor: Floats  # [metric] factor applied to the row's value
     statistic: Ints  # [metric] kind of statistic
     empty: Floats  # [metric] value if no tick is counted, and initial value of the accumulator
-    settled: Ints  # [metric] 1 if only settled intervals count
+    settled: Ints  # [metric] 1 if only ticks in settled intervals are counted
     column: Ints  # [metric] column among the flight's metrics
 
 
 class Programs(NamedTuple):
-    """Metrics with an expression or a time window."""
+    """Metrics that are statistics of programs, because of an expression or a time window."""
 
     code: Ints  # [instruction, 4] operation, register, and operands (a row or registers)
     constant: Floats  # [instruction] constant operand
     first: Ints  # [metric + 1] first instruction of each metric
-    factor: Floats  # [metric] factor on the changes summed by TRAVEL
+    factor: Floats  # [metric] factor applied to the changes that TRAVEL sums
     statistic: Ints  # [metric] kind of statistic
     limit: Floats  # [metric] limit of the statistic
     start: Floats  # [metric] start of the window, s
     end: Floats  # [metric] end of the window, s
-    settled: Ints  # [metric] 1 if only settled intervals count
+    settled: Ints  # [metric] 1 if only ticks in settled intervals are counted
     empty: Floats  # [metric] value if no tick is counted
     column: Ints  # [metric] column among the flight's metrics
 
 
 class Counted(NamedTuple):
-    """All metrics of a flight."""
+    """All metrics of a flight: lean metrics and metric programs."""
 
     lean: Lean
     programs: Programs
@@ -104,8 +105,8 @@ class Counted(NamedTuple):
 
 # The rows of a metric program in the observer's memory follow the rows of the lean metrics.
 # _A and _B are accumulators, _C is the last value or direction, and _TICK is the number of the last
-# counted tick, starting at 1. _COUNT is the number of counted ticks, which becomes NaN with the
-# first NaN value.
+# counted tick, starting at 1. _COUNT is the number of counted ticks, or NaN if any counted value
+# was NaN.
 _A, _B, _C, _TICK, _COUNT = range(5)
 ROWS = 5
 N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
@@ -132,7 +133,7 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
 
 @lanes
 def start_counting(O, width, counted, first_row):
-    """Initialize all accumulators, in the rows of O starting at ``first_row``."""
+    """Initialize all accumulators, which are the rows of ``O`` starting at ``first_row``."""
     for i in range(N_ROWS):
         for lane in range(width):
             O[first_row + i, lane] = 0.0
@@ -145,8 +146,8 @@ def start_counting(O, width, counted, first_row):
 def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
     """Add a tick's values to the metrics of the counted ``flights`` in the first ``n`` lanes.
 
-    The metrics' rows of O start at ``first_row``; ``samples`` [quantile, flight, tick] stores the
-    values for quantiles.
+    The rows of the metrics in ``O`` start at ``first_row``; ``samples`` [quantile, flight, tick]
+    stores the values for quantiles.
     """
     Z, T, O, lean, programs = memory.Z, memory.T, memory.O, plan.counted.lean, plan.counted.programs
     dt = plan.timing.step * plan.timing.steps_per_tick
@@ -198,14 +199,14 @@ def count_row(out, row, factor, statistic, dt, counted, width):
     elif statistic == _SUM:
         for lane in range(width):
             out[lane] += row[lane] * factor if counted[lane] > 0.0 else 0.0
-    else:  # TIME_OUTSIDE of a nonnegative value, with a limit of zero.
+    else:  # The statistic is TIME_OUTSIDE of a nonnegative value, with a limit of zero.
         for lane in range(width):
             out[lane] += dt if counted[lane] > 0.0 and row[lane] > 0.0 else 0.0
 
 
 @lanes
 def calculate(Z, T, instruction, constant, width):
-    """Execute an instruction in all lanes."""
+    """Execute one instruction of a metric program in all lanes."""
     operation, out = instruction[0], T[natural(instruction[1])]
     if operation == _LOAD:
         row = Z[natural(instruction[2])]
@@ -285,7 +286,7 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
             after = before + dt if statistic == _TIME else latest
             a[lane] = after if outside else before
             b[lane] = 1.0 if outside else b[lane]
-    elif statistic == _REVERSALS:  # b is the current extreme and c the direction.
+    elif statistic == _REVERSALS:  # ``b`` is the current extreme, ``c`` the direction.
         for lane in range(width):
             x = value[lane]
             begins = count[lane] == 0.0

@@ -1,6 +1,6 @@
-"""Derived quantities, stored at each control tick in rows named after their sources.
+"""Quantities derived from state, measurement and commands at each control tick.
 
-The name of each source ends with its unit.
+Each quantity has a row in the lane memory, whose name ends with the unit.
 """
 
 import math
@@ -25,9 +25,9 @@ _DEG = 180.0 / math.pi
 _G0 = 9.80665  # standard gravity, m/s2
 _SUTTON_GRAVES = 1.7415e-4  # Sutton-Graves constant, kg^0.5/m
 
-# The following rows of the lane memory store data over the whole flight.
+# The following rows of the lane memory keep their values from tick to tick.
 FIRST_SURFACE = END_ROW  # initial deflections: aileron, rudder, elevator
-LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the last tick
+LAST_SURFACE = FIRST_SURFACE + 3  # deflections at the previous tick
 FIRST_MASS = LAST_SURFACE + 3
 RIPPLES = FIRST_MASS + 1  # ripples of bank, angle of attack and sideslip
 FIRST_DERIVED = RIPPLES + 3 * N_RIPPLE_ROWS  # first row of the derived quantities
@@ -45,16 +45,16 @@ AILERON_FROM_TRIM_DEG, RUDDER_FROM_TRIM_DEG, ELEVATOR_FROM_TRIM_DEG = range(
 )
 AILERON_MOVED_DEG, RUDDER_MOVED_DEG, ELEVATOR_MOVED_DEG = range(_SURFACES + 3, _SURFACES + 6)
 FUEL_USED_KG, SURFACE_SATURATED = range(_SURFACES + 6, _SURFACES + 8)
-VERDICT = SURFACE_SATURATED + 1  # outcome of the limit checks at this tick, 0 if within all limits
+VERDICT = SURFACE_SATURATED + 1  # outcome code of the limit checks at this tick, 0 if none fails
 _ANGLE_ERRORS = (BANK_ERROR_DEG, ANGLE_OF_ATTACK_ERROR_DEG, s.V_BETA)
 
 
 @scalar
 def heat_flux(density, airspeed, nose_radius):
-    """Return the stagnation-point cold-wall heat flux, W/m2; NaN without a nose radius (m).
+    """Return the stagnation-point cold-wall heat flux, W/m2, or NaN if the radius (m) is 0.
 
-    The formula k sqrt(density / radius) V^3 is that of Sutton and Graves, NASA TR R-376 (1971), for
-    air.
+    The formula for air, k sqrt(density / radius) V^3, is from Sutton and Graves, NASA TR R-376
+    (1971).
     """
     cubed = airspeed * airspeed * airspeed
     has_radius = nose_radius > 0.0
@@ -79,7 +79,7 @@ def remember_start(Z, width):
 
 @lanes
 def derive(Z, width, reference, constants, tick):
-    """Compute the derived quantities of a tick; ``reference`` is [tick, column]."""
+    """Compute the derived quantities at a tick; ``reference`` has the shape [tick, column]."""
     for lane in range(width):
         fuel_left = Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane]
         Z[FUEL_LEFT_KG, lane] = fuel_left if constants.burns_fuel > 0.0 else math.inf
@@ -103,8 +103,8 @@ def derive(Z, width, reference, constants, tick):
         )
         Z[ANGLE_OF_ATTACK_ERROR_DEG, lane] = Z[s.V_ALPHA, lane] * _DEG - Z[s.ALPHA_CMD, lane] * _DEG
         Z[BANK_ERROR_DEG, lane] = wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
-        # A command at the limit counts as saturated, because the surface approaches it
-        # asymptotically.
+        # A surface whose command is at the limit counts as saturated, because its deflection
+        # approaches the limit asymptotically.
         limit, deflected, commanded = constants.surface_limit * Z[s.K_LIMIT, lane], 0.0, 0.0
         for i in range(3):
             deflection = Z[X + s.AILERON + i, lane]
@@ -123,9 +123,10 @@ def derive(Z, width, reference, constants, tick):
 
 @lanes
 def follow_ripples(Z, width, settled, tick, length):
-    """Update the cycles of bank, angle of attack and sideslip.
+    """Update the ripple cycles of bank, angle of attack and sideslip.
 
-    ``settled`` is the number of ticks in the present settled interval, 0 outside.
+    ``settled`` is the number of the tick in its settled interval, starting at 1, or 0 outside
+    settled intervals.
     """
     for i in range(3):
         row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0
@@ -144,6 +145,6 @@ def follow_ripples(Z, width, settled, tick, length):
 
 @lanes
 def end_ripples(Z, lane, length):
-    """Complete the cycles at the end of a flight; ``length`` is the control period, s."""
+    """Complete the ripple cycles at a flight's end; ``length`` is the control period, s."""
     for i in range(3):
         keep_cycle(Z, lane, RIPPLES + i * N_RIPPLE_ROWS, length)

@@ -1,7 +1,8 @@
 """Compiled simulation of ``width`` flights in parallel lanes, tick by tick.
 
-Vehicle, mission, controller and gains are arguments of one kernel. Lanes are independent, so that a
-flight is bit-identical next to any other flights. The arguments are three named tuples: the plan
+Vehicle, mission, controller and gains are arguments of one kernel. Lanes are independent: the
+results of a flight do not depend on the flights in other lanes, and are bit-identical in any
+grouping. The arguments are three named tuples: the plan
 (:class:`abhv_mc.kernel.flight.interface.KernelPlan`), the working memory
 (:class:`abhv_mc.kernel.flight.memory.Memory`) and the results
 (:class:`abhv_mc.kernel.flight.interface.KernelResults`).
@@ -104,15 +105,15 @@ COMPACTION = 500  # number of ticks after which lanes of ended flights are reass
 class Active(NamedTuple):
     """Effects that are active in any lane; inactive effects are not computed.
 
-    If ``active`` is None, there are only calm air, a vehicle of tables without failures whose
-    surfaces move together, measurements without errors except biases, and a built-in control law.
-    Then code for other effects is not compiled.
+    If ``active`` is None, the flight has calm air, a vehicle defined by tables whose effectors have
+    no actuators, no failures, no sensor errors other than biases, and a built-in control law. Code
+    for other effects is then not compiled.
     """
 
     disturbances: Disturbances
     sensor_errors: SensorErrors
     failures: Failures
-    windy: bool  # whether the air moves
+    windy: bool  # whether there is wind, a gust or turbulence
     misaligned: bool  # whether the thrust is misaligned
     warm: bool  # whether the air has a non-standard temperature
 
@@ -139,9 +140,9 @@ def lean_active(Z, width, plan):
 
 @lanes
 def instruments(plan, Z, width, active, tick, evaluated):
-    """Compute measurements relative to the air, and additional measurements for custom laws.
+    """Compute measurements relative to the air, and additional ones for custom control laws.
 
-    ``evaluated`` states whether the forces at the state of the tick have been evaluated.
+    ``evaluated`` is true if the forces at the tick's state have already been evaluated.
     """
     sensing, more = (
         plan.vehicle.constants.sensing,
@@ -163,7 +164,7 @@ def instruments(plan, Z, width, active, tick, evaluated):
 def begin_tick(plan, memory, width, active, tick):
     """Compute motion, air data and measurements at a control tick.
 
-    Sensor effects of custom dynamics are those of the last stage.
+    Sensor effects of custom dynamics are taken from the last integrator stage.
     """
     move(plan, memory, width, active, tick)
     measure(plan, memory, width, active, tick, False)
@@ -183,7 +184,7 @@ def move(plan, memory, width, active, tick):
 
 @lanes
 def measure(plan, memory, width, active, tick, evaluated):
-    """Compute the measurement at a control tick, see :func:`instruments`."""
+    """Compute the measurement at a control tick, with sensor errors and sensor failures."""
     Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
     if active is not None:
         instruments(plan, Z, width, active, tick, evaluated)
@@ -242,7 +243,7 @@ def recorded_tick(plan, memory, width, tick):
 def control(plan, memory, width, law, active, tick):
     """Compute the commands of the plan's control law.
 
-    A custom filter first changes the measurement.
+    A custom filter of the measurement, if there is one, is called first.
     """
     if active is not None and law != PYTHON and plan.user_code.address != 0:
         call_user(plan, memory, tick)
@@ -292,7 +293,7 @@ def record_tick(plan, memory, results, flights, n, tick):
 def bin_tick(plan, memory, results, width, tick, first, last):
     """Update the channels' extremes at a control tick, if extremes are requested.
 
-    ``first`` and ``last`` mark the group's first and last tick.
+    ``first`` and ``last`` are true at the group's first and last tick.
     """
     every = plan.record_every
     if results.low.shape[0] > 0:
@@ -324,9 +325,9 @@ def begin_control(plan, memory, width, law, active, tick, evaluated):
 
 @lanes
 def senses_forces(plan):
-    """Return whether the sensors need the forces at the state of the tick.
+    """Return whether the measurement depends on the forces at the tick's state.
 
-    They measure custom dynamics and, for a law that reads it, the specific force.
+    This is the case if the vehicle has custom dynamics or the control law reads the specific force.
     """
     return plan.user_code.dynamics != 0 or plan.user_code.more > 1
 
@@ -335,8 +336,8 @@ def senses_forces(plan):
 def keeps_forces(plan, law, active):
     """Return whether the forces at a tick's state are independent of the tick's commands.
 
-    The forces depend on the commands if there are ideal actuators or failures. The nominal vehicle
-    of TLC and of custom laws overwrites rows of the forces.
+    The forces depend on the commands if any actuator is ideal or a failure is possible. The result
+    is also False if a nominal vehicle is evaluated, because this overwrites rows of the forces.
     """
     failures, ideal = active.failures, False
     for i in range(FIRST_EFFECTOR + count_driven(plan.vehicle)):
@@ -409,10 +410,10 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
 def fly_groups(plan, memory, results, width, law, find, first_flight, last_flight):
     """Simulate flights from ``first_flight`` to the one before ``last_flight`` in groups.
 
-    Flights start at the mission's start or from the plan's saved memory. If the results save
-    memory, flights end before the measurement of the last tick, where other flights continue. As
-    many flights as the memory can save are simulated for some ticks, group by group; then lanes of
-    ended flights are reassigned.
+    Flights start at the start of the mission or from lane memory that is saved in the plan. If the
+    results save the lane memory, flights stop before the measurement of the last tick, from where
+    other flights continue. Groups are simulated in turn for ``COMPACTION`` ticks; the flights that
+    have not ended are then distributed to new groups.
     """
     saved, order, keeps = memory.saved, memory.order, results.saved.shape[1] > 0
     O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
@@ -421,7 +422,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = (
         1 < width < last_flight - first_flight
-    )  # Otherwise there is only one group, or there are no lanes to reassign.
+    )  # With a single lane or a single group, there are no lanes to reassign.
     for first in range(first_flight, last_flight, saved.shape[0]):
         flying = min(saved.shape[0], last_flight - first)
         for i in range(flying):
@@ -445,8 +446,8 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 for lane in range(n):
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
-                        # The slot is at or before the flight's own slot, which has already been
-                        # restored.
+                        # This slot may be overwritten, because it is at or before the flight's own
+                        # slot, from which the flight has been restored.
                         save_lane(memory, lane, saved[still_flying], driven, custom, own)
                         order[still_flying] = flight
                         still_flying += 1
@@ -464,7 +465,7 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
 
 @lanes
 def has_functions(plan):
-    """Return whether the vehicle has custom functions, which need additional rows."""
+    """Return whether the vehicle has custom functions, which need more rows of lane memory."""
     code = plan.user_code
     return code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
@@ -493,7 +494,7 @@ def start_lanes(plan, memory, width, find, flights, n):
 
 @lanes
 def start_active(plan, memory, width, active):
-    """Initialize the effects that only some flights have."""
+    """Initialize the active effects, and the effectors with actuators."""
     Z = memory.Z
     if active is not None:
         if active.windy and plan.vehicle.constants.sensing.sideslip > 0:
@@ -509,15 +510,15 @@ def start_active(plan, memory, width, active):
 def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
     """Return the simulation kernel for ``capacity`` lanes, compiled at the first call.
 
-    Its machine code is cached. A ``lean`` kernel compiles twice as fast and simulates flights
-    without the effects in :class:`Active`, with the same bits. The number of lanes is a constant of
-    the machine code, but not for numba, which would optimize functions for each constant separately
-    and unroll small loops into scalar code.
+    The kernel's machine code is cached. A ``lean`` kernel takes half the time to compile, and
+    simulates flights without the effects in :class:`Active`, with bit-identical results. LLVM
+    treats the number of lanes as a constant. Numba does not, because it would optimize functions
+    for each constant separately and unroll small loops into scalar code.
     """
 
     def fly_lanes(plan, memory, results):
-        """Simulate every row of the plan's parameters, using memory of ``capacity`` lanes."""
-        # The width is checked before the call; here it becomes a constant for LLVM.
+        """Simulate one flight for each row of the plan's parameters, in ``capacity`` lanes."""
+        # The caller has checked the width; this condition makes it a constant for LLVM.
         if has_width(memory, capacity):
             width, flights = memory.Z.shape[1], plan.parameters.shape[0]
             fly_groups(

@@ -1,4 +1,4 @@
-"""Plan and results of the compiled flight, as named tuples of numbers and arrays."""
+"""Inputs and results of the simulation kernel, as named tuples of numbers and arrays."""
 
 from typing import NamedTuple
 
@@ -36,18 +36,18 @@ class Timing(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """Limits and recorded channels as rows of the lane memory."""
+    """Limits and recorded channels, which refer to rows of the lane memory."""
 
     limit_row: Ints  # [limit] row of the lane memory
     limit_outcome: Floats  # [limit] outcome if the row's value is outside the limits
     limit_low: Floats  # [limit] lower limit
     limit_high: Floats  # [limit] upper limit
     channel_row: Ints  # [channel] row of the lane memory
-    channel_factor: Floats  # [channel] factor on the row's value
+    channel_factor: Floats  # [channel] factor applied to the row's value
 
 
 class UserCode(NamedTuple):
-    """Addresses of custom code."""
+    """Addresses of compiled custom code, and options for its calls."""
 
     address: int  # address of the control law's machine code, 0 for none
     onboard: int  # 1 if the control law needs the nominal vehicle
@@ -71,18 +71,18 @@ class KernelPlan(NamedTuple):
     timing: Timing
     record_every: int  # control ticks between samples, 0 for no history
     observed: Observed
-    unit_factors: Ints  # [term] index of the parameter with value 1, for the nominal vehicle
-    initial_state: Floats  # [state] states of the vehicle, then custom states
+    unit_factors: Ints  # [term] index of a factor that is 1, for terms of the nominal vehicle
+    initial_state: Floats  # [state] initial state of the vehicle, followed by custom states
     reference: Floats  # reference [tick, column]
     gains: Floats  # gains [tick, gain]
     settings: Floats  # settings of the control law
-    # [knot, column] nominal air, see abhv_mc.kernel.plant.air_data; empty: calm standard air
+    # [knot, column] nominal air (abhv_mc.kernel.plant.air_data); empty for calm standard air
     profile: Floats
-    # [flight, parameter] parameters, then settings of functions and initial custom states
+    # [flight, parameter] parameters, followed by settings of custom functions and custom states
     parameters: Floats
     counted: Counted
     first_tick: int  # tick at which the flights start
-    # [flight, row] lane memory at first_tick, see abhv_mc.flight.fly; empty: the mission's start
+    # [flight, row] lane memory at first_tick; empty if flights start at the mission's start
     start: Floats
     user_code: UserCode = UserCode(0, 0, 0, 0)
 
@@ -94,10 +94,11 @@ class KernelResults(NamedTuple):
     outcome: NDArray[np.int64]  # outcome code [flight]
     end_tick: NDArray[np.int64]  # tick at the end of the flight [flight]
     history: NDArray[np.float32]  # recorded channels [flight, sample, channel]
-    states: Floats  # [flight, sample, state] recorded states; no samples unless requested
-    # Extremes [sample, channel] of all flights from a sample to the tick before the next one. Low
-    # exceeds high if no flight was simulated in this period; there are no samples unless requested.
+    states: Floats  # [flight, sample, state] recorded states; empty unless requested
+    # [sample, channel] extremes over all flights, from each sample to the tick before the next
+    # sample. ``low`` exceeds ``high`` if no flight was simulated in this period. The arrays are
+    # empty unless they are requested.
     low: Floats
     high: Floats
-    saved: Floats  # [flight, row] lane memory before the last tick; no rows unless requested
+    saved: Floats  # [flight, row] lane memory before the last tick; empty unless requested
     samples: Floats  # [quantile, flight, tick] values of quantile metrics; NaN if not counted

@@ -14,15 +14,15 @@ from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.kernel.plant.effectors import A_ROWS
 from abhv_mc.kernel.plant.state import aligned_zeros
 
-TOGETHER = 256  # number of flights compacted together; their saved memory fits the cache
+TOGETHER = 256  # number of flights whose saved memory fits into the processor's cache
 
-Z_ROWS = observe.END_ROW  # number of rows of Z; the observer's rows are the last ones
+Z_ROWS = observe.END_ROW  # number of rows of Z
 O_ROWS = observe.N_ROWS
 SAVED_ROWS = Z_ROWS + O_ROWS + A_ROWS
 
 
 class Memory(NamedTuple):
-    """Working memory of the lanes, and saved memory of waiting flights."""
+    """Working memory of the lanes, and saved memory of flights that wait for a lane."""
 
     Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc.kernel.plant.state
     O: Floats  # [row, lane] end of the flight and metrics, see abhv_mc.kernel.flight.observe
@@ -54,7 +54,7 @@ def make_memory(width: int) -> Memory:
 
 @lanes
 def has_width(memory, width):
-    """Return whether the memory has ``width`` lanes, which tells the compiler the row stride."""
+    """Return whether the memory has ``width`` lanes, to tell the compiler the row stride."""
     return (
         memory.Z.shape[1] == width
         and memory.O.shape[1] == width
@@ -74,7 +74,7 @@ def has_width(memory, width):
 
 @lanes
 def save_lane(memory, lane, row, driven, custom, own):
-    """Save the memory of a flight to ``row`` [SAVED_ROWS].
+    """Save the memory of the flight in a lane to ``row`` [SAVED_ROWS].
 
     The saved memory includes effectors with actuators if ``driven``, rows of custom functions if
     ``custom``, and the memory of a custom control law if ``own``.

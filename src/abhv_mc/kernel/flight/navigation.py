@@ -1,4 +1,4 @@
-"""Motion relative to the Earth and, if measured, to the air, at each control tick."""
+"""Motion relative to the Earth, and measurements relative to the air, at a control tick."""
 
 import math
 
@@ -28,7 +28,7 @@ def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
 
 @lanes
 def navigate(Z, width, tick, first):
-    """Compute the true motion, copy it to the measured rows, and integrate the track."""
+    """Compute the true motion, copy it to the measured rows, and integrate the ground track."""
     for lane in range(width):
         u, v, w = Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
@@ -78,8 +78,8 @@ def measure_air(Z, width, sensing):
 def measure_more(Z, width, reference, tick, warm):
     """Compute the additional measurements for custom control laws.
 
-    The load factor is that of the previous step, 1 at the start. The specific force is that of the
-    tick if forces have been evaluated at the tick, as is done for control laws that read it.
+    The load factor is taken from the previous step, and is 1 at the start. For control laws that
+    read the specific force, the forces have been evaluated at the tick, so it is up to date.
     """
     sin_h, cos_h = sincos(reference[tick, ref.HEADING])
     atmosphere_lanes(

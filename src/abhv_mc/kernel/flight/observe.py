@@ -1,6 +1,6 @@
 """Limits that end a flight, and recording of channels, states and extremes.
 
-Limits and channels are rows of the lane memory, see :mod:`abhv_mc.flight.arguments`.
+Limits and channels refer to rows of the lane memory, see :mod:`abhv_mc.flight.arguments`.
 """
 
 import math
@@ -15,7 +15,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import STATE_INDEX, X
 from abhv_mc.kernel.plant.vehicle import VARIABLES
 
-# Rows of the observer's block, before the rows of the metrics (abhv_mc.kernel.flight.counting).
+# These rows of ``O`` precede the rows of the metrics (abhv_mc.kernel.flight.counting).
 ALIVE, OUTCOME, END, SAMPLES = range(4)  # END is the tick of the last counted sample.
 FIRST_METRIC = 4
 N_ROWS = FIRST_METRIC + counting.N_ROWS
@@ -27,14 +27,14 @@ E_ROWS = HIDDEN + 1
 
 
 def find_row(source: str) -> int:
-    """Return a source's row in the lane memory. Raise ValueError if there is none."""
+    """Return a source's row in the lane memory. Raise ValueError if it has no row."""
     if source in STATE_INDEX:
         return X + STATE_INDEX[source]
     if source in VARIABLES:
         return s.variable_row(source)
     row = getattr(s, source.upper(), getattr(derived, source.upper(), None))
     if not isinstance(row, int):
-        raise ValueError(f"'{source}' is no row of the lane memory")
+        raise ValueError(f"'{source}' is not the name of a row of the lane memory")
     return row
 
 
@@ -53,7 +53,8 @@ def start_observing(Z, O, width, counted):
 def check_limits(Z, O, width, observed, states, tick):
     """End flights that violate a limit or whose state is not finite; return their number.
 
-    Metrics retain the counted ticks. ``states`` is the number of custom states.
+    The metrics of ended flights include the ticks counted so far. ``states`` is the number of
+    custom states.
     """
     ended = 0.0
     for lane in range(width):
@@ -77,7 +78,7 @@ def check_limits(Z, O, width, observed, states, tick):
         verdict = verdict if finite else NOT_FINITE
         ends = alive > 0.0 and verdict > 0.0
         O[OUTCOME, lane] = verdict if ends else O[OUTCOME, lane]
-        # The last finite sample is counted; a sample that is not finite is not counted.
+        # The sample at which a flight ends is counted only if it is finite.
         counts = alive if finite else 0.0
         O[END, lane] = float(tick) if alive > 0.0 else O[END, lane]
         O[SAMPLES, lane] += counts
@@ -97,7 +98,7 @@ def finish_flights(Z, O, width, last, length):
 
 @lanes
 def check_limit(verdict, value, low, high, outcome, width):
-    """Check a limit in all lanes; NaN counts as inside, as the state is checked separately."""
+    """Check a limit in all lanes; NaN passes because the state is checked separately."""
     for lane in range(width):
         verdict[lane] = outcome if value[lane] < low or value[lane] > high else verdict[lane]
 
@@ -125,9 +126,9 @@ def record_states(Z, states, flights, n, sample):
 def follow_extremes(Z, E, observed, width, fresh):
     """Update the extremes ``E[2 channel + side, lane]`` at a tick; ``fresh`` starts a new bin.
 
-    A bin covers a sample and the ticks before the next one. Rows of the lane memory are compared:
-    because factors are positive and rounding is monotone, the results equal the extremes of
-    histories, to the bit.
+    A bin covers a sample and the ticks before the next sample. Values are compared before the
+    channels' factors are applied. Because factors are positive and rounding is monotone, the
+    results are bit-identical to the extremes of recorded histories.
     """
     for lane in range(width):
         E[HIDDEN, lane] = 0.0 if Z[s.COUNTED, lane] > 0.0 else math.nan
@@ -147,7 +148,7 @@ def forget(low, high, width):
 
 @lanes
 def widen(low, high, row, hidden, width):
-    """Widen the extremes by each lane's value; ``hidden`` turns uncounted values into NaN."""
+    """Widen the extremes to each lane's value; ``hidden`` turns uncounted values into NaN."""
     for lane in range(width):
         value = row[lane] + hidden[lane]
         low[lane] = value if value < low[lane] else low[lane]

@@ -1,11 +1,11 @@
-"""Cycles of an angle about its command while the reference is settled.
+"""Oscillation cycles of an angle about its command in settled intervals.
 
-Zero is the mean of the error since the start of the settled interval. A side ends when the error is
-on the other side by half the distance of the side's farthest point, and at least 0.01 deg. Three
-successive sides (the last one possibly cut off by the end of the interval or flight) form a cycle
-if the smaller of the two swings between their farthest points is at least half of the larger one.
-The size of the cycle is the larger swing of the error; its frequency is 1 / (time from the first to
-the third point).
+A side is a period in which the error is on one side of its mean since the start of the settled
+interval. A side ends when the error has crossed the mean by at least half of the side's largest
+distance from the mean, and by at least 0.01 deg. Three successive sides (the last one possibly cut
+off by the end of the interval or flight) form a cycle if the smaller of the two swings between
+their farthest points is at least half of the larger one. The size of a cycle is its larger swing;
+its frequency is the reciprocal of the time between the farthest points of its first and third side.
 """
 
 import math
@@ -13,13 +13,13 @@ import math
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.numerics.angles import larger
 
-# MEAN is the mean error; FARTHEST and TICK are the farthest point of this side (NaN before any).
-# LAST and LAST_TICK are the farthest point of the previous side.
-# SWING is the swing to the previous side's point, and FIRST_TICK the tick of its start.
+# MEAN is the mean error, deg. FARTHEST and TICK are the error and the tick at the farthest point of
+# the current side; FARTHEST is NaN before the first side. LAST and LAST_TICK describe the farthest
+# point of the previous side. SWING is the swing that ended at LAST and started at FIRST_TICK.
 # LARGEST (deg) and FREQUENCY (Hz) describe the largest complete cycle.
 MEAN, FARTHEST, TICK, LAST, LAST_TICK, SWING, FIRST_TICK, LARGEST, FREQUENCY = range(9)
 N_RIPPLE_ROWS = 9
-LEAST = 0.01  # smallest excursion to the other side of the mean that ends a side, deg
+LEAST = 0.01  # smallest excursion across the mean that ends a side, deg
 HALF = 0.5
 
 
@@ -38,7 +38,8 @@ def watch_sides(Z, width, row, error, factor, share, tick):
     """Update the sides; return the number of lanes in which the error has changed sides.
 
     The error (deg) is row ``error`` times ``factor``. ``share`` is the weight of this tick in the
-    mean, 1 / ticks of the interval. Call :func:`change_side` to apply the changes.
+    mean, 1 / (number of the tick in the interval). If the result is not 0, call
+    :func:`change_side` in every lane.
     """
     changes = 0.0
     for lane in range(width):
@@ -49,7 +50,7 @@ def watch_sides(Z, width, row, error, factor, share, tick):
         )
         farther = (value - farthest) * (
             farthest - mean
-        ) > 0.0  # Compare before the mean moves, because the mean may pass the farthest point.
+        ) > 0.0  # Compare before updating the mean, which may pass the farthest point.
         farthest = value if farther else farthest
         mean += (value - mean) * share
         Z[row + MEAN, lane] = mean

@@ -1,7 +1,7 @@
 """Sensor models: lag, scale, bias, white noise, sampling and delay, in this order.
 
-Control laws receive only the result. In flights without sensor errors, factors are one and
-additions are zero, which leaves the bits unchanged.
+Control laws receive only the resulting measurement. Without sensor errors, all factors are 1 and
+all offsets are 0, so the measured values equal the true values bit for bit.
 """
 
 from typing import NamedTuple
@@ -22,33 +22,33 @@ from abhv_mc.kernel.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parame
 
 MAX_DELAY_TICKS = 25
 
-# Rows of the lane memory that follow the rows of the control law.
+# These rows of the lane memory follow the rows of the control law.
 NOISE = LAW + N_LAW_ROWS  # states of the random streams
 DELAY = NOISE + N_STREAM_ROWS  # ring buffer of the last measurements
 # states of the random streams for additional measurements and accelerations
 MORE_NOISE = DELAY + (MAX_DELAY_TICKS + 1) * N_SEEN
 ACCELERATION_NOISE = MORE_NOISE + N_STREAM_ROWS
-TRUE = ACCELERATION_NOISE + N_STREAM_ROWS  # true values at the last tick
-LATE = TRUE + N_SEEN  # outputs of sensors with lag at the last tick
+TRUE = ACCELERATION_NOISE + N_STREAM_ROWS  # true values at the previous tick
+LATE = TRUE + N_SEEN  # outputs of sensors with lag at the previous tick
 HELD = LATE + N_SEEN  # values held until the next sample
 END_ROW = HELD + N_SEEN
 
-# Each error has ten rows, in the order of the measured quantities.
+# Each kind of error has ten rows, in the order of the measured quantities.
 _BIAS = parameter_row("sensor.altitude_bias")
 _SIGMA = parameter_row("sensor.altitude_noise")
 _SEED = parameter_row("sensor.noise_seed")
 _DELAY = parameter_row("sensor.delay")
-# Each error has twelve rows for the additional measurements.
+# Each kind of error has twelve rows for the additional measurements.
 _MORE_BIAS = parameter_row(f"sensor.{MORE_SENSORS[0]}_bias")
 _MORE_SIGMA = parameter_row(f"sensor.{MORE_SENSORS[0]}_noise")
-# Each error has three rows for the accelerations.
+# Each kind of error has three rows for the accelerations.
 _ACCELERATION_BIAS = parameter_row(f"sensor.{ACCELERATIONS[0]}_bias")
 _ACCELERATION_SIGMA = parameter_row(f"sensor.{ACCELERATIONS[0]}_noise")
 _ACCELERATION_SCALE = parameter_row(f"sensor.{ACCELERATIONS[0]}_scale")
-_N_EARLIER = N_SEEN - len(ACCELERATIONS)  # number of sensors other than accelerations
+_N_EARLIER = N_SEEN - len(ACCELERATIONS)  # number of sensors other than accelerometers
 _SCALE = parameter_row("sensor.altitude_scale")
 _N_SCALED = len(SCALED_SENSORS) - len(ACCELERATIONS)
-# Rows of all measurements; the rows of the accelerations are not contiguous with the other rows.
+# The rows for accelerations are not contiguous with the rows for other measurements.
 _LAG, _INTERVAL = parameter_row("sensor.altitude_lag"), parameter_row("sensor.altitude_interval")
 _LATER_LAG = parameter_row(f"sensor.{ACCELERATIONS[0]}_lag") - _N_EARLIER
 _LATER_INTERVAL = parameter_row(f"sensor.{ACCELERATIONS[0]}_interval") - _N_EARLIER
@@ -65,7 +65,7 @@ class SensorErrors(NamedTuple):
 
     noisy: bool
     delayed: bool
-    changed: bool  # lag, scale or sampling of any sensor, or bias or noise of additional sensors
+    changed: bool  # lag, scale error or sampling, or bias or noise of additional measurements
     # whether accelerations have errors; without errors, only a delay changes them
     accelerations: bool
 
@@ -88,7 +88,7 @@ def active_sensor_errors(Z, width):
 
 @lanes
 def lag_and_scale(Z, width, active, dt, tick):
-    """Apply lag and scale to the true values, exactly for constant rates within a tick."""
+    """Apply lag and scale to the true values; exact if their rates are constant in a tick."""
     for i in range(N_SEEN if active.accelerations else _N_EARLIER):
         row = i + (_LAG if i < _N_EARLIER else _LATER_LAG)
         for lane in range(width):
@@ -178,7 +178,7 @@ def hold(Z, width, active, dt, tick):
 
 @lanes
 def delay(Z, width, dt, tick):
-    """Store the measurement, and replace it by the measurement ``sensor.delay`` earlier.
+    """Replace the measurement with the one taken ``sensor.delay`` seconds earlier.
 
     Until the delay has elapsed, the first measurement is used.
     """

@@ -95,8 +95,8 @@ def start_flights(Z, width, initial_state):
 def face_air(Z, width):
     """Rotate each vehicle about the vertical into the relative wind, to make sideslip zero.
 
-    This initializes vehicles whose instruments measure the sideslip relative to the air. The
-    velocity of the air is in the lane memory.
+    The function initializes vehicles whose instruments measure the sideslip relative to the air.
+    The velocity of the air is read from the lane memory.
     """
     for lane in range(width):
         q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]

@@ -1,7 +1,8 @@
-"""Control allocation (19): nominal moment and its slopes with respect to deflections.
+"""Control allocation, eq. (19) of Zhu & Shen (2014): nominal moment and its derivatives.
 
 Moments are about the centre of gravity. Coefficients are about the moment reference, so the force
-of a deflection contributes through its lever arm. The axes are those of the equations of motion.
+caused by a deflection adds a moment through its lever arm. The axes are those of the equations of
+motion.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar
@@ -41,7 +42,7 @@ def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
 def side_force_slope(constants, q_s, side_by_sideslip, drag):
     """Return the derivative of the wind-axis side force with respect to sideslip, N/rad.
 
-    The derivative is taken at zero sideslip. Drag in stability axes contributes to it.
+    The derivative is taken at zero sideslip. Drag in stability axes contributes to the derivative.
     """
     return q_s * side_by_sideslip + (0.0 if constants.drag_in_wind_axes > 0.0 else q_s * drag)
 
@@ -50,7 +51,7 @@ def side_force_slope(constants, q_s, side_by_sideslip, drag):
 def nominal_moment(Z, lane, constants, density, q_bar, speed):
     """Return the nominal vehicle's moment about its centre of gravity, N m.
 
-    The moment is that at the measured state and the last commands.
+    The moment is evaluated at the measured state and the last commands.
     """
     fx, fy, fz = force_of(Z, lane, constants, q_bar, s.COEF, 1)
     t = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)

@@ -1,6 +1,6 @@
-"""Names and order of the columns that compiled laws read at each control tick."""
+"""Names and order of the columns that compiled control laws read at each control tick."""
 
-# reference of the mission and nominal values along it, SI and radians
+# Reference of the mission, and nominal values along the reference, in SI units and radians.
 REFERENCE = (
     "time",
     "altitude",
@@ -14,14 +14,14 @@ REFERENCE = (
     "bank",
     "equivalence_ratio",
     "elevator",  # trimmed elevator
-    "mass",  # nominal mass, with fuel burnt along the reference
-    "north",  # integral of the north ground speed at altitude
+    "mass",  # nominal mass, reduced by the fuel burnt along the reference
+    "north",  # integral of the north speed at the reference altitude
     "east",
     "latitude",
     # 0 in ramps or steps of an S manoeuvre and for 5 s afterwards; otherwise the number of the tick
     # in the settled interval: 1, 2, ...
     "settled",
-    # constant unit vector of positive cross-track error (left of the initial heading)
+    # constant unit vector to the left of the initial heading, where cross-track error is positive
     "track_north",
     "track_east",
     "density",  # nominal air and gravity at the reference
@@ -39,7 +39,7 @@ TRACK_NORTH, TRACK_EAST, DENSITY, SOUND_SPEED, GRAVITY, RADIUS = range(17, 23)
 
 _GUIDANCE = ("path_integral", "path", "heading_integral", "heading", "speed_integral", "speed")
 
-# gains of TLC sub-loops 1 and 2, and spectra (a1, a2 of each channel) of sub-loops 3 and 4
+# Gains of TLC sub-loops 1 and 2, and spectra (a1, a2 of each channel) of sub-loops 3 and 4.
 TLC_GAINS = (
     "altitude_integral",  # flight path angle per integral of the altitude error
     "altitude",
@@ -58,15 +58,15 @@ TLC_GAINS = (
     ),
 )
 TLC_K1, TLC_K2, TLC_ATTITUDE, TLC_RATE = 0, 2, 20, 26
-_LIMITS = (  # limits of commands, rad; deflections stay within what the effectors can follow
+_LIMITS = (  # limits of the commands, rad; all effectors can follow the limited deflections
     *("angle_of_attack_min", "angle_of_attack_max", "bank_max"),
     *(f"{axis}_{end}" for axis in ("aileron", "rudder", "elevator") for end in ("min", "max")),
 )
-N_LIMITS = len(_LIMITS)  # number of limits, at the end of both laws' settings
-# bandwidths in rad/s, then limits
+N_LIMITS = len(_LIMITS)  # number of limits, which are the last settings of TLC and LQR
+# bandwidths in rad/s, followed by the limits
 TLC_SETTINGS = ("attitude_differentiator", "rate_differentiator", *_LIMITS)
 
-# LQR gains: u = nominal - K (x - nominal), SI and radians (also for deflections)
+# Gains of LQR in SI units and radians (also for deflections): u = nominal - K (x - nominal).
 LQR_GAINS = (
     *(
         f"{control}_by_{name}"
@@ -83,7 +83,7 @@ LQR_GAINS = (
 LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
 LQR_SETTINGS = _LIMITS
 
-# Replay gains: deflections and equivalence ratio, then their slopes to the next tick.
+# Gains of a replay: deflections and equivalence ratio, then their slopes until the next tick.
 RECORDED_GAINS = (
     *("aileron", "rudder", "elevator", "equivalence_ratio"),
     *("aileron_rate", "rudder_rate", "elevator_rate", "equivalence_ratio_rate"),

@@ -1,8 +1,8 @@
-"""LQR baseline law for one control tick in all lanes: guidance (22) and attitude (23).
+"""LQR baseline controller for one control tick in all lanes: guidance and attitude.
 
-The law is that of Zhu & Shen (2014), section 7. Gains of each tick are computed before the flight
-(abhv_mc.control.design.lqr_design). Deviations are relative to the reference and the
-coordinated-turn rates.
+The control law is from Zhu & Shen (2014), section 7, eqs. (22) and (23). The gains of each tick are
+computed before the flight (abhv_mc.control.design.lqr_design). Deviations are relative to the
+reference and to the coordinated-turn rates.
 """
 
 from abhv_mc.kernel.jit import lanes

@@ -1,9 +1,9 @@
 """Trajectory linearization control (TLC), for one control tick in all lanes.
 
-The law is that of Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and 2
-are linearized about the reference, so their gains are computed before the flight. Sub-loops 3 and 4
-are linearized here about the commands of the flight. The law uses only the nominal vehicle and the
-measurement.
+The control law is from Zhu & Shen (2014), sections 4-6, in forward-right-down axes. Sub-loops 1 and
+2 are linearized about the reference, so their gains are computed before the flight. Sub-loops 3 and
+4 are linearized at each tick about the current commands. The control law uses only the nominal
+vehicle and the measurement.
 """
 
 from abhv_mc.kernel.jit import lanes, scalar
@@ -33,7 +33,7 @@ from abhv_mc.kernel.plant.state import LAW, N_COEFFICIENTS
 from abhv_mc.kernel.plant.thrust import nominal_thrust
 from abhv_mc.kernel.world.atmosphere import atmosphere_lanes
 
-# memory of the law: error integrals, differentiator states, trim data and slopes
+# Memory of the control law: error integrals, differentiator states, trim data and slopes.
 I_ALTITUDE = LAW
 I_GUIDANCE = LAW + 1  # integrals of path, heading and speed errors
 I_ATTITUDE = LAW + 4  # integrals of angle of attack, sideslip and bank errors
@@ -175,7 +175,8 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         Z[D_ALPHA, lane] = differentiator_next(decay_attitude, d_alpha, alpha_cmd)
         Z[D_BANK, lane] = differentiator_next(decay_attitude, d_bank, bank_cmd)
         p_nom, q_nom, r_nom = attitude_inverse(point, alpha_dot, 0.0, bank_dot)
-        # Sums are written out because calls of dot6 prevent SIMD code here (5 times slower).
+        # The sums are written out, because calls of dot6 would prevent SIMD code, which is 5 times
+        # faster.
         k, m, n = attitude_gains(point, p_nom, r_nom, attitude_spectrum)
         alpha_err = Z[s.M_ALPHA, lane] - alpha_cmd
         beta_err = Z[s.M_BETA, lane]
@@ -272,7 +273,7 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 
 @lanes
 def nominal_forces(plan, memory, width, active):
-    """Compute coefficients, fixed quantities and thrust of the nominal vehicle."""
+    """Compute the nominal vehicle's coefficients, thrust and FIXED_TABLE_ROWS."""
     Z, T, vehicle = memory.Z, memory.T, plan.vehicle
     look_up(Z, T, width, vehicle.tables, memory.cells)
     if active is not None and plan.user_code.propulsion != 0:

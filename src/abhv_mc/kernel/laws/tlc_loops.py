@@ -1,10 +1,10 @@
 """Sub-loops 3 and 4 of TLC as pure scalar functions: inverses and time-varying PI gains.
 
 The equations are (13)-(18) of Zhu and Shen 2014 in FRD axes (x forward, y right, z down), in which
-the paper's matrix element Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain K (3
-x 6, with a state's integral before the state) gives the linearized closed loop its prescribed
-dynamics: ``B K = A - A_c``, where ``A_c`` has the rows ``[-a1, -a2]`` for each channel. Units are
-SI and radians.
+the paper's matrix element Jxy is J13: ``Hx = Jx p + J13 r``, ``Hz = Jz r + J13 p``. Each gain
+matrix K (3 x 6; the column of a state follows that of its integral) gives the linearized closed
+loop its prescribed dynamics: ``B K = A - A_c``, where ``A_c`` has the rows ``[-a1, -a2]`` for each
+channel. Units are SI and radians.
 """
 
 from typing import NamedTuple
@@ -52,7 +52,7 @@ class Inertia(NamedTuple):
 
 @scalar
 def attitude_inverse(point, alpha_dot, beta_dot, bank_dot):
-    """Return body rates (p, q, r) for rates of the aerodynamic angles, inverting (13).
+    """Invert eq. (13): return body rates (p, q, r) for rates of the aerodynamic angles.
 
     The sideslip is zero.
     """

@@ -13,7 +13,8 @@ from abhv_mc.kernel.plant.vehicle import CHUNK
 
 AXES = 3  # number of axes: Mach, angle of attack, equivalence ratio
 
-# quantities of the trim tables; units: rad (not limited), -, -, T / (q_bar S), s
+# Quantities of the trim tables: unlimited elevator, rad; lift and drag coefficients; thrust divided
+# by dynamic pressure and area; specific impulse, s.
 TRIM_ROWS = ("elevator", "lift", "drag", "thrust", "specific_impulse")
 ELEVATOR, LIFT, DRAG, THRUST, IMPULSE = range(len(TRIM_ROWS))
 
@@ -22,7 +23,7 @@ class TrimCells(NamedTuple):
     """Table cell of each lane on each axis, and buffers for the interpolated values."""
 
     cell: Ints  # cell of each lane [axis, lane]
-    low: Floats  # [axis, lane] lower end of the cell, which a command rarely leaves
+    low: Floats  # [axis, lane] lower end of the cell
     high: Floats  # [axis, lane] upper end of the cell
     per_step: Floats  # [axis, lane] 1 / length of the cell
     fraction: Floats  # [axis, lane] position within the cell, as a fraction of its length
@@ -31,7 +32,7 @@ class TrimCells(NamedTuple):
 
 
 def make_trim_cells(width: int) -> TrimCells:
-    """Return memory for ``width`` lanes with empty cells, so that the first look-up searches."""
+    """Return memory for ``width`` lanes, with empty cells that make the first look-up search."""
     shapes: list[tuple[int, ...]] = [(AXES, width)] * 4 + [(CHUNK,)] * 2
     return TrimCells(aligned_zeros((AXES, width), np.int64), *map(aligned_zeros, shapes))
 
@@ -74,10 +75,10 @@ def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
 
 @lanes
 def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
-    """Look up trimmed lift, drag and thrust, and the slopes of lift and thrust over alpha.
+    """Look up trimmed lift, drag and thrust, and derivatives of lift and thrust by alpha.
 
-    The five results are in the rows starting at ``first_row``. The arguments are Mach number, angle
-    of attack and equivalence ratio.
+    The five results are in the rows starting at ``first_row``. The tables depend on Mach number,
+    angle of attack and equivalence ratio.
     """
     follow(Z, W, s.V_MACH, trim, 0, cells)
     follow(Z, W, alpha_row, trim, 1, cells)

@@ -1,11 +1,11 @@
-"""Nominal controls along a trajectory, by nested Brent searches.
+"""Nominal controls along a trajectory, computed by nested Brent searches.
 
-Zhu and Shen 2014, section 4.3, equation (12): angle of attack, bank and equivalence ratio for given
-accelerations, on the trim tables. The paper solves its three equations in turn; its iteration of
-bank and angle of attack multiplies the error by ``-tan^2 bank`` and diverges beyond 45 deg. Here,
-each residual of the second equation uses the bank from the explicit third equation, and each
-residual of the first one uses the angle of attack that solves the second. Each search brackets the
-only root of a monotone function.
+The searches solve equation (12) of Zhu and Shen (2014), section 4.3, with trim tables: they find
+angle of attack, bank and equivalence ratio for given accelerations. The paper solves its three
+equations in turn; its iteration of bank and angle of attack multiplies the error by ``-tan^2 bank``
+and diverges if the bank exceeds 45 deg. In this module, each residual of the second equation uses
+the bank from the explicit third equation, and each residual of the first equation uses the angle of
+attack that solves the second equation. Each search brackets the only root of a monotone function.
 """
 
 from typing import NamedTuple
@@ -22,15 +22,15 @@ BANK_LIMIT = np.deg2rad(85.0)
 X_TOLERANCE = 1e-11  # tolerance in angle of attack, rad, and in equivalence ratio
 MAX_ITERATIONS = 100
 
-# half widths of the shortened brackets about the previous solution
+# half widths of the shortened brackets about the previous solution: rad, and equivalence ratio
 _NEAR_ALPHA, _NEAR_ETA = np.deg2rad(0.25), 0.02
 
-# flags of the status, whose sum is zero if all three equations are satisfied
+# Flags that are added to the status, which is 0 if all three equations are satisfied.
 NO_EQUIVALENCE_RATIO, NO_ANGLE_OF_ATTACK, NO_BANK, NO_ELEVATOR = 1, 2, 4, 8
 
 
 class GuidancePoints(NamedTuple):
-    """Trim points with prescribed accelerations; fields are ``[point]``, SI and radians."""
+    """Trim points with prescribed accelerations [point], in SI units and radians."""
 
     speed: Floats
     density: Floats
@@ -54,7 +54,8 @@ class SearchBounds(NamedTuple):
     eta_high: float
     elevator_low: float
     elevator_high: float
-    # number of attempts: always 2, as a shortened bracket may fail; numba would unroll a constant
+    # Number of attempts, which is 2 because a shortened bracket may fail. It is not a constant,
+    # because numba would unroll the loop.
     searches: int
 
 
@@ -69,7 +70,7 @@ class _Demand(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """Trim tables at one Mach number, and at one equivalence ratio, for fast searches."""
+    """Trim tables interpolated at one Mach number and one equivalence ratio, for searches."""
 
     alpha: Floats  # nodes of the angle of attack
     eta: Floats  # nodes of the equivalence ratio
@@ -98,7 +99,7 @@ def _cut_at_mach(tables, mach, cut):
 
 @scalar
 def _locate(nodes, x):
-    """Return cell and fraction of ``x`` among the nodes, clamped to the ends."""
+    """Return the cell of ``x`` among the nodes and the fraction of the cell, both clamped."""
     low, high = 0, nodes.size - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -160,7 +161,7 @@ def _alpha_residual(alpha, cut, expected):
 def _alpha_of(eta, near, margin, cut, expected, bounds):
     """Solve the second and third equations together; return angle of attack and status.
 
-    ``cut`` remains at ``eta``.
+    On return, ``cut.line`` contains the values at ``eta``.
     """
     _cut_at_eta(eta, cut)
     low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
@@ -206,7 +207,7 @@ def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
 
 @kernel
 def fill_trim(tables, constants, points, mass, tick, fixed_eta, warm, bounds, cut, solution):
-    """Fill ``solution[point, 6]``; see ``control.design.guidance_trim.trim_along``."""
+    """Compute the ``solution`` [point, 6] of ``control.design.guidance_trim.trim_along``."""
     near_eta, eta_margin = (
         0.5 * (bounds.eta_low + bounds.eta_high),
         bounds.eta_high - bounds.eta_low,

@@ -1,7 +1,7 @@
 """Custom control law for one control tick in all lanes: inputs, call and commands.
 
-The code is compiled separately (:mod:`abhv_mc.user_code`) and called once per tick for all lanes,
-by an address in the plan, so that all control laws share the machine code of the flight.
+The code is compiled separately (:mod:`abhv_mc.user_code`) and called once per tick for all lanes.
+The plan contains its address, so all custom control laws share one compiled kernel.
 """
 
 import math
@@ -26,8 +26,8 @@ from abhv_mc.kernel.plant.thrust import thrust
 
 MAX_MEMORY = 256  # maximum number of values in a control law's memory
 
-# Rows of the lane memory after the rows of TLC; the nominal vehicle of TLC is also used here.
-FAULT = LAW + N_TLC_ROWS  # outcome with which the control law ends the flight, 0 for none
+# These rows follow the rows of TLC, because custom laws also use TLC's nominal vehicle.
+FAULT = LAW + N_TLC_ROWS  # outcome code if the control law ends the flight, else 0
 MEMORY = FAULT + 1
 ONBOARD = MEMORY + MAX_MEMORY  # rows in the order of abhv_mc.user_code.law_interface.Onboard
 _MOMENT, _LIFT, _SLOPES, _INERTIA = ONBOARD + 3, ONBOARD + 15, ONBOARD + 18, ONBOARD + 24
@@ -38,8 +38,8 @@ N_ROWS = CHANNEL + MAX_CHANNELS - LAW
 
 NOT_FINITE = 4.0  # outcome code, see abhv_mc.flight.outcome
 
-# difference step in rad and equivalence ratio; its size is uncritical, because tables are linear
-# within a cell
+# Step of finite differences, in rad and in equivalence ratio. Its size is uncritical, because
+# tables are linear within a cell.
 _STEP = 1e-6
 
 
@@ -103,7 +103,8 @@ def nominal_onboard(plan, memory, width, tick):
     Z, vehicle = memory.Z, plan.vehicle
     constants = vehicle.constants
     nominal_variables(Z, width, vehicle, plan.reference, tick)
-    # The model is evaluated at the point, at another angle of attack, and at another throttle.
+    # The model is evaluated at the measured point, at a shifted angle of attack, and at a shifted
+    # equivalence ratio.
     for probe in range(3):
         for lane in range(width):
             eta = Z[s.CMD_ETA, lane]

@@ -1,1 +1,1 @@
-"""Mathematics for loops over lanes, quaternions, table look-up and a root finder."""
+"""Elementary functions for loops over lanes, quaternions, table look-up and root finding."""

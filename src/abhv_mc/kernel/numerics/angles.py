@@ -1,4 +1,4 @@
-"""Branch-free scalar functions of angles and limits."""
+"""Branch-free scalar functions that wrap angles and limit values."""
 
 import math
 
@@ -7,7 +7,7 @@ from abhv_mc.kernel.jit import scalar
 
 @scalar
 def wrap(angle):
-    """Wrap an angle difference, rad, from [-3 pi, 3 pi] to [-pi, pi]."""
+    """Wrap an angle difference (rad) in [-3 pi, 3 pi] to [-pi, pi]."""
     angle = angle - 2.0 * math.pi if angle > math.pi else angle
     return angle + 2.0 * math.pi if angle < -math.pi else angle
 
@@ -21,11 +21,11 @@ def clamp(x, low, high):
 
 @scalar
 def larger(a, b):
-    """Return the larger of two numbers; the first if the second is NaN."""
+    """Return the larger of two numbers, or ``a`` if ``b`` is NaN."""
     return b if b > a else a
 
 
 @scalar
 def smaller(a, b):
-    """Return the smaller of two numbers; the first if the second is NaN."""
+    """Return the smaller of two numbers, or ``a`` if ``b`` is NaN."""
     return b if b < a else a

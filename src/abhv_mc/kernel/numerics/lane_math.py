@@ -1,13 +1,13 @@
 """Elementary functions without libm, so that loops over lanes become SIMD code.
 
 A call to libm prevents vectorization; these functions consist of arithmetic, selects and one
-bitcast. Errors are at most 2 ulp in the ranges of the docstrings. Floating point is strict, without
-fused multiply-add, so that plain Python gives the same bits. Non-finite input follows IEEE
+bitcast. Errors are at most 2 ulp in the ranges that the docstrings state. Floating point is strict,
+without fused multiply-add, so plain Python gives the same bits. Non-finite input follows IEEE
 arithmetic and never raises an exception.
 
-Coefficients were fitted by ``tests/reference/fit_lane_math.py``. Reductions: Cody and Waite,
-"Software Manual for the Elementary Functions" (1980), ch. 6-8, 11; splitting of log: Tang, ACM TOMS
-16 (1990) 378.
+Coefficients were fitted by ``tests/reference/fit_lane_math.py``. The argument reductions are from
+Cody and Waite, "Software Manual for the Elementary Functions" (1980), ch. 6-8 and 11. The splitting
+of log is from Tang, ACM TOMS 16 (1990) 378.
 """
 
 import math
@@ -66,7 +66,7 @@ _ATAN = (
     0.03923165829558719,
     -0.01917688711906226,
 )
-# constants split so that products with the small integers of a reduction are exact
+# Each constant is a sum of terms whose products with the small integers of a reduction are exact.
 _LN2 = (0.6931471803691238, 1.9082149292705877e-10)
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 
@@ -75,20 +75,20 @@ _TWO_OVER_PI = 0.6366197723675814
 _PI, _PI_LOW = 3.141592653589793, 1.2246467991473532e-16
 TAN_EIGHTH_PI = 0.41421356237309503
 
-# Adding 1.5 * 2^52 rounds to an integer, which is in the low bits of the sum.
+# Adding 1.5 * 2^52 to a number rounds it to an integer, which is in the low bits of the sum.
 _ROUND = 6755399441055744.0
 _ROUND_BITS = 0x4338000000000000
 _MANTISSA = 0x000FFFFFFFFFFFFF
-# just below sqrt(1/2), the lower end of mantissas up to sqrt(2)
+# bits of a number just below sqrt(1/2); reduced mantissas range from sqrt(1/2) to sqrt(2)
 _BITS_SQRT_HALF = 0x3FE6A09E00000000
 _BITS_TO_ONE = 0x3FF0000000000000 - _BITS_SQRT_HALF
 
-SINCOS_LIMIT = 1048576.0  # limit of an exact reduction, rad; the result is NaN beyond
+SINCOS_LIMIT = 1048576.0  # largest magnitude for an exact reduction, rad; NaN beyond it
 
 
 @scalar
 def exp(x: float) -> float:
-    """Return the exponential; 0 and inf outside the range of doubles, with gradual underflow."""
+    """Return the exponential, with gradual underflow; 0 or inf outside the range of doubles."""
     low = -746.0 if x < -746.0 else x
     high = low if low < 710.0 else 710.0  # NaN becomes 710 here and is restored by r.
     rounded = high * _LOG2_E + _ROUND
@@ -126,7 +126,7 @@ def log(x: float) -> float:
     last = _LOG[4] + z * (_LOG[5] + z * _LOG[6])
     r = z * (odd + z2 * (middle + z2 * last))
     half_f2 = 0.5 * f * f
-    # f is added last because 2 s = f - s f, and f^2/2 is then rounded at a small size.
+    # f is added last, because rounding errors of the smaller terms are smaller; 2 s = f - s f.
     value = e * _LN2[0] - ((half_f2 - (s * (half_f2 + r) + e * _LN2[1])) - f)
     value = value if x < math.inf else x  # Infinity and NaN pass through.
     value = value if x != 0.0 else -math.inf
@@ -141,11 +141,12 @@ def power(x: float, y: float) -> float:
 
 @scalar
 def sincos(x: float) -> tuple[float, float]:
-    """Return (sin x, cos x) for x in radians up to :data:`SINCOS_LIMIT`."""
+    """Return (sin x, cos x) for x in radians, abs(x) up to :data:`SINCOS_LIMIT`."""
     rounded = x * _TWO_OVER_PI + _ROUND
     n = rounded - _ROUND
     quadrant = float_bits(rounded) & 3
-    # In r + tail = x - n pi/2, two products are exact; the second sum retains its rounding error.
+    # The reduced angle x - n pi/2 is r + tail. Two of the products are exact, and tail includes the
+    # rounding error of the second sum.
     a = x - n * HALF_PI[0]
     b = -(n * HALF_PI[1])
     c = a + b
@@ -175,7 +176,7 @@ def sincos(x: float) -> tuple[float, float]:
 
 @scalar
 def tan(x: float) -> float:
-    """Return the tangent for x in radians up to :data:`SINCOS_LIMIT`."""
+    """Return the tangent for x in radians, abs(x) up to :data:`SINCOS_LIMIT`."""
     sin_x, cos_x = sincos(x)
     return sin_x / cos_x
 
@@ -277,7 +278,7 @@ def two_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, f
 
 @scalar
 def asin(x: float) -> float:
-    """Return the arc sine, with arguments limited to +-1 because of rounding."""
+    """Return the arc sine; arguments are clipped to [-1, 1] to allow for rounding errors."""
     x = 1.0 if x > 1.0 else x
     x = -1.0 if x < -1.0 else x
     return atan2(x, math.sqrt((1.0 - x) * (1.0 + x)))
@@ -285,7 +286,7 @@ def asin(x: float) -> float:
 
 @scalar
 def acos(x: float) -> float:
-    """Return the arc cosine, with arguments limited to +-1 because of rounding."""
+    """Return the arc cosine; arguments are clipped to [-1, 1] to allow for rounding errors."""
     x = 1.0 if x > 1.0 else x
     x = -1.0 if x < -1.0 else x
     return atan2(math.sqrt((1.0 - x) * (1.0 + x)), x)

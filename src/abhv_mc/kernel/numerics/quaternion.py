@@ -1,8 +1,9 @@
 """Attitude as a unit quaternion, scalar first, from body to NED components.
 
-v_N = q v_B q*. Yaw, pitch and roll are the 3-2-1 angles from NED to body. Formulas: Stevens, Lewis
-and Johnson, "Aircraft Control and Simulation", 3rd ed., sec. 1.8. Matrix elements are written out
-in each function, because the compiler shares them between calls with the same quaternion.
+The rotation is v_N = q v_B q*. Yaw, pitch and roll are the 3-2-1 angles from NED to body. The
+formulas are from Stevens, Lewis and Johnson, "Aircraft Control and Simulation", 3rd ed., sec. 1.8.
+Each function computes the matrix elements itself; the compiler evaluates them only once if several
+calls use the same quaternion.
 """
 
 from abhv_mc.kernel.jit import scalar

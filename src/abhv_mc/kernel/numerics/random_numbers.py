@@ -1,8 +1,8 @@
-"""Random numbers in flight: L'Ecuyer's MRG32k3a, whose arithmetic is exact in doubles.
+"""Random numbers for flights: L'Ecuyer's MRG32k3a, whose arithmetic is exact in doubles.
 
-P. L'Ecuyer, "Good parameters and implementations for combined multiple recursive random number
-generators", Operations Research 47 (1999) 159. The functions are lane-safe: without integers, and
-with the same bits compiled, in batched lanes and in plain Python.
+The generator is from P. L'Ecuyer, "Good parameters and implementations for combined multiple
+recursive random number generators", Operations Research 47 (1999) 159. The functions use no
+integers, and return the same bits in compiled code, in groups of lanes and in plain Python.
 """
 
 import math
@@ -33,7 +33,7 @@ def seed_word(seed, number, m):
     x = (seed + 0.137) * (number + 1.0) * 7919.0 + _GOLDEN * number
     fraction = x - ((x + _ROUND) - _ROUND)
     fraction = fraction + 1.0 if fraction < 0.0 else fraction
-    # The last bits give different states to seeds that differ only in these bits.
+    # ``fine`` gives different states to seeds that differ only in their last bits.
     fine = fraction * 1048576.0
     fine -= (fine + _ROUND) - _ROUND
     word = (fraction + fine * 0.25 + 0.25) * 0.6 * m

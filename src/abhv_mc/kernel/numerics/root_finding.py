@@ -1,9 +1,10 @@
 """Brent's root finder for compiled functions.
 
-R. P. Brent, "Algorithms for Minimization without Derivatives" (1973), ch. 4: inverse quadratic or
-linear interpolation while it converges, else bisection; the root stays bracketed.
+The method is from R. P. Brent, "Algorithms for Minimization without Derivatives" (1973), ch. 4. It
+uses inverse quadratic or linear interpolation while this converges, and bisection otherwise; the
+root stays bracketed.
 
-Pass only compiled functions of modules, because numba does not cache kernels with closures.
+Pass only compiled functions at module level, because numba does not cache kernels with closures.
 """
 
 import math
@@ -33,11 +34,11 @@ def brent(
 
     Return (root, iterations, status).
 
-    The root is within ``x_tolerance`` (absolute) and a few rounding errors. Iterations are the
-    function calls after those at the ends. Without a change of sign, or with NaN at an end, the
-    root is the end with the smaller residual.
+    The root is accurate to ``x_tolerance`` (absolute) plus a few rounding errors. ``iterations`` is
+    the number of function calls after the two calls at the ends of the interval. If the function
+    has the same sign or is NaN at the ends, the root is the end with the smaller residual.
     """
-    # b is the best point so far, c the other end of the bracket, and a the point before b.
+    # b is the best point so far, c the other end of the bracket, and a the previous b.
     # With a single call site, the function is compiled only once.
     a, b, c = low, low, low
     fa, fb, fc = 0.0, 0.0, 0.0

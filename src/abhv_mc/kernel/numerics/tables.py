@@ -1,7 +1,7 @@
 """Compiled multilinear look-up of packed tables, with one search per axis.
 
-Lanes are treated one by one, because flights are in different cells; within a lane all tables of a
-cell are contiguous, so that the interpolation is the vectorized loop (without gather). Arguments
+Lanes are processed one by one, because flights are in different cells. Within a lane, all tables of
+a cell are contiguous, so the loop over tables is vectorized without gather instructions. Arguments
 outside the grid are clamped, and the lane's ``outside`` row is set; there is no extrapolation.
 """
 
@@ -10,7 +10,7 @@ from abhv_mc.kernel.jit import scalar
 
 @scalar
 def natural(i):
-    """Return an index in a form that tells the compiler that it is not negative."""
+    """Return an index in a form that shows the compiler that the index is not negative."""
     return i & 0x7FFFFFFF
 
 
@@ -22,7 +22,7 @@ def bracket(grid, inverse_step, length, hint, x):
     """
     low = grid[0]
     high = grid[length - 1]
-    # NaN becomes the first node, because the state itself is checked elsewhere.
+    # NaN is replaced by the first node, because non-finite states are detected elsewhere.
     x = x if x > low else low
     x = x if x < high else high
     i = natural(hint)
@@ -56,7 +56,7 @@ def mix(weights, corners):
 
 @scalar
 def interpolate_1d(data, corner, s0, t0, width, out):
-    """Interpolate ``width`` contiguous tables between the node at ``corner`` and the next.
+    """Interpolate ``width`` contiguous tables between two nodes, starting at ``corner``.
 
     The results are stored in ``out``.
     """

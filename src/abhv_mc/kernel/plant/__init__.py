@@ -1,1 +1,1 @@
-"""Equations of motion of a packed vehicle, with its actuators, failures and air."""
+"""Compiled equations of motion of a vehicle, with actuators, failures and atmosphere."""

@@ -14,26 +14,28 @@ from abhv_mc.kernel.numerics.lane_math import exp
 
 # Columns of ``Vehicle.actuators``, the list of actuators, in SI units and radians. For first-order
 # actuators the damping ratio is 0.5, and 2 damping / bandwidth is the time constant. The dead zone
-# is a half-width in the error between command and position. The backlash is the total backlash
-# between the actuator and its surface.
+# is the largest error between command and position that moves nothing. The backlash is the total
+# free play between the actuator and its surface.
 COLUMNS = (
     *("low", "high", "rate_limit", "bandwidth", "damping", "kind"),
     *("dead_zone", "backlash"),
 )
 LOW, HIGH, RATE_LIMIT, BANDWIDTH, DAMPING, KIND, DEAD_ZONE, BACKLASH = range(len(COLUMNS))
-SLACK = COLUMNS[DEAD_ZONE:]  # nonlinearities that act within the limits
+SLACK = COLUMNS[DEAD_ZONE:]  # nonlinearities other than limits
 KINDS = ("second_order", "first_order", "ideal")
 SECOND_ORDER, FIRST_ORDER, IDEAL = range(len(KINDS))
-AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4  # indices of actuators: three axes, the engine, effectors
+# number of axes, whose actuators come first; index of the engine's actuator; index of the first
+# effector's actuator
+AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4
 
 SUBSTEPS = 16  # number of short steps per integrator step
 _TERMS = 40  # number of terms in the series of the matrix exponential
 
 # rows of an actuator's block in the lane memory
 STIFFNESS, FRICTION = range(2)  # wn^2 and 2 zeta wn
-END = 2  # position error and rate after a step: four coefficients of [e, r] by rows
+END = 2  # position error and rate after a step: four coefficients of [error, rate], row by row
 MIDDLE = 6  # position at the middle stages: two coefficients
-SHORT = 8  # coefficients as in END, but for a short step
+SHORT = 8  # four coefficients like those of END, for a short step
 REACH = 12  # coefficients of |rate| and |error| that bound the rate in a step
 N_ACTUATOR_ROWS = 14
 
@@ -57,7 +59,8 @@ def transition(stiffness, friction, step):
     """
     e11, e12, e21, e22 = 1.0, 0.0, 0.0, 1.0
     i11, i12 = 1.0, 0.0
-    # Horner's scheme, I + A step / k (I + ...); for the integral, k + 1 replaces k.
+    # Both series are evaluated by Horner's scheme, I + A step / k (I + ...); the series of the
+    # integral has k + 1 instead of k.
     for k in range(_TERMS, 0, -1):
         x, y = step / k, step / (k + 1)
         i11, i12 = 1.0 - y * stiffness * i12, y * (i11 - friction * i12)
@@ -76,7 +79,8 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
     stiffness, friction, e11, e12, e21, e22 = response
     error = position - command
     free = e21 * error + e22 * rate
-    # ``free`` lets a rate at its limit increase before it decreases; the increase is removed.
+    # A rate at its limit that decreases only later in the step would first exceed the limit in
+    # ``free``; this excess is subtracted.
     push = -(stiffness * error + friction * rate)
     outward = push if rate >= rate_limit else (-push if rate <= -rate_limit else 0.0)
     leaves = outward > 0.0 and abs(free) < rate_limit
@@ -88,7 +92,7 @@ def short_step(position, rate, command, response, step, low, high, rate_limit):
     share = (end_rate - rate) / (free - rate if meets_limit else 1.0)
     end_position = position + step * (end_rate - 0.5 * share * (end_rate - rate))
     end_position = end_position if meets_limit else command + (e11 * error + e12 * rate)
-    # A surface moves linearly to a stop, rests there, and returns if its command is inside.
+    # A surface moves linearly to a stop, rests there, and returns if its command is within range.
     stop = clamp(end_position, low, high)
     stopped = stop != end_position
     path = stop - position

@@ -1,10 +1,10 @@
 """Integration step of all actuators, in all lanes.
 
-The list contains the actuators of the three axes and the engine, followed by those of the
-effectors. They depend only on their commands, which are constant over a tick, and are therefore
-computed before the equations of motion. Actuators of axes and engine have rows in the memory ``Z``;
-actuators of effectors (:mod:`abhv_mc.kernel.plant.effectors`) have a separate memory. ``M`` is the
-memory of the actuators that a function computes.
+The list of actuators contains those of the three axes, the engine and the effectors, in this order.
+Actuators depend only on their commands, which are constant over a tick, and are therefore computed
+before the equations of motion. Actuators of axes and engine have rows in the memory ``Z``;
+actuators of effectors (:mod:`abhv_mc.kernel.plant.effectors`) have a separate memory. Functions
+receive one of these two memories as ``M``.
 """
 
 from typing import NamedTuple
@@ -46,8 +46,9 @@ from abhv_mc.kernel.plant.state import SUM, XS, X, parameter_row
 
 _K_ETA_LIMIT = parameter_row("engine.equivalence_ratio_limit")
 
-# rows of an effector with an actuator, followed by the block of :func:`prepare_actuator`; NEXT and
-# NEXT_RATE apply after the step; AHEAD is the actuator's lead within its backlash.
+# Rows of an effector with an actuator. NEXT and NEXT_RATE are position and rate after the step.
+# AHEAD is the actuator's lead within its backlash. BLOCK is the first row of the coefficients from
+# :func:`prepare_actuator`.
 POSITION, MOVES, STAGE, NEXT, NEXT_RATE, COMMAND, SLOWED, AHEAD, BLOCK = range(9)
 N_EFFECTOR_ROWS = BLOCK + N_ACTUATOR_ROWS
 
@@ -73,7 +74,7 @@ class Actuator(NamedTuple):
     end: int
     end_rate: int
     command: int
-    slowed: int  # factor on the rate limit; the engine has none
+    slowed: int  # factor on the rate limit; not used for the engine
     ahead: int  # actuator minus surface position, at most half the backlash
     block: int  # first row of the coefficients from prepare_actuator
 
@@ -270,8 +271,8 @@ def place_actuator(Z, lane, row, position):
 def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, step):
     """Compute the step of an actuator that is first-order or has a dead zone or backlash.
 
-    The results are those of :func:`run_actuator`. ``bandwidth`` [lane] is that of a first-order
-    actuator, 0 for second order.
+    The results are stored in the same rows as by :func:`run_actuator`. ``bandwidth`` [lane] is the
+    bandwidth of a first-order actuator, and 0 for second order.
     """
     short, block = step / SUBSTEPS, rows.block
     for lane in range(low.size):
@@ -353,7 +354,7 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
 
 @lanes
 def set_actuators(Z, width):
-    """Set axes and engine to their state at the end of the step, for its last stage."""
+    """Set axes and engine to their state at the end of the step, for the last stage."""
     for i in range(s.AILERON, s.ETA_RATE + 1):
         for lane in range(width):
             Z[XS + i, lane] = Z[SUM + i, lane]

@@ -54,8 +54,8 @@ def make_cells(width: int) -> TableCells:
 def find_cells(Z, W, tables, cells):
     """Find the cell and fraction of every axis and lane; count values outside the grid.
 
-    Flights of a campaign are mostly in one cell or two neighbouring cells. Then no search is needed
-    and the loop over the lanes vectorizes (four times faster).
+    Flights of a campaign are mostly in one cell or two neighbouring cells. In this case no search
+    is needed and the loop over the lanes is vectorized, which is four times faster.
     """
     for lane in range(W):
         Z[OUTSIDE, lane] = 0.0
@@ -106,10 +106,10 @@ def search_cells(Z, W, cells, a, grid, inverse_step, length, variable):
 def interpolate_groups(T, W, tables, cells):
     """Interpolate all tables from the cells and fractions; store them in T [row, lane].
 
-    If lanes share a cell, or two neighbouring cells of a 1-D or 2-D table, they use the same corner
-    values and the loop over the lanes vectorizes. Otherwise each lane loads its own corners and the
-    loop over the contiguous tables vectorizes. The results are identical, bit for bit; a shared
-    cell takes half the time.
+    If all lanes are in one cell, or in two neighbouring cells of a 1-D or 2-D table, they use the
+    same corner values and the loop over lanes is vectorized. Otherwise each lane loads its own
+    corner values and the loop over contiguous tables is vectorized. The results are bit-identical;
+    a shared cell halves the computing time.
     """
     data, fraction, weight = tables.data, cells.fraction, cells.weight
     for g in range(tables.group_start.size):
@@ -231,7 +231,7 @@ def share_corners_3d(out, weights, t2, corners, corners_up, W):
 
 @lanes
 def look_up(Z, T, W, tables, cells):
-    """Look up all tables; store them in T [row, lane], and the fixed quantities in Z."""
+    """Look up all tables; store the values in T [row, lane], and FIXED_TABLE_ROWS in Z."""
     find_cells(Z, W, tables, cells)
     interpolate_groups(T, W, tables, cells)
     for i in range(len(FIXED_TABLE_ROWS)):

@@ -1,8 +1,8 @@
-"""Computation of air data and table variables, in the first loop of a stage.
+"""Air data and table variables, computed in the first loop of an integrator stage.
 
-The mission's nominal air consists of wind and a factor on the standard density over altitude, from
-a table; without a table it is not computed. The factor is constant over a control tick, like the
-factor of a dispersed profile.
+A mission may define its nominal air by a table of wind and of factors on the standard density over
+altitude. The density factor is constant over a control tick, like the factor of a dispersed
+profile.
 """
 
 import math
@@ -46,7 +46,8 @@ _WARMER = parameter_row("atmosphere.temperature")
 def flow_direction(u, v, w):
     """Return V, 1 / V, sin alpha, cos alpha, sin beta and cos beta of a body-axis velocity.
 
-    At rest both angles and 1 / V are zero, so that a dropped sphere is no special case.
+    At rest both angles and 1 / V are zero, so a sphere that is dropped from rest needs no special
+    treatment.
     """
     in_plane_squared = u * u + w * w
     speed = math.sqrt(in_plane_squared + v * v)
@@ -70,7 +71,7 @@ def flow_direction(u, v, w):
 def flow_angles(Z, width, alpha_row, beta_row):
     """Compute angle of attack and sideslip from the sines and cosines of the air data.
 
-    Both are usually within pi/8; then no octants are distinguished.
+    Both angles are usually within pi/8, where a faster function gives the same results.
     """
     is_large = False
     for lane in range(width):
@@ -168,7 +169,7 @@ def warm_air(Z, width, density_row, per_sound_row):
     """Apply the profile's temperature and the flight's offset to density and sound speed.
 
     The density already includes the temperature of the profile. The pressure does not change. The
-    offset cools the air to a tenth of its temperature at most.
+    offset cannot reduce the temperature to less than a tenth of its value.
     """
     for lane in range(width):
         per_sound, factor = Z[per_sound_row, lane], Z[s.TEMPERATURE_PROFILE, lane]

@@ -1,7 +1,7 @@
 """Gusts, turbulence and density profile of each flight, constant over a control tick.
 
-In flights without disturbances, additions are zero and factors are one, which leaves the bits
-unchanged.
+Without disturbances, all added values are 0 and all factors are 1, so the results of the flight are
+unchanged bit for bit.
 """
 
 import math
@@ -97,7 +97,7 @@ class Disturbances(NamedTuple):
     gusty: bool
     turbulent: bool
     profiled: bool  # whether there is a density profile
-    windy: bool  # whether the air moves: any wind, gust or turbulence
+    windy: bool  # whether there is any wind, gust or turbulence
 
 
 @lanes

@@ -1,7 +1,8 @@
-"""Custom dynamics of a vehicle: states of a custom function, integrated with its motion.
+"""Custom dynamics: states of a custom function, integrated with the vehicle's motion.
 
-The function is called once per stage, after all other forces, and receives the acceleration caused
-by these. Its force and moment are added to the derivatives, which are linear in both.
+The function is called once per stage, after all other forces have been computed, and receives the
+acceleration that they cause. The force and moment that it returns are added to the derivatives,
+which are linear in both.
 """
 
 from abhv_mc.kernel.jit import lanes

@@ -1,8 +1,8 @@
 """Effectors: surfaces mixed from the axis deflections, or with separate actuators.
 
 If effectors have actuators, the axes have none: axis commands are mixed before the actuators, and
-axis deflections are those that the effectors produce together. Actuators of effectors have the
-memory ``A[row, lane]``, which vehicles without them do not use.
+the axis deflections are those that all effectors produce together. The actuators of effectors use
+the memory ``A[row, lane]``.
 """
 
 import math
@@ -66,7 +66,7 @@ def set_effectors(Z, width, mix):
 def place_effectors(Z, A, width, vehicle, failing, without):
     """Set effector deflections at the stage, from axis deflections or from actuators.
 
-    ``failing`` means that an effector of some flight fails, see
+    ``failing`` is true if an effector fails in any flight, see
     :mod:`abhv_mc.kernel.plant.failures`. ``without`` is an axis whose contribution is omitted (-1
     for none); its deflection among the variables is then 0.
     """
@@ -96,7 +96,7 @@ def fail_effector(Z, width, row, e):
 
 @lanes
 def weaken_effector(Z, A, width, vehicle, e, i, without):
-    """Reduce an axis's contribution to an effector, given the positions of the effectors."""
+    """Reduce the contribution of axis ``i`` to effector ``e`` by the axis's effectiveness."""
     share, row = vehicle.effectors.share, natural(VAR + vehicle.effectors.variable[e])
     for f in range(share.shape[1]):
         if share[i, e, f] != 0.0:
@@ -221,7 +221,7 @@ def run_effectors(Z, A, width, vehicle, step, active):
 
 @lanes
 def end_effectors(A, width, vehicle):
-    """Set the effectors to their positions at the end of the step, for its last stage."""
+    """Set the effectors to their positions at the end of the step, for the last stage."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
@@ -230,7 +230,7 @@ def end_effectors(A, width, vehicle):
 
 @lanes
 def finish_effectors(Z, A, width, vehicle, alive):
-    """Set the effectors' state after the step; ended flights (``alive`` 0) keep theirs."""
+    """Set the effectors' state after the step, except in ended flights (``alive`` 0)."""
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):

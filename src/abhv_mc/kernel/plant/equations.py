@@ -1,4 +1,4 @@
-"""Forces, derivatives of the states and integrator sums, in the last loop of a stage.
+"""Forces, state derivatives and sums, computed in the last loop of an integrator stage.
 
 Body axes are forward-right-down, the local frame is north-east-down, and the Earth is a rotating
 ellipsoid. The equations are (2)-(4) of Zhu & Shen (2014) in these axes; moments are about the
@@ -48,7 +48,7 @@ def aerodynamic_force(constants, q_bar, lift, drag, side, flow):
 
 
 class Stage(NamedTuple):
-    """Stage of the integrator: ``sum = sum + weight k``, next stage's state ``x + ahead k``."""
+    """Stage with derivative ``k``: adds ``weight k`` to the sum; next state ``x + ahead k``."""
 
     weight: float
     ahead: float  # time from the start of the step to the next stage, s
@@ -96,14 +96,14 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         mass = Z[XS + s.MASS, lane]
         q_bar = Z[s.Q_BAR, lane]
 
-        # forces and moments about the centre of gravity
+        # Forces, and moments about the centre of gravity.
         lift = Z[_K_LIFT, lane] * Z[_LIFT, lane] + Z[_D_LIFT, lane]
         drag = Z[_K_DRAG, lane] * Z[_DRAG, lane] + Z[_D_DRAG, lane] + Z[s.ENGINE_DRAG, lane]
         side = Z[_K_SIDE_FORCE, lane] * Z[_SIDE_FORCE, lane]
         flow = Z[s.SIN_ALPHA, lane], Z[s.COS_ALPHA, lane], Z[s.SIN_BETA, lane], Z[s.COS_BETA, lane]
         fx, fy, fz = aerodynamic_force(constants, q_bar, lift, drag, side, flow)
         isp = Z[s.ISP, lane]
-        # A vehicle without an empty mass has a constant mass and a running engine.
+        # Without an empty mass, the vehicle has a constant mass and its engine always runs.
         fuel_left = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         nominal_thrust = thrust(
             Z, lane, constants, Z[XS + s.ETA, lane], Z[s.RHO, lane], Z[s.AIRSPEED, lane], q_bar
@@ -144,7 +144,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
             my += Z[s.F_MOMENT + 1, lane] + (arm_z * tx - arm_x * tz)
             mz += Z[s.F_MOMENT + 2, lane] - arm_y * tx
 
-        # rotation
+        # Equations of rotation.
         ixx = Z[s.INERTIA_XX, lane] * Z[s.K_XX, lane]
         iyy = Z[s.INERTIA_YY, lane] * Z[s.K_YY, lane]
         izz = Z[s.INERTIA_ZZ, lane] * Z[s.K_ZZ, lane]
@@ -158,7 +158,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
             Z[s.ANGULAR_ACCELERATION + 1, lane] = q_dot
             Z[s.ANGULAR_ACCELERATION + 2, lane] = r_dot
 
-        # translation over the ellipsoid
+        # Equations of translation over the ellipsoid.
         sin_lat, cos_lat = Z[s.SIN_LAT, lane], Z[s.COS_LAT, lane]
         meridian, vertical = radii(earth, sin_lat)
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
@@ -167,7 +167,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         if active is not None:
             Z[s.GRAVITY, lane], Z[s.GRAVITY + 1, lane], Z[s.GRAVITY + 2, lane] = g_x, g_y, g_z
         we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
-        # The inertial body rate plus Earth rate combines transport and Coriolis terms.
+        # Adding the Earth rate to the inertial body rate covers transport and Coriolis terms.
         a, b, c = p + we_x, q + we_y, r + we_z
         specific_x, specific_y, specific_z = (
             (fx + tx) * per_mass,
@@ -188,7 +188,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
         accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
 
-        # The attitude changes with the body rate relative to the local frame, which rotates itself.
+        # The attitude changes with the body rate relative to the local frame, which also rotates.
         n_x, n_y, n_z = rotate_to_body(
             q0, q1, q2, q3, lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat
         )

@@ -1,7 +1,8 @@
 """Failures of surfaces, engine and sensors at a control tick, from flight parameters.
 
-In flights whose failure times are all infinite, factors are one and additions are zero, which
-leaves the bits unchanged. A failure acts from the first control tick at or after its time.
+If all failure times are infinite, all factors are 1 and all added values are 0, so the results of
+the flight are unchanged bit for bit. A failure acts from the first control tick at or after its
+time.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
 _N_FIRST = 4  # number of effectors whose failures are in the first block of parameters
-_SAME_TIME = 1e-9  # time by which a tick may precede a failure's time, s
+_SAME_TIME = 1e-9  # tolerance when the time of a tick is compared with a failure time, s
 
 _TIMES = parameter_row(FAILURE_TIMES[0])  # three failure times per surface: stuck, loss, slow
 _EFFECTOR_TIMES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_time")
@@ -28,7 +29,7 @@ _ENGINE_TIME = parameter_row("failure.engine.time")
 _SENSOR_TIMES = parameter_row("failure.sensor.altitude.time")
 _MODES = parameter_row(
     "failure.aileron.stuck_at"
-)  # three values each: stuck_at, effectiveness, rate_limit
+)  # three values per surface: stuck_at, effectiveness, rate_limit
 _EFFECTOR_MODES = parameter_row(f"failure.{EFFECTORS[0]}.stuck_at")
 _MORE_TIMES = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_time")
 _MORE_MODES = parameter_row(f"failure.{EFFECTORS[_N_FIRST]}.stuck_at")
@@ -87,7 +88,7 @@ def start_failures(Z, width):
 
 @lanes
 def fail_sensors(Z, width, time):
-    """Apply failures to measurements, which are frozen, or biased if a bias is given."""
+    """Freeze the measurements of failed sensors, or add a bias if a bias is specified."""
     for i in range(s.N_MEASURED):
         for lane in range(width):
             failed = time >= Z[_SENSOR_TIMES + i, lane] - _SAME_TIME
@@ -121,7 +122,7 @@ def fail_plant(Z, A, width, failures, vehicle, time, tick):
 def hold_stuck(Z, lane, row, target, position, stuck):
     """Return a stuck surface's deflection: ``target``, or the ``position`` where it stuck.
 
-    ``row`` stores the deflection.
+    The deflection is stored in ``row``.
     """
     deflection = Z[row, lane]
     deflection = (position if deflection == NEVER else deflection) if target == NEVER else target
@@ -133,8 +134,8 @@ def hold_stuck(Z, lane, row, target, position, stuck):
 def fail_surfaces(Z, width, actuators, time):
     """Apply failures to aileron, rudder and elevator.
 
-    A surface that sticks at its position stops immediately; if it sticks elsewhere, its actuator
-    drives it there.
+    A surface that sticks at its current position stops immediately. If the failure specifies a
+    deflection, the actuator first drives the surface there.
     """
     for i in range(N_AXES):
         for lane in range(width):
@@ -248,7 +249,7 @@ def engine_lag(Z, lane, actuators):
 
 @lanes
 def fails_now(Z, lane, time, begin, duration):
-    """Return whether ``time`` is within the failure whose time and duration are given."""
+    """Return whether ``time`` is within a failure with the given start and duration."""
     since = time - Z[begin, lane]
     return since >= -_SAME_TIME and since < Z[duration, lane] - _SAME_TIME
 
@@ -257,7 +258,8 @@ def fails_now(Z, lane, time, begin, duration):
 def fail_engine(Z, width, vehicle, time, tick):
     """Compute thrust, drag and pitching moment after an engine failure or inlet unstart.
 
-    The thrust decays with the lag of the engine, which relights after a delay with a time constant.
+    The thrust decays with the lag of the engine. After the failure and a relight delay, it recovers
+    with the relight time constant.
     """
     constants, inlet = vehicle.constants, vehicle.constants.inlet
     ideal = vehicle.actuators[ENGINE, KIND] == IDEAL
@@ -289,7 +291,7 @@ def fail_engine(Z, width, vehicle, time, tick):
 def fail_engines(Z, width, vehicle, engine_fails, time, tick):
     """Apply failures of individual engines, whose reduced thrust shifts the thrust line.
 
-    Each thrust decays and recovers with the lag of the engine. ``engine_fails`` means that
+    Each engine's thrust decays and recovers with the lag of the engine. ``engine_fails`` is true if
     :func:`fail_engine` has been called.
     """
     ideal = vehicle.actuators[ENGINE, KIND] == IDEAL

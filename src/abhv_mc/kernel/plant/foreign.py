@@ -1,8 +1,8 @@
 """Custom aerodynamic coefficient function of a vehicle, called once for all lanes.
 
-Dispersions act as with tables. The factor on a coefficient's dependence on a variable multiplies
-``f(x) - f(x with the variable 0)`` or, for an axis, the difference without the axis' contribution
-to all deflections. This requires an additional evaluation for each dispersed variable.
+Dispersions have the same effect as with tables. The factor on a coefficient's dependence on a
+variable multiplies ``f(x) - f(x with the variable 0)``; for an axis, the second term omits the
+axis's contribution to all deflections. Each dispersed variable requires an additional evaluation.
 """
 
 from abhv_mc.kernel.jit import lanes
@@ -17,14 +17,14 @@ from abhv_mc.kernel.plant.thrust import DISPERSED, NOMINAL
 STEP = 1e-5  # step of central differences, rad
 _K_PART = parameter_row(
     "aero.lift.sideslip"
-)  # The other coefficients follow, in the order of the variables.
+)  # The rows of the other variables and coefficients follow.
 # number of dispersed variables: sideslip, rates and deflections
 N_PARTS = s.V_DELTA_E - s.V_BETA + 1
 
 
 @lanes
 def find_dispersed(Z, width):
-    """Determine which flights disperse coefficients by variable."""
+    """Determine in which flights a coefficient's dependence on a variable is dispersed."""
     for lane in range(width):
         Z[s.F_DISPERSED, lane] = 0.0
     for i in range(N_COEFFICIENTS * N_PARTS):

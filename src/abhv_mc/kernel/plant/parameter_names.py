@@ -13,7 +13,7 @@ from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS, MAX_ENGINE
 NEVER = math.inf  # time of a failure that does not occur
 DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 
-# parts that may fail: axes, effectors and engines by number, and sensors
+# Components that may fail: axes, effectors and engines (numbered), and sensors.
 AXES = ("aileron", "rudder", "elevator")
 EFFECTORS = tuple(f"effector_{i}" for i in range(MAX_EFFECTORS))
 ENGINES = tuple(f"engine_{i}" for i in range(MAX_ENGINES))
@@ -21,7 +21,7 @@ SENSORS = (
     *("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
 )
-# additional measurements of custom laws, whose errors were added later
+# Additional measurements for custom control laws, whose errors are in a separate block.
 MORE_SENSORS = (
     *(
         "airspeed",
@@ -54,7 +54,7 @@ SCALED_SENSORS = tuple(name for name in ALL_SENSORS if name not in UNSCALED_SENS
 SENSOR_NOISES = tuple(f"sensor.{name}_noise" for name in ALL_SENSORS)
 _RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 _GUST_AXES = ("forward", "right", "down")
-_FIRST = (*AXES, *EFFECTORS[:4])  # parts in the first block of failures
+_FIRST = (*AXES, *EFFECTORS[:4])  # components in the first block of failures
 _MORE = EFFECTORS[4:]
 
 

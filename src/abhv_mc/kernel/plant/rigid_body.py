@@ -7,7 +7,7 @@ from abhv_mc.kernel.plant import state as s
 
 @scalar
 def angular_acceleration(ixx, iyy, izz, i13, p, q, r, mx, my, mz):
-    """Return J^-1 (M - w x J w), eq. (3), with the product of inertia as matrix element 13."""
+    """Return J^-1 (M - w x J w), eq. (3); ``i13`` is element 13 of the inertia matrix J."""
     hx = ixx * p + i13 * r
     hy = iyy * q
     hz = izz * r + i13 * p

@@ -1,4 +1,4 @@
-"""Slopes of the coefficients over deflections and sideslip, for control allocation."""
+"""Derivatives of the coefficients by deflections and sideslip, for control allocation."""
 
 from typing import NamedTuple
 
@@ -18,8 +18,8 @@ class Effectiveness(NamedTuple):
     input: Ints  # [term] index into INPUTS
     row: Ints  # [term] table row, or a slope row after the tables
     variable: Ints  # [term] index of the variable
-    weight: Floats  # [term] weight
-    slope_group: Ints  # [slope] differentiated group
+    weight: Floats  # [term] constant factor
+    slope_group: Ints  # [slope] group of tables that is differentiated
     slope_axis: Ints  # [slope] axis of differentiation
     slope_row: Ints  # [slope] first slope row
 

@@ -1,7 +1,7 @@
 """Rows of the lane memory ``Z[row, lane]``.
 
-One block with constant rows shows the compiler that nothing overlaps, which lets it vectorize the
-loops over lanes.
+A single array with constant row numbers shows the compiler that rows do not overlap, so that it
+vectorizes the loops over lanes.
 """
 
 from typing import Any
@@ -59,7 +59,7 @@ MAX_TABLE_ROWS = 1024  # rows of tables and of their slopes over deflections, in
 MAX_AXES = 64  # maximum number of different grids
 
 # Contiguous blocks of the lane memory Z; each module defines the number of rows of its block.
-# Unpacking named rows fails for a range of another length.
+# Unpacking a range into row names fails at import if their number is wrong.
 X = 0  # state at the start of the step
 XS = X + N_STATES  # state at the stage of the integrator
 SUM = XS + N_STATES  # weighted sum of the stages' derivatives
@@ -68,25 +68,26 @@ VAR = P + len(PARAMETER_NAMES)  # variables of the tables and of the build-up
 COEF = VAR + len(VARIABLES)  # aerodynamic coefficients
 CMD = COEF + len(COEFFICIENTS)  # commands held over the tick
 AIR = CMD + 4  # air data of the stage
-FIXED = AIR + 20  # fixed quantities of the tables, in the order of FIXED_TABLE_ROWS
+FIXED = AIR + 20  # engine and mass properties, in the order of FIXED_TABLE_ROWS
 NAV = FIXED + len(FIXED_TABLE_ROWS)  # true motion relative to the Earth
 MEASURED = NAV + 8  # measurement, the input of the control laws
 N_MEASURED = len(SENSORS)
-N_SEEN = len(ALL_SENSORS)  # number of measurements, including the additional ones of custom laws
-COUNTED = MEASURED + N_SEEN  # 1 if the tick's sample is counted
+N_SEEN = len(ALL_SENSORS)  # number of measurements, including those for custom laws
+COUNTED = MEASURED + N_SEEN  # 1 if metrics count the sample of the tick, else 0
 COMMANDS = COUNTED + 1  # commands from the guidance to the attitude loop
 GUST = (
     COMMANDS + 3
 )  # gust and turbulence of the tick in body axes, and density and temperature factors
-TURBULENCE = GUST + 8  # random numbers, followed by the forming filters
+TURBULENCE = GUST + 8  # state of the random stream, followed by the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
 PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, constant during a flight
 # coefficients of the surface and engine actuators, constant during a flight
 ACTUATORS = PER_MASS_FACTOR + 1
-# current actuator: lowest, highest, rate, dead zone, half the backlash, bandwidth
+# limits of the actuator being computed: lowest and highest position, rate limit, dead zone, half of
+# the backlash, bandwidth
 LIMITS = ACTUATORS + 2 * N_ACTUATOR_ROWS
 AHEAD = LIMITS + 6  # actuator minus surface position within the backlash, for axes and engine
-FAILURE = AHEAD + 4  # failures at the tick, and their memory
+FAILURE = AHEAD + 4  # effects of failures at the tick, and states of failures
 FOREIGN = (
     FAILURE + 20 + 4 * MAX_ACTUATORS + N_MEASURED
 )  # arguments and results of custom functions of the vehicle
@@ -110,7 +111,7 @@ ANGULAR_ACCELERATION, GRAVITY = MOTION_ACCELERATION + 3, MOTION_ACCELERATION + 6
 CUSTOM_FORCE, CUSTOM_MOMENT = GRAVITY + 3, GRAVITY + 6
 SENSED = CUSTOM_MOMENT + 3  # additions to the measured quantities
 SETTING = SENSED + N_SEEN
-# The rows of control and flight follow, starting with the memory of the control law.
+# Rows of the subpackages laws and flight follow, starting with the memory of the control law.
 LAW = SETTING + MAX_SETTINGS
 
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)

@@ -8,7 +8,7 @@ from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.rigid_body import add_derivative, add_force, add_moment
 from abhv_mc.kernel.plant.state import XS, parameter_rows
 
-# The engine function receives the vehicle file's settings or those of each flight (``SETTING``).
+# An engine function receives the settings of the vehicle file or of each flight (``SETTING``).
 NOMINAL, DISPERSED = range(2)
 _INCLINATION, _AZIMUTH = parameter_rows("thrust.inclination", 2)
 
@@ -17,7 +17,8 @@ _INCLINATION, _AZIMUTH = parameter_rows("thrust.inclination", 2)
 def thrust(Z, lane, constants, eta, rho, airspeed, q_bar):
     """Return the thrust from tables, N.
 
-    The thrust is captured air times specific impulse, or dynamic pressure times a thrust area.
+    The thrust is proportional to captured air flow, equivalence ratio and specific impulse, or is
+    the product of dynamic pressure and a thrust area.
     """
     captured = constants.capture_thrust * eta * rho * airspeed * Z[s.CAPTURE, lane] * Z[s.ISP, lane]
     return captured + q_bar * Z[s.THRUST_AREA, lane]
@@ -62,7 +63,7 @@ def foreign_thrust(Z, width, vehicle, user_code):
     constants = vehicle.constants
     for lane in range(width):
         mass = Z[XS + s.MASS, lane]
-        # The engine of a vehicle without an empty mass always has fuel.
+        # A vehicle file without an empty mass means that the engine always has fuel.
         has_fuel = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
         factor = Z[s.K_THRUST, lane] * runs
@@ -127,7 +128,7 @@ def turn_thrust(Z, width, vehicle, by_function, stage):
         arm_x = x + Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[s.K_CG_X, lane]
         arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[s.K_CG_Y, lane]
         arm_z = z + Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[s.K_CG_Z, lane]
-        # 1 / mass of the stage
+        # reciprocal of the mass at the stage
         per_mass, _ = reciprocals(Z[s.V_MASS, lane] * Z[s.K_MASS, lane], 1.0)
         add_force(Z, lane, stage, per_mass, dx, dy, dz)
         p_dot, q_dot, r_dot = add_moment(

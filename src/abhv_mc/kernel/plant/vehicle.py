@@ -1,7 +1,7 @@
 """Packed form of a vehicle: named tuples of arrays for the compiled plant.
 
-They are arguments of the compiled code, not constants, so that one compiled flight serves every
-vehicle and changed tables need no new compilation.
+The tuples are arguments of the kernels, not constants, so one compiled kernel simulates any vehicle
+and changed tables need no compilation.
 """
 
 import math
@@ -16,7 +16,7 @@ MAX_EFFECTORS = 16
 MAX_ACTUATORS = MAX_EFFECTORS + 3
 MAX_ENGINES = 4
 
-# Variables of table axes and build-up terms, SI and radians.
+# Variables of table axes and build-up terms, in SI units and radians.
 # Effectors are surfaces of the vehicle, mixed from the three axis deflections.
 VARIABLES = (
     "one",
@@ -38,7 +38,8 @@ VARIABLES = (
 # Lift and drag are in stability axes, the side force is along body y, moments about body axes.
 COEFFICIENTS = ("lift", "drag", "side_force", "rolling_moment", "pitching_moment", "yawing_moment")
 
-# Quantities of every vehicle; entry i is table row ``Tables.fixed_row[i]`` (constant if absent).
+# Quantities that every vehicle has. Entry i is in table row ``Tables.fixed_row[i]``, which is
+# constant if the vehicle file has no table for it.
 FIXED_TABLE_ROWS = (
     "capture_area_ratio",  # ca(Mach, alpha); 0 if the vehicle has a thrust area instead
     "specific_impulse",  # specific impulse, s
@@ -62,7 +63,7 @@ class Tables(NamedTuple):
     rows from ``group_row``. Node (i, j, k) of group g starts at
     ``data[group_start[g] + i*stride[g,0] + j*stride[g,1] + k*stride[g,2]]``.
     Every group has two or three dimensions: a 1-D table gets a second axis of stride 0.
-    Constants are tables on the variable ``one`` (grid 0, 2), so they never leave the tables.
+    Constants are tables over the variable ``one`` (grid 0, 2), which never leaves the grid.
     """
 
     axis_variable: Ints  # [axis] index of the variable in VARIABLES
@@ -94,7 +95,7 @@ class BuildUp(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """Reference for measured values: 1 is relative to the air, 0 relative to the Earth."""
+    """Reference of measured values: 1 for the air, 0 for the Earth."""
 
     angle_of_attack: int = 0
     sideslip: int = 0
@@ -102,7 +103,7 @@ class Sensing(NamedTuple):
 
 
 class LoadBounds(NamedTuple):
-    """Largest values allowed in a flight, SI and radians; infinite without a limit."""
+    """Largest allowed values in a flight, in SI units and radians; infinite if unlimited."""
 
     dynamic_pressure: float = math.inf  # maximum dynamic pressure, Pa
     load_factor: float = math.inf  # maximum load factor, g
@@ -115,22 +116,22 @@ class LoadBounds(NamedTuple):
 
 
 class Inlet(NamedTuple):
-    """Range in which the inlet stays started, SI and radians, and effects of an unstart."""
+    """Flow conditions of a started inlet, and effects of an unstart, SI units and radians."""
 
-    unstarts: float = 0.0  # 1 if the vehicle file has a started range, else 0
+    unstarts: float = 0.0  # 1 if the vehicle file limits the flow of a started inlet, else 0
     angle_of_attack_min: float = -math.inf
     angle_of_attack_max: float = math.inf
     sideslip_max: float = math.inf
     mach_min: float = -math.inf
     mach_max: float = math.inf
-    # time inside the range until the inlet restarts, s; infinite: never
+    # time inside the range until the inlet restarts, s; infinite if it never restarts
     restart_delay: float = math.inf
     drag_increment: float = 0.0
     pitching_moment_increment: float = 0.0
 
 
 class Foreign(NamedTuple):
-    """Custom functions of the vehicle, whose code is identified by its digest."""
+    """Custom functions of the vehicle, whose code is identified by a digest."""
 
     aerodynamics: int  # 1 if custom functions compute the coefficients
     propulsion: int  # 1 if custom functions compute the thrust
@@ -148,12 +149,12 @@ def no_functions() -> Foreign:
 
 
 class Constants(NamedTuple):
-    """Constants of a vehicle, SI and radians."""
+    """Constants of a vehicle, in SI units and radians."""
 
     area: float  # reference area, m2
     span: float  # reference span (roll and yaw), m
     chord: float  # reference chord (pitch), m
-    # T = capture_thrust * eta * rho * V * ca * Isp: stoichiometric ratio * cowl area * g0
+    # stoichiometric ratio * cowl area * g0, so that T = capture_thrust * eta * rho * V * ca * Isp
     capture_thrust: float
     standard_gravity: float  # g0 of the specific impulse, m/s2: fuel flow = T / (g0 Isp)
     thrust_cos: float  # cosine and sine of the upward inclination of the thrust line
@@ -161,23 +162,23 @@ class Constants(NamedTuple):
     thrust_offset_z: float  # distance of the thrust line below the moment reference, m
     mass_start: float  # initial mass, kg
     mass_empty: float  # mass without fuel, kg
-    burns_fuel: float  # 1; 0 without an empty mass: the mass is constant and the engine runs
+    burns_fuel: float  # 1, or 0 if mass is constant and the engine always runs
     surface_limit: float  # largest axis deflection that a control law commands, rad
     equivalence_ratio_min: float  # minimum and maximum throttle
     equivalence_ratio_max: float
     angle_of_attack_min: float  # A flight ends outside this range of the angle of attack, rad.
     angle_of_attack_max: float
     sideslip_max: float
-    # 1: drag opposes the velocity (a sphere); 0: drag and lift in stability axes
+    # 1 if drag opposes the velocity (as for a sphere), 0 if drag and lift are in stability axes
     drag_in_wind_axes: float
     nose_radius: float  # nose radius, m; 0 if the vehicle file has none
     inlet: Inlet
     bounds: LoadBounds  # limits beyond which a flight ends
     # delay from the end of an engine's failure to the start of its recovery, s
     relight_delay: float = 0.0
-    relight_time_constant: float = 0.0  # time constant of the recovery, s; 0: the lag of the engine
+    relight_time_constant: float = 0.0  # time constant of recovery, s; if 0, the engine's lag
     sensing: Sensing = Sensing()  # reference for the measured angles and speed
-    # 1: effectors have actuators; 0: the three axes have actuators, and effectors follow
+    # 1 if the effectors have actuators; 0 if the three axes have actuators and effectors follow
     driven: float = 0.0
 
 
@@ -186,12 +187,12 @@ class Effectors(NamedTuple):
 
     variable: Ints  # [effector] index in VARIABLES of its deflection
     mix: Floats  # [effector, 3] radians of effector per radian of (aileron, rudder, elevator)
-    share: Floats  # [axis, effector, effector] projection of deflections onto an axis, within a set
-    axes: Floats  # [axis, effector] pseudo-inverse of the mix, from effectors to axes
+    share: Floats  # [axis, effector, effector] projection onto each axis (vehicle.actuators)
+    axes: Floats  # [axis, effector] pseudo-inverse of the mix, which maps effectors to axes
 
 
 class Vehicle(NamedTuple):
-    """Packed vehicle."""
+    """Vehicle in packed form, as an argument of the kernels."""
 
     constants: Constants
     tables: Tables
@@ -201,7 +202,7 @@ class Vehicle(NamedTuple):
     effectors: Effectors
     # [actuator, column of actuator_step] aileron, rudder, elevator, engine, effectors
     actuators: Floats
-    effector_names: Ints  # [effector, letter] code points, padded with zeros
-    # [engine, 4] share of the thrust; x, y, z from the thrust line, m; empty: one engine
+    effector_names: Ints  # [effector, letter] Unicode code points, padded with zeros
+    # [engine, 4] share of the thrust, and x, y, z from the thrust line, m; empty for one engine
     engines: Floats
     foreign: Foreign = no_functions()

@@ -1,1 +1,1 @@
-"""Kernels for stability margins: plant and laws at single points, loop gains, mu."""
+"""Kernels for stability margins: plant and laws at points, loop gains, singular values."""

@@ -11,8 +11,8 @@ def fill_loop_gains(
 ):
     """Fill ``result`` [point, input, input] with the loop gains of all points.
 
-    ``angle`` [point] is in rad per control period. The other arguments are those of
-    ``stability.margins``.
+    ``angle`` [point] is the frequency in rad per control period. The other arguments are described
+    in ``stability.margins``.
     """
     n, m = plant_A.shape[1], law_A.shape[1]
     inputs, outputs = law_D.shape[1], law_D.shape[2]
@@ -27,7 +27,7 @@ def fill_loop_gains(
         for block in range(2):
             A = plant_A[p] if block == 0 else law_A[p]
             size = n if block == 0 else m
-            # The right-hand side contains either plant inputs, or plant outputs fed to the law.
+            # The right-hand side contains plant inputs, or plant outputs that the law receives.
             for i in range(size):
                 for k in range(inputs):
                     total = complex(0.0, 0.0)
@@ -37,7 +37,7 @@ def fill_loop_gains(
                         for j in range(outputs):
                             total += law_B[p, i, j] * y[j, k]
                     x[i, k] = total
-            # (z - A) x = b is solved by elimination, with the larger pivot of two adjacent rows.
+            # (z - A) x = b is solved by elimination; the pivot is the larger of two adjacent rows.
             for i in range(size):
                 for j in range(max(i - 1, 0), size):
                     work[i, j] = -A[i, j]

@@ -1,4 +1,4 @@
-"""Evaluation of the compiled plant and control laws at single points, in parallel."""
+"""Evaluation of the compiled plant and control laws at single points, in parallel lanes."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ class PlantAnswer(NamedTuple):
     rates: Floats  # [point, 14] rates of the states that precede the actuator states
     custom_rates: Floats  # [point, state] rates of custom dynamics
     variables: Floats  # [point, variable] variables of the tables
-    # [point, measured] without bias, noise and delay, but with failed sensors
+    # [point, measured] measurements without bias, noise and delay, but with sensor failures
     measured: Floats
 
 
@@ -60,7 +60,7 @@ def _store(Z, row, values, start, n):
 
 @lanes
 def _fail(plan, memory, width, active, tick):
-    """Apply failures to the plant; the branch is not compiled if ``active`` is None."""
+    """Apply failures to the plant; their code is not compiled if ``active`` is None."""
     if active is not None:
         tick_length = plan.timing.step * plan.timing.steps_per_tick
         fail_plant(
@@ -95,8 +95,8 @@ def make_probe_begin(lean: bool) -> Callable[..., Any]:
     def probe_begin(plan, memory, before, moving, numbers, tick, sensed, acting):
         """Start a tick from memory ``before`` [point, row] and effector memory ``moving``.
 
-        ``sensed`` [point, row] is the memory after the measurement, and ``acting`` the memory after
-        failures of the plant.
+        The function fills ``sensed`` [point, row] with the memory after the measurement, and
+        ``acting`` [point, row] with the memory after failures of the plant.
         """
         if has_width(memory, LANES):
             find = lean_active if lean else find_active
@@ -178,10 +178,10 @@ def make_probe_plant(lean: bool) -> Callable[..., Any]:
     ):
         """Fill ``answer`` for ``states`` [point, state] and memory ``acting`` [flight, row].
 
-        ``custom`` [point, state] contains custom states; ``positions`` [point, effector] those of
-        effectors with actuators. ``flight`` [point] is the flight of each point and ``numbers``
-        [point] its number. Slow effectors keep their deflection or, with ``centred``, are set by
-        the mix of the state.
+        ``custom`` [point, state] contains custom states, and ``positions`` [point, effector] the
+        positions of effectors with actuators. ``flight`` [point] and ``numbers`` [point] are the
+        rows of each point in ``acting`` and in ``states``. Slow effectors keep their deflections;
+        if ``centred`` is true, their deflections follow the mix of the state.
         """
         if has_width(memory, LANES):
             find = lean_active if lean else find_active
@@ -212,7 +212,7 @@ def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
             source = numbers[start + min(lane, n - 1)]
             for i in range(rows.size):
                 Z[rows[i], lane] = before[source, i]
-            Z[s.P, lane] = 1.0  # factor of the nominal vehicle's terms
+            Z[s.P, lane] = 1.0  # factor on the nominal vehicle's terms
         control(plan, memory, width, plan.law, active, tick)
         for lane in range(n):
             for i in range(rows.size):

@@ -1,9 +1,10 @@
 """Upper bound of the structured singular value for complex diagonal blocks.
 
-mu(M) <= min over diagonal D of sigma(D M D^-1), which is convex in log D, equal to mu for up to
-three blocks and nearly equal for four: Packard and Doyle, Automatica 29 (1993) 71-109. Scalings
-start from Osborne's balancing, followed by BFGS with a weak Wolfe search, which also works where
-two singular values coincide (Lewis and Overton, Math. Program. 141 (2013)).
+The upper bound on mu(M) is the minimum over diagonal D of sigma(D M D^-1), which is convex in log
+D. The bound equals mu for up to three blocks and nearly equals mu for four (Packard and Doyle,
+Automatica 29 (1993) 71-109). The minimization starts from Osborne's balancing and uses BFGS with a
+weak Wolfe search, which also works where two singular values coincide (Lewis and Overton, Math.
+Program. 141 (2013)).
 """
 
 import numpy as np
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.jit import kernel, routine
 
-_SWEEPS = 30  # maximum sweeps of Jacobi's method; five are usual
-_STEPS = 60  # maximum steps of the descent
+_SWEEPS = 30  # maximum number of sweeps of Jacobi's method, which usually needs five
+_STEPS = 60  # maximum number of steps of the descent
 _FLAT = 1e-10  # gradient norm at which the descent ends
 
 
@@ -204,7 +205,7 @@ def _peak(M, value, peak_index):
             _osborne(M[system, best], x)
             bound[best] = _descend(M[system, best], x, H, V, room)
             tight[best] = 1
-            # The scaling is also good at neighbouring frequencies, most of which need no descent.
+            # The scaling is also good at neighbouring frequencies, so most of them need no descent.
             for f in range(M.shape[1]):
                 if bound[f] > bound[best] and tight[f] == 0:
                     bound[f] = min(bound[f], _sigma(M[system, f], x, H, V, room[0]))

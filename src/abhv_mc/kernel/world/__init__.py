@@ -1,1 +1,1 @@
-"""Earth, atmosphere and gusts."""
+"""Models of the Earth, the atmosphere and gusts."""

@@ -1,9 +1,9 @@
-"""U.S. Standard Atmosphere 1976 up to 86 km in lanes, with selects, one log and one exp.
+"""U.S. Standard Atmosphere 1976 up to 86 km, vectorized with one log and one exp.
 
-"U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table 2), layers
-(table 4), pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The temperature is the
-molecular-scale temperature, which determines density and speed of sound; it equals the kinetic
-temperature up to 80 km and exceeds it by 0.04 % at 86 km.
+The source is "U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1: defining constants (table
+2), layers (table 4), pressure eqs. 33a and 33b, density eq. 42, speed of sound eq. 50. The
+temperature is the molecular-scale temperature, which determines density and speed of sound; it
+equals the kinetic temperature up to 80 km and exceeds it by 0.04 % at 86 km.
 """
 
 import math
@@ -53,7 +53,7 @@ def geopotential_height(altitude: float) -> float:
 
 @scalar
 def layer_at(height: float) -> Layer:
-    """Return the layer at a geopotential height (m); the lowest one below 0 m and for NaN."""
+    """Return the layer at a geopotential height (m); below 0 m and for NaN, the lowest one."""
     base, top = _BASE[0], _BASE[1]
     base_temperature = _TEMPERATURE[0]
     relative_lapse = _RELATIVE_LAPSE[0]
@@ -107,8 +107,8 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
 def atmosphere_lanes(Z, width, altitude_row, density_row, per_sound_row):
     """Compute density and 1 / speed of sound in every lane.
 
-    Flights of a campaign are mostly in the same layer: then the layer's numbers are scalars, and an
-    isothermal layer needs no logarithm.
+    Flights of a campaign are mostly in the same layer. In this case the layer's numbers are
+    scalars, and an isothermal layer needs no logarithm.
     """
     for lane in range(width):
         Z[density_row, lane] = geopotential_height(Z[altitude_row, lane])

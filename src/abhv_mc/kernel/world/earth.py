@@ -1,4 +1,4 @@
-"""Figure, gravity and rotation of the Earth, also as a non-rotating sphere."""
+"""Figure, gravity and rotation of the Earth, optionally as a non-rotating sphere."""
 
 import math
 from typing import NamedTuple
@@ -14,7 +14,7 @@ class Earth(NamedTuple):
     gravitational_parameter: float  # GM, m3/s2
     j2: float  # second zonal harmonic, 0 for a central field
     rotation_rate: float  # rotation rate, rad/s; 0 without rotation
-    # factor on J2's attraction towards the equator; other than 1 only to replay a faulty model
+    # factor on J2's attraction towards the equator; differs from 1 only to replay a faulty model
     j2_meridional: float = 1.0
 
 

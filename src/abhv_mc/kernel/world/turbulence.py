@@ -5,7 +5,8 @@ import math
 from abhv_mc.kernel.jit import scalar
 from abhv_mc.kernel.numerics.lane_math import exp, log, sincos
 
-# filter states: one longitudinal, two lateral, two vertical, roll, lagged lateral, lagged vertical
+# number of filter states: one longitudinal, two lateral, two vertical, one roll, and one lagged
+# state each of the lateral and the vertical gust
 N_FILTER_STATES = 8
 
 _ROOT3 = math.sqrt(3.0)
