@@ -36,7 +36,7 @@ class LeastFlight:
 
 @dataclass(frozen=True)
 class FlightMargins:
-    """Margins of those flights of a controller for which they were requested."""
+    """Margins of a controller's flights for which margins were requested."""
 
     flights: int
     unstable: int  # number of flights that are unstable at one or more points
@@ -72,7 +72,7 @@ class LeastMargins:
 
     @property
     def words(self) -> tuple[str, str]:
-        """Gain and phase margin as strings: '14.3 dB (rudder)', '63 deg (elevator)', or ''."""
+        """Gain and phase margin as '14.3 dB (rudder)' and '63 deg (elevator)'; '' if infinite."""
         gain = f"{fixed(self.gain, 1)} dB ({self.gain_loop})" if np.isfinite(self.gain) else ""
         return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(
             self.phase

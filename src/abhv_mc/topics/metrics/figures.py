@@ -29,7 +29,8 @@ class Spread:
     """Values of one metric in the flights of every controller."""
 
     label: str
-    values: Mapping[str, Floats]  # controller -> value per flight; infinite if the flight failed
+    # controller -> value per flight; infinite if the flight terminated early
+    values: Mapping[str, Floats]
     limits: Sequence[float] = field(default=())  # limits of requirements
     unit: str = ""
 
