@@ -58,7 +58,7 @@ class ContrastController:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Comparison of two campaigns on different samples, by the requirements of the first."""
+    """Comparison of two campaigns on different samples, by the first one's requirements."""
 
     # changed inputs, e.g. 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
     changes: tuple[str, ...]
@@ -77,8 +77,7 @@ def contrast_results(
     for results in (a, b):
         if results.campaign.unknowns.names:
             problem = (
-                "flights at values of the unknowns, with samples that differ from the other "
-                "folder's"
+                "a campaign with unknowns, whose samples differ from those of the other folder"
             )
             raise InputError(
                 results.folder, problem, "the same samples, or campaigns without unknowns"

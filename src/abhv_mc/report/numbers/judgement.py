@@ -42,7 +42,8 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 4
 _NAMED = 2  # maximum number of violated requirements or metrics named in a sentence
-_MOST_LONGER = 100  # largest commanded number of flights, as a multiple of the present number
+# largest number of flights for which a command is suggested, as a multiple of the present number
+_MOST_LONGER = 100
 _FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
 _SAME_USAGE = 0.05  # largest deviation of a control-effort ratio from 1 that is not mentioned
@@ -148,7 +149,7 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
     verdicts, names = models[VERDICTS], models.names
     number = len(verdicts.requirements)
     if not number:
-        return "Nothing is required."
+        return "The campaign has no requirements."
     bound = _binding_statuses(verdicts)
     own = {name: _binding_verdicts(verdicts, name) for name in (*bound, *names.controllers)}
     meeting = [
@@ -193,7 +194,7 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
 
 
 def _subject_words(controllers: list[str], words: str) -> str:
-    """Return a clause on one or several controllers; `words` begin with a singular verb."""
+    """Return a clause on one or several controllers; `words` starts with a singular verb."""
     verb, _, rest = words.partition(" ")
     if len(controllers) > 1:
         verb = {"has": "have", "is": "are", "misses": "miss"}[verb]
@@ -213,10 +214,9 @@ def _all_of(number: int) -> str:
 
 
 def _concerned_controllers(models: Models) -> list[str]:
-    """Return the controllers in question.
+    """Return the controllers to which requirements apply or that the question names.
 
-    These are the controllers that requirements bind or that the campaign's question names; all,
-    without a question.
+    If the campaign has no question, all controllers are returned.
     """
     campaign = models.results.campaign
     asked = campaign.compared if campaign.model.asks else tuple(models.names.controllers)
@@ -226,7 +226,7 @@ def _concerned_controllers(models: Models) -> list[str]:
 def _binding_verdicts(
     verdicts: Verdicts, name: str
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the requirements that bind a controller, with verdicts; all if none binds it.
+    """Return the requirements that apply to a controller, or else all, with their verdicts.
 
     The verdict is None if no flight of the controller could be computed.
     """
@@ -310,7 +310,7 @@ def _better_words(models: Models, better: str) -> str:
 
 
 def _losing(pairs: Sequence[ControllerPair]) -> bool:
-    """Return whether any pair shows a controller that loses more flights."""
+    """Return whether early terminations differ significantly in any pair of controllers."""
     return any(pair.losing for pair in pairs)
 
 
@@ -322,10 +322,10 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
         (rival,) = counts.keys() - {better}
         compared = f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs)}"
         winner, loser = names.subject(better), names.subject(rival)
-        return f"{winner} is better than {loser}: {compared} flights lost."
+        return f"{winner} is better than {loser}: {compared} flights terminated early."
     rivals: dict[str, list[str]] = {}  # reason -> rival controllers to which it applies
     for pair in pairs:
-        reason = "by losing fewer flights"
+        reason = "with fewer early terminations"
         if not pair.losing:
             standings = standing(pair, names)
             won = standings["better" if better == pair.a else "worse"]
@@ -341,13 +341,13 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
 
 
 def _compared_pairs(models: Models) -> list[ControllerPair]:
-    """Return the pairs of controllers in question; by default, all pairs with the first."""
+    """Return the pairs to compare; by default, all pairs that include the first controller."""
     pairs, compared = models[COMPARISON].pairs.values(), models.results.campaign.compared
     return [pair for pair in pairs if not compared or {pair.a, pair.b} <= set(compared)]
 
 
 def _binding_statuses(verdicts: Verdicts) -> dict[str, set[str]]:
-    """Return the statuses of the requirements that bind each controller.
+    """Return the statuses of the requirements that apply to each controller.
 
     The status is NOT SHOWN if none of the controller's flights could be computed.
     """
@@ -383,7 +383,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
     pairs = _compared_pairs(models)
     is_answered = len(names.controllers) == 2 and better in names.controllers and _losing(pairs)
     if lost and not is_answered:
-        yield f"Lost flights: {shorten_list(lost)}."
+        yield f"Early terminations: {shorten_list(lost)}."
     margins = {name: least_margins(models[MARGINS], name) for name in names.controllers}
     loops = [
         f"{names.subject(name)} {least.words[0] if least.stable else 'unstable'}"
@@ -491,12 +491,12 @@ def _confidence_words(models: Models, better: str) -> str:
         return ""
     if joint is None:
         why = models.results.campaign.dependence
-        return f"Estimates, no verdicts: {why}."
+        return f"Results are estimates, not verdicts: {why}."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = joint.stand + len(joint.dropped)
     sentences = []
     if passed:
-        text = f"Each PASS holds with at most {percent(risk, 2)} consumer's risk"
+        text = f"Each PASS has at most {percent(risk, 2)} consumer's risk"
         if passed > 1 and joint.stand:
             jointly = f"all {passed}" if joint.stand == passed else f"{joint.stand} of {passed}"
             text += f"; {jointly} PASS verdicts also hold{'s' * (joint.stand == 1)} jointly"
@@ -511,7 +511,7 @@ def _confidence_words(models: Models, better: str) -> str:
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
-    """Return the number of flights at which all PASS hold jointly; None if they already do.
+    """Return the number of flights at which all PASS verdicts hold jointly; None if they do.
 
     The joint verdicts follow Holm's procedure; no further failure is assumed.
     """
@@ -585,7 +585,9 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     jointly = flights_for_joint_verdicts(verdicts)
     if jointly:
         return _longer_run(
-            jointly, f"all hold jointly with {fixed(jointly, 0)} flights if no more fail", flies
+            jointly,
+            f"all PASS verdicts hold jointly with {fixed(jointly, 0)} flights if no more fail",
+            flies,
         )
     if met != "yes":
         return None
@@ -595,7 +597,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
 
 
 def _concerned_statuses(models: Models) -> list[str]:
-    """Return the statuses of the verdicts on the controllers in question."""
+    """Return the statuses of the verdicts on the controllers of interest."""
     return [
         verdict.status
         for name in _concerned_controllers(models)
@@ -619,7 +621,7 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
         )
     several, each = len(binding) > 1, " at each point" if has_unknowns else ""
     if advice := advise(binding):
-        condition = ", more if their true failure rates are alike" if several else ""
+        condition = ", or more if their failure rates are correlated" if several else ""
         subject = f"all {len(binding)} verdicts are" if several else "the verdict is"
         at_worst = f" at the worst point{'s' * several}" * has_unknowns
         chance = f"{subject} PASS{at_worst} with a chance of {about(advice.chance)}{condition}"
@@ -647,9 +649,9 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
     if separate:
         need = fixed(max(single.flights for single in separate), 0)
         number = f"{len(separate)} of the {len(open_ones)} undecided verdicts"
-        text += f"; by itself, a PASS is likely for {number} with up to {need} flights"
+        text += f"; individually, PASS is likely for {number} with up to {need} flights"
     else:
-        text += f"; at least {fixed(least, 0)} are needed"
+        text += f"; at least {fixed(least, 0)} flights are needed"
     return NextStep(text)
 
 

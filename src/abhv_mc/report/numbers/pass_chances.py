@@ -37,7 +37,7 @@ class PassChance:
 
 @dataclass(frozen=True)
 class PlannedRequirement:
-    """Flights and chances of PASS for one requirement."""
+    """Numbers of flights and chances of PASS for one requirement."""
 
     metric: str
     words: str
@@ -59,7 +59,7 @@ class Band:
 
 @dataclass(frozen=True)
 class JointPassChance:
-    """Bounds on the chance that the verdict on all requirements is PASS."""
+    """Bounds on the chance that the verdicts on all requirements are PASS."""
 
     runs: int
     at_some_flight: Band
@@ -142,7 +142,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the largest number of judged points, and the number of flights to find them."""
+    """Return the largest number of points, and the number of flights that search for them."""
     unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0

@@ -69,15 +69,17 @@ def contrast_section(
     """Return the section with changed inputs, changed verdicts and tables."""
     labels = _labels(a, b, contrast)
     answers = [*change_sentences(contrast, labels)]
-    lead = Lead(answers[0] if answers else "Nothing is required.", tuple(answers[1:]))
+    lead = Lead(
+        answers[0] if answers else "The campaigns have no requirements.", tuple(answers[1:])
+    )
     changes = [change for change in contrast.changes if not change.startswith("name: ")]
     if len(changes) > _MOST_CHANGES:
         changes = [*changes[:_MOST_CHANGES], f"{len(changes) - _MOST_CHANGES} more"]
     sentences = [f"{titles[1]} differs from {titles[0]} in {joined(changes)}."] if changes else []
     sentences.append(
-        "The samples differ, so flights are not paired. Differences are second minus first with "
-        "95 % intervals: Newcombe's for shares, bootstrap for quantiles. An interval that excludes "
-        "0 shows a difference."
+        "The samples differ, so flights are not paired. Differences are the second minus the first "
+        "campaign, with 95 % intervals (Newcombe's for shares, bootstrap for quantiles). An "
+        "interval that excludes 0 shows a difference."
     )
     differing, every = (
         _quantile_table(a, contrast, labels, titles, shows_all=shows_all)
@@ -174,7 +176,7 @@ def _verdict_table(
         ("Requirement", a.campaign.kind.capitalize(), *titles, "Difference"),
         tuple(groups),
         "Verdicts and failures by the requirements of the first campaign"
-        f"{counts}, and the difference of the failure share",
+        f"{counts}, and the difference of the failure shares",
         numbers=False,
     )
 
@@ -245,8 +247,8 @@ def _quantile_table(
     title = "All quantiles" if shows_all else "Quantiles with a shown difference"
     caption = f"{title}, of the required metrics"
     if shows_all:
-        dash = "fewer than five flights lie beyond the quantile, or lost flights reach it"
-        caption = f"{title}. A dash: {dash}"
+        dash = "fewer than five flights lie beyond the quantile, or early terminations reach it"
+        caption = f"{title}. A dash means: {dash}"
     return Table(
         title,
         ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference"),

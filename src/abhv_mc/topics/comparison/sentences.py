@@ -71,7 +71,7 @@ def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], 
 
 
 def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
-    """Return text such as ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)'."""
+    """Return text like ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)'."""
     entry = pair.metrics[metric]
     shares = [("better", entry.a_better), ("worse", entry.b_better)]
     phrases = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
@@ -171,7 +171,7 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails not compared ...' if there are too few flights to compare tails, else ''."""
+    """Return '; tails not compared ...' if there are too few flights for tails, else ''."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])

@@ -181,8 +181,8 @@ def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
     text += ", on the same samples" * (len(names.controllers) > 1)
     if campaign.model.stop:
         text += (
-            f" (at most {fixed(campaign.runs, 0)}; the campaign stops when its requirements are "
-            "proven)"
+            f" (at most {fixed(campaign.runs, 0)}; the campaign stops when every verdict is "
+            "PASS or FAIL)"
         )
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} in sequence"
     if origin := campaign.simulator.origin:
