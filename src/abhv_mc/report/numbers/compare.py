@@ -220,8 +220,9 @@ def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequen
     text = (
         f"{point}{label} {'passes' if gate.shown else 'is rejected'}: "
         f"it is {'' if gate.within_low > 0.5 else 'NOT '}shown to be at most "
-        f"{100.0 * gate.margin:g} % worse on more than half of the flights ({gate.within} of {gate.pairs} flights; at 95 % "
-        f"confidence at least {percent(gate.within_low, 2)} of all)"
+        f"{100.0 * gate.margin:g} % worse on more than half of the flights ({gate.within} of "
+        f"{gate.pairs} flights; with 95 % confidence, at least {percent(gate.within_low, 2)} of "
+        "all)"
     )
     reasons = [
         f"its {100.0 * level:.4g} % quantile is shown to be worse by more than this margin"

@@ -60,8 +60,9 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
     how_many = "as many" if result.random == result.searched else f"{result.random}"
     answers = [
         first,
-        f"Among {how_many} random flights in the same box, drawn from the campaign's distributions, "
-        f"the worst {random if _ended_early(result, result.random_worst) else f'has {random}'}.",
+        f"Among {how_many} random flights in the same box, drawn from the campaign's "
+        "distributions, the worst "
+        f"{random if _ended_early(result, result.random_worst) else f'has {random}'}.",
         f"Parameters at an end of their range: {', '.join(result.at_bounds) or 'none'}."
         + (" A wider box would probably contain a worse case." if result.at_bounds else ""),
         "A search shows what can happen in the box, not how often: all points of the box have "
