@@ -42,7 +42,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public object on first use, which avoids circular imports; return the object."""
+    """Return a public object, which is imported on first use to avoid circular imports."""
     if name not in __all__:
         raise AttributeError(f"module 'abhv_mc.topics' has no attribute '{name}'")
     return getattr(import_module(_HOMES.get(name, "abhv_mc.topics.section")), name)

@@ -109,7 +109,7 @@ def _legend(
     band_names: Sequence[str],
     lines: Sequence[Patch | Line2D],
 ) -> None:
-    """Add a legend for the lines, the bands and the reference that are drawn."""
+    """Add a legend for the lines, bands and references in the figure."""
     panels = [panel for row in rows for panel in row.panels]
     drawn = {name for panel in panels for name in panel.bands}
     handles = list(lines)
@@ -214,7 +214,8 @@ def _overlay(axes: Axes, row: EnvelopeRow) -> None:
             curve = panel.x, panel.bands[edge]
             axes.plot(*curve, color=color, zorder=order, **_SIMULTANEOUS_LINE)
     if row.panels[0].reference is not None:
-        axes.plot(*row.panels[0].reference, **REFERENCE, zorder=4.0)  # thinner than the medians
+        # drawn thinner than the medians
+        axes.plot(*row.panels[0].reference, **REFERENCE, zorder=4.0)
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:

@@ -106,8 +106,8 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """Return an empty figure with a layout that avoids overlaps; sizes are in inches."""
-    # The layout depends on the text size and thus on the resolution, so the figure has the
-    # resolution of the file from the start.
+    # The layout depends on the text size and thus on the resolution, so it is computed at
+    # the resolution of the file.
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -172,7 +172,7 @@ def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> Annotation:
 
 def title_panel(axes: Axes, title: str, **look: Any) -> None:
     """Put the title of a panel next to its letter, in several lines if it is long."""
-    beyond = -0.3 if look else 0.0  # space in inches for the letter and for wider characters
+    beyond = -0.3 if look else 0.0  # space in inches for the letter and for wide characters
     words = _put_above(axes, wrap(axes, title, beyond), _INDENT, linespacing=1.1, **look)
     for letter in axes.texts:
         if isinstance(letter, Annotation) and letter.get_gid() == _LETTER_ID:
@@ -198,7 +198,7 @@ def label_lowest(grid: Any, count: int, label: str) -> None:
 
 
 def legend_below(figure: Figure, *panels: Axes, more: Iterable[tuple[str, Any]] = ()) -> None:
-    """Add one legend below all panels: ``more`` (label, handle), then the panels' labels."""
+    """Add one legend below all panels; its first entries are the pairs in ``more``."""
     entries = dict(more) | {
         label: handle
         for axes in panels

@@ -20,7 +20,7 @@ class Cell:
 
     text: str
     note: str = ""  # small text next to the value, such as an interval
-    rows: int = 1  # number of rows that the cell spans; the lower rows omit it
+    rows: int = 1  # number of rows that the cell spans; the rows below the first omit the cell
     columns: int = 1
     head: bool = False  # whether the cell is a row header
     verdict: bool = False  # whether the cell is a verdict: PASS, FAIL, NOT SHOWN or ESTIMATE

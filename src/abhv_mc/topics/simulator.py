@@ -1,4 +1,4 @@
-"""Report topic: repeatability of a user's simulator, and causes of flights that failed."""
+"""Report topic: repeatability of a user's simulator, and why its flights failed to run."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

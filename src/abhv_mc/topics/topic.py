@@ -76,7 +76,7 @@ class Models:
 
     @cached_property
     def users(self) -> tuple["Topic[Any]", ...]:
-        """Custom topics that succeed for this campaign; failures are reported on stderr."""
+        """Custom topics that do not fail for this campaign; failures are reported on stderr."""
         return tuple(topic for topic in user_topics() if self._can_be_made(topic))
 
     def _can_be_made(self, topic: Topic[Any]) -> bool:

@@ -159,7 +159,7 @@ def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Fl
 
 @styled
 def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: float) -> Figure:
-    """Plot acceptance rate, its target and move size at each level except the first."""
+    """Plot the acceptance rate, its target and the move size at each level but the first."""
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
@@ -256,7 +256,7 @@ _PLANNED = (BLUE, VERMILION, GREEN)
 def plot_planned(planned: Planned) -> Figure:
     """Plot the chance of PASS against the true failure rate.
 
-    There is one panel for each requirement, and one for all requirements jointly.
+    The figure has one panel for each requirement, and one for all requirements jointly.
     """
     rates, entries = planned.rates_over_allowed, planned.requirements
     count = len(entries) + (len(entries) > 1)

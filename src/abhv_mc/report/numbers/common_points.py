@@ -1,4 +1,4 @@
-"""Selection of the points of the unknowns that two campaigns share, to pair flights."""
+"""Selection of the points of the unknown parameters that two campaigns have in common."""
 
 from dataclasses import replace
 
@@ -17,7 +17,8 @@ def restrict_to_common_points(
 ) -> tuple[FlownCampaign, FlownCampaign]:
     """Return both campaigns with only the flights at their common points of the unknowns.
 
-    Sample k at common point p is flight ``k * points + p`` in both. Raise InputError if the
+    Sample k at common point p is flight ``k * points + p`` in both
+    campaigns. Raise InputError if the
     unknowns differ or there is no common point.
     """
     unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns

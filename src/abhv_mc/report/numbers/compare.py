@@ -214,7 +214,7 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
 
 
 def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
-    """Describe the result of the gate on a metric; ``label`` names the second campaign."""
+    """Describe the result of a metric's non-inferiority gate for the campaign ``label``."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
     point = f"at {gate.at}, " if gate.at else ""
     text = (
@@ -246,7 +246,7 @@ def _gate(
     *,
     unknowns: Unknowns,
 ) -> Gate:
-    """Return the gate result of `b` at its worst point of the unknowns.
+    """Return the non-inferiority gate of `b` against `a` at the worst point of the unknowns.
 
     The worst point is the point at which `b` is rejected or comes closest to rejection. The test
     that accepts `b` needs no correction for the number of points, because `b` must be accepted at

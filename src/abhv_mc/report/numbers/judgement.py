@@ -46,7 +46,8 @@ _NAMED = 2  # maximum number of violated requirements or metrics named in a sent
 _MOST_LONGER = 100
 _FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
-_SAME_USAGE = 0.05  # largest deviation of a control-effort ratio from 1 that is not mentioned
+# ratios of control effort that differ from 1 by less than this are not mentioned
+_SAME_USAGE = 0.05
 
 
 def judge_campaign(models: Models) -> Judgement:
@@ -93,7 +94,7 @@ def _count_words(*texts: str | NextStep | None) -> int:
 
 
 def _runs_words(models: Models) -> str:
-    """Return '64 of 2100 flights run.' or similar if flights are missing, else ''."""
+    """Return text such as '64 of 2100 flights run.' if flights are missing, else ''."""
     missing = _missing_runs(models)
     runs = models.results.campaign.runs_at_point
     return f"{count_of(runs, missing, 'flights')} run." if missing else ""
@@ -143,7 +144,7 @@ def _worst_words(models: Models) -> str:
 def _met_words(models: Models, detail: int, *, leads: bool) -> str:
     """State which controllers meet all their requirements and which controllers do not.
 
-    A larger `detail`, up to 3, adds more names and numbers of missed requirements. If `leads`, the
+    A larger `detail` (up to 3) adds names and numbers of missed requirements. If `leads`, the
     text begins with the statement that no controller meets all requirements.
     """
     verdicts, names = models[VERDICTS], models.names
@@ -168,7 +169,7 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
         if meeting
         else ""
     )
-    groups: dict[str, list[str]] = {}  # words -> controllers to which they apply
+    groups: dict[str, list[str]] = {}  # clause -> controllers to which it applies
     previous: list[Requirement] = []
     for name in falling:
         listed = [item for item, _ in _listed_entries(own[name])]
@@ -252,8 +253,9 @@ def _short_words(
     """Describe the missed requirements of one controller.
 
     For example, 'misses the speed error requirement (101 of 1000 flights, 10 %; 1 % allowed)'. Two
-    missed requirements are named, as in 'misses 2 of 5: speed error and sideslip'; more are only
-    counted. If `is_named`, the requirement has been named before and is called 'it'.
+    missed requirements are named, as in 'misses 2 of 5: speed error and sideslip'; if there are
+    more, they are only counted. If `is_named`, the requirement has been named before and is called
+    'it'.
     """
     listed = _listed_entries(own)
     missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
@@ -315,7 +317,7 @@ def _losing(pairs: Sequence[ControllerPair]) -> bool:
 
 
 def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> str:
-    """Return the sentence that `better` is better than its rivals, with the reason."""
+    """Return a sentence that states why the controller `better` is better than its rivals."""
     if len(pairs) == 1 and pairs[0].losing:
         pair, lost = pairs[0], pairs[0].ended_early
         counts = {pair.a: lost.both + lost.only_a, pair.b: lost.both + lost.only_b}
@@ -424,7 +426,7 @@ def shorten_list(items: list[str]) -> str:
 
 
 def _error_words(pair: ControllerPair, names: Names) -> str:
-    """Return the sentence on which errors each controller reduces; '' if none is shown.
+    """Return a sentence on the errors that are smaller under each controller, or ''.
 
     For example, 'TLC has the smaller sideslip, LQR robust the smaller altitude error, at 0.34 times
     the control effort.'
@@ -447,7 +449,7 @@ def _error_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _angle_words(pair: ControllerPair, names: Names) -> str:
-    """Return the sentence on rms errors of angles; '' if the metrics are missing.
+    """Return a sentence on the rms errors of angles, or '' if the metrics are missing.
 
     For example, 'TLC has a smaller rms error than LQR in sideslip, in bank only outside the
     transients.'
@@ -564,7 +566,8 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         return NextStep(why, "abhv-mc run FILE -o DIR")
     if met == "no" or (missing and "FAIL" in statuses):
         changes = models.results.requirement_changes
-        if changes and not changes[-1].time:  # Only this report uses the requirements.
+        # These requirements apply only to this report, not to the folder.
+        if changes and not changes[-1].time:
             return NextStep(
                 "these requirements apply only to this report; to adopt them, write them into the "
                 "campaign file and run it, which keeps the stored flights",
@@ -609,7 +612,7 @@ def _concerned_statuses(models: Models) -> list[str]:
 def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool) -> NextStep | None:
     """Recommend a number of flights at which all binding verdicts are likely to be PASS.
 
-    With unknowns, the flights and chances are those of each verdict's worst point.
+    With unknown parameters, the flights and chances are those at each verdict's worst point.
     """
     open_ones = [verdict for verdict in binding if verdict.status == "NOT SHOWN"]
     if not open_ones:

@@ -44,7 +44,7 @@ class CampaignRuns:
     """Campaigns below a folder, latest first, and the pages of comparisons."""
 
     runs: tuple[CampaignRun, ...]
-    # 'digest digest' of two campaigns -> relative path of their comparison page
+    # digests of two campaigns, separated by a space -> relative path of their comparison page
     comparisons: Mapping[str, str]
 
 

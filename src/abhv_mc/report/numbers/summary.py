@@ -20,7 +20,7 @@ def summary_sentences(models: Models) -> list[str]:
 
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
-    """Return, for some topics, introductory sentences that depend on other topics.
+    """Return introductory sentences of those topics whose sentences use other topics.
 
     ``warnings`` are added to the warnings of the run and of the topics.
     """
@@ -52,7 +52,7 @@ def _judged_words(unknowns: Unknowns) -> str:
 
 
 def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
-    """Return the basis of the intervals and verdicts; ``warnings`` are appended as notes."""
+    """Return sentences on the basis of intervals and verdicts, with ``warnings`` as notes."""
     campaign, names, requirements = (
         models.results.campaign,
         models.names,

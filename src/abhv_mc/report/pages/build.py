@@ -72,7 +72,7 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
 
 
 def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
-    """Return whether the page and its figures match the data and this program."""
+    """Return whether the page and its figures match the data and the program version."""
     try:
         written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         hashes = {**written["pages"], **written["pictures"]}
@@ -156,7 +156,7 @@ def build_report(
     svg
         Also write each figure as SVG.
     stage
-        Function of the name of a stage that returns a context manager, to show progress.
+        Function that shows progress: given the name of a stage, it returns a context manager.
     out
         Folder of the report, by default that of the campaign.
     requirements

@@ -69,8 +69,9 @@ class Comparison:
         """Differences with their 95 % intervals, one row per controller and quantity.
 
         If the samples are the same, the rows contain the medians over the flights and the
-        quantiles of the differences, first minus second. If the samples differ, they contain the
-        failure shares and the quantiles of both campaigns, and the differences, second minus first.
+        quantiles of the differences, first minus second. If the samples differ, the rows contain
+        the failure shares and the quantiles of both campaigns, and the differences, second minus
+        first.
         """
         import pandas as pd
 

@@ -103,7 +103,7 @@ def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]
 
 
 def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield the changes of each controller, then the controllers without a shown change."""
+    """Yield sentences on changes of each controller, then on controllers without changes."""
     # number of verdicts that differ only because of the number of flights
     undecided: dict[str, int] = {}
     equal: dict[str, str] = {}
@@ -134,7 +134,7 @@ def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]
 
 
 def _change_verb(item: ContrastRequirement) -> str:
-    """Return the change of a decided verdict or of the failure share; '' if none is shown."""
+    """Return a verb for a changed verdict or a significant change of failures, else ''."""
     before, after, difference = item.before.status, item.after.status, item.share_difference
     if after != before and after in {"FAIL", "PASS"}:
         return "newly misses" if after == "FAIL" else "newly meets"

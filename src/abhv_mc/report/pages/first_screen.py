@@ -1,4 +1,4 @@
-"""First screen of a report, below the assessment: chart, cards and baseline comparison."""
+"""Parts of the first screen of a report: chart, cards and baseline comparison."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -118,7 +118,7 @@ def _scale_to_values(entry: GlanceRow) -> GlanceRow:
 
 
 def _largest_position(entry: GlanceRow) -> float:
-    """Return the row's largest position; infinite if too many flights terminated early."""
+    """Return the position of the worst bar end; infinite if this end is not finite."""
     positions = [
         chart_position(cell.high if entry.below else cell.low, entry)
         for cell in entry.cells.values()

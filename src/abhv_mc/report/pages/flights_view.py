@@ -28,7 +28,7 @@ _HEADED = 4  # number of metrics in the table if there are no requirements
 # largest common range of flights and limits, relative to the range of the flights, for which limits
 # are drawn
 _FAR = 3.0
-# The order of the scripts matters.
+# The page must contain the scripts in this order.
 SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")
 STYLES = ("style.css", "flights.css")
 # SVG paths of markers. There is one marker fewer than colours, so that combinations rarely repeat.

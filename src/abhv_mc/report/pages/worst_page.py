@@ -90,7 +90,7 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
 
 
 def _other_seeds(result: WorstFound) -> Iterator[str]:
-    """Yield the sentence on the worst point with other seeds for turbulence and noise."""
+    """Yield a sentence on the worst point with other seeds for turbulence and noise."""
     if result.other_seeds is None:
         return
     flights, lost, ends = result.other_seeds
@@ -141,7 +141,7 @@ def _convergence(result: WorstFound) -> Drawn:
 
 
 def _so_far(severities: Floats, sign: float) -> Floats:
-    """Return the worst value so far; NaN after the first early termination."""
+    """Return the worst value up to each flight; NaN after the first early termination."""
     highest = np.maximum.accumulate(severities)
     return np.where(np.isfinite(highest) & (highest < ENDED_EARLY), sign * highest, np.nan)
 

@@ -34,7 +34,7 @@ from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 250  # maximum number of plotted flights per controller
 _TRADES = 3  # maximum number of panels per row, and of metrics if none is required
-# quantiles at the ends of the axis, beyond which outliers are cut off
+# quantiles of the differences at the ends of the axis, which cuts off outliers
 _ENDS = (0.005, 0.995)
 
 
@@ -143,7 +143,7 @@ class DifferencePanel:
     """Paired differences of a metric, with their median and its interval."""
 
     label: str
-    # pair -> one difference per flight; infinite if only one of both flights terminated early
+    # pair -> one difference per flight; infinite if only one of the paired flights terminated early
     differences: Mapping[str, Floats]
     # median and both ends of its interval; None for an open end
     medians: Mapping[str, tuple[float | None, float | None, float | None]]

@@ -40,7 +40,7 @@ _LISTED = 10  # maximum number of listed flights that failed under only one cont
 class ComparedMetric(PairedMetric):
     """Comparison of controllers `a` and `b` in one metric, with the differences `a - b`."""
 
-    compared: bool  # whether a winner may be named
+    compared: bool  # whether the comparison may name a winner in this metric
     winner: str | None
     closer: str | None  # controller with the smaller value on more flights
     mixed: bool  # whether a controller has an advantage but no winner is named
@@ -50,7 +50,7 @@ class ComparedMetric(PairedMetric):
     loses_more: bool
     worst: tuple[float, float]
     quantile_differences: Mapping[str, Interval]  # differences between quantiles, by quantile level
-    # Number of points of the unknown parameters at which `a` wins, at which `b` wins, and in total.
+    # number of points of the unknowns at which `a` wins, at which `b` wins, and in total
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
@@ -89,7 +89,7 @@ class Comparison:
     """Comparison of a campaign's first controller with each of the others."""
 
     pairs: Mapping[str, ControllerPair]
-    # Medians by metric and controller, for the metrics in which a winner is named.
+    # medians by metric and controller, for the metrics in which a winner may be named
     medians: Mapping[str, Mapping[str, Interval]] = field(
         default_factory=dict, metadata={DRAWN: True}
     )
@@ -276,7 +276,7 @@ def compare_any_failures(
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
     """Return the differences `a - b` of a metric [pair], in the unit of the metric.
 
-    A difference is infinite if one of both flights terminated early, and 0 if both did.
+    A difference is infinite if only one of the paired flights terminated early, and 0 if both did.
     """
     differences = pair_differences(
         *(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True))

@@ -20,7 +20,7 @@ def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
     """Return the metrics in which `pair.a` is better, worse, mixed or undecided.
 
-    If ``full``, each metric is followed by the shares of flights or the reasons.
+    If ``full``, each metric is followed by shares of flights, or by the reason for mixed results.
     """
     standings: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
     for metric, entry in asked_of(pair, names).items():
@@ -43,8 +43,8 @@ def asked_of(pair: ControllerPair, names: Names) -> Mapping[str, ComparedMetric]
 def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], list[str]]:
     """Group tracked quantities by whether `a` has the smaller rms error on more flights.
 
-    Each key contains two such flags: for the error over the whole flight, and for the error
-    outside the transients. Quantities without both metrics are omitted.
+    Each key contains two flags: one for the rms error over the whole flight, and one for the rms
+    error outside the transients. Quantities without both metrics are omitted.
     """
     rms = {
         (metric.of, metric.settled): name
@@ -112,7 +112,7 @@ def verdict_of(pair: ControllerPair, names: Names) -> str:
 
 
 def by_strength(comparison: Comparison, names: Names) -> list[ControllerPair]:
-    """Return the pairs of controllers, sorted by the strength of the rival, strongest first.
+    """Return the pairs of controllers, sorted so that the strongest rival is first.
 
     Equally strong rivals are sorted by their number of failures, smallest first.
     """

@@ -60,7 +60,7 @@ class ControllerSettling:
 class Convergence:
     """Convergence of the metrics' quantiles and the requirements' failure rates.
 
-    Flights are added in the order of their flight numbers.
+    Each estimate includes all flights up to a flight number.
     """
 
     controllers: Mapping[str, ControllerSettling]

@@ -71,7 +71,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Swing:
-    """Medians of a metric over the flights in a parameter's lowest and highest tenth."""
+    """Medians of a metric over the flights with a parameter's lowest and highest values."""
 
     parameter: str
     lowest: float
@@ -250,7 +250,7 @@ def _given_data(
 def otherwise_words(shares: Sequence[Share]) -> list[str]:
     """Return phrases such as 'drag' or, if parameters interact, 'lift together with density'.
 
-    Each parameter is named once.
+    Each parameter occurs in only one phrase.
     """
     phrases: list[str] = []
     named: set[str] = set()

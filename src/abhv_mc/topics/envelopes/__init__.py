@@ -80,7 +80,7 @@ def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
 class Envelopes:
     """Smallest and largest value of each channel over flights and time."""
 
-    # smallest and largest value by controller and channel
+    # smallest and largest value of each channel, by controller and channel
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
     step_s: float | None  # time between two samples of the bands
     flights: int  # number of flights of each controller, counted from flight 0

@@ -42,7 +42,7 @@ Bands = Mapping[
 def plot_survival(
     times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
-    """Plot the share of flights still flying after a failure, one panel per failure case."""
+    """Plot the share of airborne flights after a failure, one panel per failure case."""
     figure, grid = new_panels(
         len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
     )
@@ -86,7 +86,7 @@ def plot_case_bands(
 
 
 def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
-    """Return the share of flights still flying at ``times`` (s) after their failure.
+    """Return the share of flights that are still airborne ``times`` seconds after a failure.
 
     The share is the Kaplan-Meier estimate, JASA 53 (1958). ``after`` [flight] is the time in s from
     the failure to the end of the flight; ``lost`` [flight] is true if the flight terminated early

@@ -161,7 +161,7 @@ def _sigmas(value: float, mean: float, sigma: float) -> float | None:
 def _largest(
     samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]
 ) -> tuple[LargeDispersion, ...]:
-    """Return a flight's dispersions by distance from the mean, largest first.
+    """Return the dispersions of a flight, sorted by distance from the mean, largest first.
 
     Events that occur only in some flights, such as failures, come first.
     """
@@ -234,7 +234,7 @@ class Flights:
     dispersions: Mapping[str, Mapping[str, object]]  # distributions as stated in the campaign file
     derived: Mapping[str, str]  # expressions of derived parameters
     counts: Mapping[str, FlightCounts]
-    # numbers of requested flights, for controllers of which no flight could be computed
+    # number of requested flights of each controller without any computed flight
     left_out: Mapping[str, int]
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]

@@ -29,7 +29,7 @@ class LeastFlight:
     """One of the flights with the smallest margins."""
 
     flight: int
-    failed: bool  # whether the flight terminated early or violates a requirement
+    failed: bool  # whether the flight terminated early or violated a requirement
     margins: Mapping[str, float]  # margins by name (``MARGIN_NAMES``)
     faults: Mapping[str, float]  # counts by fault (``MARGIN_FAULTS``)
 
@@ -52,7 +52,7 @@ class FlightMargins:
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins in steady flight and of each controller's flights."""
+    """Stability margins of each controller in steady flight and in simulated flights."""
 
     steady: SteadyMargins
     points: tuple[str | float, ...]  # points at which margins were computed: "trim" or a time in s
@@ -160,7 +160,7 @@ def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
 
 
 def corners_unstable(margins: Margins, controller: str) -> tuple[int, int]:
-    """Return the numbers of unstable corners and of all corners of the dispersions.
+    """Return the numbers of unstable corners and of all corners of the dispersions' range.
 
     Unstable corners are counted only if the controller is stable without dispersions.
     """

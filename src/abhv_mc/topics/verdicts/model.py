@@ -60,7 +60,7 @@ class Together:
     risk: float
     verdicts: int
     stand: int
-    # requirement and controller of the verdicts that do not hold jointly
+    # index of the requirement, and controller, of each verdict that does not hold jointly
     dropped: tuple[tuple[int, str], ...]
 
 
@@ -96,7 +96,7 @@ class Verdicts:
 
     requirements: tuple[JudgedRequirement, ...]
     held_together: Together | None  # joint verdicts; None if there are no verdicts
-    # risk of any false PASS among all verdicts, if the campaign sets a joint risk
+    # risk of any false PASS among all verdicts; None unless the campaign sets a joint risk
     family_risk: float | None
     glance: tuple[GlanceRow, ...]
 
