@@ -7,8 +7,8 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
 
 _TEXT = (
-    "Evidence in this folder for the credibility factors of NASA-STD-7009. The assessment and "
-    "further evidence are the user's."
+    "The table lists the evidence in this folder for the credibility factors of NASA-STD-7009. The "
+    "user must assess it and add further evidence."
 )
 
 
@@ -28,7 +28,7 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
         verified = f"abhv-mc {version} computed the statistics; the flights come from a table."
     elif campaign.simulator.capabilities.has_mission:
         verified = (
-            f"abhv-mc {version}; `abhv-mc verify all` compares its flights with published data."
+            f"abhv-mc {version}. `abhv-mc verify all` compares its flights with published data."
         )
     if manifest.repeatable is not None:
         verified += f" {manifest.repeatable.sentence}"
@@ -56,8 +56,8 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."
     yield (
         "Results robustness",
-        "This report lists the drivers of each error; `abhv-mc worst` and `abhv-mc rare` search "
-        "for further ones.",
+        "This report lists the drivers of each error. `abhv-mc worst` searches for worst cases, "
+        "and `abhv-mc rare` for rare failures.",
     )
     started = f"Run {manifest.started}. " if manifest.started else ""
     yield "Use history", f"{started}Earlier uses are not recorded."

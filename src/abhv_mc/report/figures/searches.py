@@ -269,7 +269,7 @@ def plot_planned(planned: Planned) -> Figure:
                 rates,
                 chance.at_some_flight,
                 color=color,
-                label=f"after any flight up to {chance.runs}",
+                label=f"at some flight up to {chance.runs}",
             )
             axes.plot(
                 rates,
@@ -291,7 +291,7 @@ def plot_planned(planned: Planned) -> Figure:
         for joint, color in zip(planned.together, _PLANNED, strict=True):
             band = joint.at_some_flight
             axes.fill_between(rates, band.low, band.high, color=color, alpha=0.25, linewidth=0)
-        title_panel(axes, "PASS of all requirements after any flight (bounds)")
+        title_panel(axes, "PASS of all requirements at some flight (bounds)")
     for axes in grid.flat[:count]:
         axes.axvline(1.0, color=INK, linewidth=0.8)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))

@@ -126,11 +126,12 @@ def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]
     if undecided:
         counts = joined([f"{count} of {label}" for label, count in undecided.items()])
         yield (
-            f"Verdicts that the second campaign leaves open, without a shown difference: {counts}."
+            "Verdicts that are open in the second campaign although no difference is shown: "
+            f"{counts}."
         )
     for passed_count in dict.fromkeys(equal.values()):
         labels_of = [label for label, count in equal.items() if count == passed_count]
-        yield f"{joined(labels_of)}: equal verdicts in both campaigns, {passed_count} PASS."
+        yield f"{joined(labels_of)}: verdicts are equal in both campaigns, {passed_count} PASS."
 
 
 def _change_verb(item: ContrastRequirement) -> str:
@@ -284,7 +285,8 @@ def contrast_figures(
         for record in (a.campaign.metrics[name] for name in metrics)
     ]
     caption = (
-        "Share of flights at or below each value; a curve that ends below 100 % has lost flights."
+        "Share of flights at or below each value. If a curve ends below 100 %, the other flights "
+        "terminated early."
     )
     yield (
         FigureText("distributions", "Distributions of both campaigns", caption),

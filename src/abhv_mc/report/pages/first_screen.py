@@ -243,7 +243,10 @@ def baseline_line(baseline: Baseline | None, names: Names) -> str:
         change = f"{changes} of" if changes else "no difference shown in"
         text = f"{names.subject(pair.controllers[0])} {change} {total} metric{'s' * (total != 1)}"
         if failed.only_a or failed.only_b:
-            text += f", newly failed {fixed(failed.only_a, 0)}, no longer {fixed(failed.only_b, 0)}"
+            text += (
+                f", flights newly failed: {fixed(failed.only_a, 0)}, no longer failed: "
+                f"{fixed(failed.only_b, 0)}"
+            )
         parts.append(text)
     unlisted = len(baseline.paired) - len(parts)
     folder = baseline.folder.rstrip("/").rpartition("/")[2]

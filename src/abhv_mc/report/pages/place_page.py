@@ -97,7 +97,7 @@ def _remarks(placement: Placement) -> Iterator[str]:
     if placement.bands and not (placement.noise or placement.sensed):
         yield (
             "No measurement noise is declared; the noise of an instrument alone can put a test "
-            "flight outside the band. Declare it with `measured: {CHANNEL: SIGMA}` in the "
+            "flight outside the band. Declare noise with `measured: {CHANNEL: SIGMA}` in the "
             "campaign or with `--measured CHANNEL=SIGMA`."
         )
     elif placement.noise:

@@ -92,17 +92,17 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
     if result.noise_share is not None:
         answers.append(
             f"{percent(result.noise_share, 2)} of the variance of the severity's ranks is noise, "
-            "according to points that were simulated with two seeds."
+            "as estimated from points that were simulated with two seeds."
         )
     if isinstance(estimate, SurrogateEstimate):
         answers.append(
             "The estimate assumes that the metric is a smooth function of the dispersions. "
-            "Failures in regions without any flights nearby are not included."
+            "Failures in regions far from all flights are not included."
         )
     looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
     remark = (
-        " Separate failure regions were searched for in random directions; some may remain "
-        "undetected."
+        " The search looked for separate failure regions in random directions; some regions may "
+        "remain undetected."
     )
     answers.append(
         "This estimate is not a verdict, because verdicts require a random "
@@ -184,7 +184,7 @@ def _mixing(result: RareFound) -> Drawn:
 def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
     caption = (
         "Left: failure probability according to each of the two Gaussian processes after each "
-        "batch of flights, and its interval. Right: metric of each flight; after the initial "
+        "batch of flights, with its interval. Right: metric of each flight; after the initial "
         "design, flights are placed where the prediction of failure is least certain."
     )
     values = result.flights.column(result.metric.name)

@@ -66,7 +66,7 @@ def explanation_words(explanation: Explanation) -> list[str]:
     ]
     if not number:
         return [*lines, "The nominal flight also fails: no dispersion is needed."]
-    proof = "no smaller set suffices" if explanation.smallest else "none of them can be left out"
+    proof = "no smaller set suffices" if explanation.smallest else "all of these are needed"
     lines.append(
         f"The flight fails with {number} of its {total} dispersions alone ({proof}; "
         f"{explanation.tried} flights tried):"

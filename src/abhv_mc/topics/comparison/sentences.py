@@ -171,11 +171,11 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails not compared ...' if there are too few flights for tails, else ''."""
+    """Return '; tails are not compared ...' if flights are too few to compare tails, or ''."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])
-    return f"; tails not compared at {level_list} (too few flights)" if levels else ""
+    return f"; tails are not compared at {level_list} (too few flights)" if levels else ""
 
 
 def _usage_words(pair: ControllerPair, first: str) -> str:

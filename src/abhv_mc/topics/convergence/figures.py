@@ -54,9 +54,9 @@ def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, F
         text = FigureText(
             "convergence",
             "Convergence",
-            "The 95 % quantile of each error (the median if more than 5 % of the flights "
-            "terminated early) over the number of flights, in flight order, with its exact 95 % "
-            "interval (shaded) if the flights bound it on both sides.",
+            "The 95 % quantile of each error (or the median, if more than 5 % of the flights "
+            "terminated early) against the number of flights. The exact 95 % interval is shaded "
+            "if the flights bound it on both sides.",
         )
         yield text, plot_convergence(flights, panels, names.controllers)
 

@@ -111,10 +111,11 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
         Text(
             "The closed loop (plant, actuators, engine and sampled control law) is linearized "
             "in steady, level flight at the mission's start. Each loop is broken at its actuator "
-            "with the others closed. Values are nominal, then the smallest over "
+            "with the others closed. Values are nominal, followed by the smallest over "
             f"{'all' if steady.all_corners else 'random'} {steady.corners} corners of the "
-            'dispersions. Gain margins are downwards / upwards in dB; "all at once" is the disk '
-            "margin, the permissible simultaneous gain or phase perturbation of all loops."
+            "dispersions. Gain margins are given for a decrease / an increase of the gain in dB; "
+            '"all at once" denotes the disk margin, the permissible simultaneous gain or phase '
+            "perturbation of all loops."
         ),
         Fold(title, (table,)),
     ]

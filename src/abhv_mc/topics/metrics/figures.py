@@ -61,8 +61,8 @@ def plot_distributions(
 _TEXT = FigureText(
     "distribution_asked",
     "Distributions of the required metrics",
-    "Share of flights at or below each value. A curve that ends below 100 % (or, if small values "
-    "are bad, begins above 0 %) has flights that terminated early.",
+    "Share of flights at or below each value. If a curve ends below 100 % (or begins above 0 %, if "
+    "small values are bad), the other flights terminated early.",
 )
 
 
