@@ -63,9 +63,10 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         if names.requirements
         else "Tracking error against control effort",
         f"Small marks are flights, at most {_MOST_POINTS + 2} of each controller, including the "
-        "flights with the smallest and the largest value. Large marks are the medians of all flights; "
-        "if medians coincide, the mark of the first controller is on top. Control effort is the "
-        "root sum of squares of the rms deflections of aileron, rudder and elevator from trim.",
+        "flights with the smallest and the largest value. Large marks are the medians of all "
+        "flights; if medians coincide, the mark of the first controller is on top. Control effort "
+        "is the root sum of squares of the rms deflections of aileron, rudder and elevator from "
+        "trim.",
     )
     colors = controller_colors(tuple(names.controllers))
     yield (
