@@ -126,7 +126,7 @@ def test_tails_and_lost_flights_that_contradict_the_median_make_no_winner(models
     clauses = re.split(r"[;:] ", first)
     altitude = models.names.metrics["altitude_error_max_m"].phrase
     (sideslip,) = [clause for clause in clauses if "max sideslip" in clause]
-    assert re.search(r"\bmax sideslip \(TLC [^)]*\blost\)", sideslip)
+    assert re.search(r"\bmax sideslip \(TLC [^)]*\bearly terminations\)", sideslip)
     assert altitude in first and altitude not in sideslip
 
 

@@ -2,5 +2,5 @@
 
 from abhv_mc.kernel.cache import cache_root
 
-# If there is no home folder, matplotlib needs this cache folder when it is imported.
+# Without a home folder, matplotlib needs a configuration folder when it is imported.
 cache_root()

@@ -1,6 +1,6 @@
-"""Report topics: each package makes the numbers, figures and section of one topic.
+"""Topics of a report, each with its numbers, figures and section.
 
-Custom topics use the public names of this package.
+Custom topics import the public names of this package.
 """
 
 from importlib import import_module
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from abhv_mc.kernel.cache import cache_root
 
-cache_root()  # If there is no home folder, matplotlib needs this cache folder when it is imported.
+# Without a home folder, matplotlib needs a configuration folder when it is imported.
+cache_root()
 
 if TYPE_CHECKING:
     from abhv_mc.folder.flown_campaign import FlownCampaign
@@ -41,7 +42,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public object, imported on first use because topics import this package."""
+    """Return a public object, which is imported on first use to avoid circular imports."""
     if name not in __all__:
         raise AttributeError(f"module 'abhv_mc.topics' has no attribute '{name}'")
     return getattr(import_module(_HOMES.get(name, "abhv_mc.topics.section")), name)

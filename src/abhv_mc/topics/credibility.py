@@ -7,8 +7,8 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
 
 _TEXT = (
-    "Evidence in this folder for the credibility factors of NASA-STD-7009. The assessment and "
-    "further evidence are the user's."
+    "The table lists the evidence in this folder for the credibility factors of NASA-STD-7009. The "
+    "user must assess it and add further evidence."
 )
 
 
@@ -23,17 +23,20 @@ def credibility_fold(names: Names) -> Fold:
 def _factors(names: Names) -> Iterator[tuple[str, str]]:
     campaign, manifest = names.campaign, names.results.manifest
     version = manifest.versions.get("abhv_mc", "")
-    verified = f"Statistics and files by abhv-mc {version}; the simulator is the user's."
+    verified = f"abhv-mc {version} computed the statistics; the simulator is the user's."
     if not campaign.can_rerun:
-        verified = f"Statistics by abhv-mc {version}; the flights come from a table."
+        verified = f"abhv-mc {version} computed the statistics; the flights come from a table."
     elif campaign.simulator.capabilities.has_mission:
         verified = (
-            f"abhv-mc {version}; `abhv-mc verify all` compares its flights with published data."
+            f"abhv-mc {version}. `abhv-mc verify all` compares its flights with published data."
         )
     if manifest.repeatable is not None:
         verified += f" {manifest.repeatable.sentence}"
     yield "Verification", verified
-    yield "Validation", f"None. `abhv-mc place FLIGHT.csv {names.folder}` compares test flights."
+    yield (
+        "Validation",
+        f"None. `abhv-mc place FLIGHT.csv {names.folder}` compares test flights with these.",
+    )
     drawn, unknown = len(names.results.dispersed), len(campaign.unknowns.names)
     files = len(manifest.inputs)
     pedigree = f"{drawn} dispersed input{'' if drawn == 1 else 's'}"
@@ -53,7 +56,8 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."
     yield (
         "Results robustness",
-        "Drivers of each error are in this report; `worst` and `rare` search for further ones.",
+        "This report lists the drivers of each error. `abhv-mc worst` searches for worst cases, "
+        "and `abhv-mc rare` for rare failures.",
     )
     started = f"Run {manifest.started}. " if manifest.started else ""
     yield "Use history", f"{started}Earlier uses are not recorded."
@@ -61,5 +65,5 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     management = f"Commit {manifest.commit or 'not known'}; campaign {manifest.campaign_hash[:12]}"
     if required:
         management += f"; {count_of(traced, len(required))} requirements traced to a source"
-    yield "M&S management", f"{management}. Every file has a SHA-256 in the manifest."
+    yield "M&S management", f"{management}. The manifest contains the SHA-256 of every file."
     yield "People qualifications", "Not recorded."

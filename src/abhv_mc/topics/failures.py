@@ -30,12 +30,12 @@ class FailureRule(Rule[str]):
     """Region of the dispersed parameters in which the failure rate is increased."""
 
     where: str  # description of the region
-    rule: str  # description of the region with shares of the flights
+    rule: str  # description of the region with the shares of failed and other flights in it
 
 
 @dataclass(frozen=True)
 class FailureKind:
-    """Failure mode with the rules for its occurrence."""
+    """Failure mode with the rules that describe when it occurs."""
 
     kind: str
     flights: int
@@ -143,8 +143,8 @@ def _difference_words(
     """Describe how two inputs deviate in a rule's region, with their medians over failures.
 
     Return a phrase such as 'density and drag deviating in opposite directions (e.g. density -7 %,
-    drag +9 %)' if this is true of every failure, else 'density far below drag, each in its own
-    range'.
+    drag +9 %)' if all failures have this property, else 'density far below drag, each relative to
+    its range'.
     """
     condition = rule.conditions[0]
     inputs = condition.parameter, condition.minus or 0
@@ -161,10 +161,11 @@ def _difference_words(
     if np.all(off[0] * off[1] < 0.0):
         description = f"{first} and {second} deviating in opposite directions"
     elif rule.either:
-        description = f"{first} and {second} far apart, each in its own range"
+        description = f"{first} and {second} far apart, each relative to its range"
     else:
         description = (
-            f"{first} far {'above' if condition.above else 'below'} {second}, each in its own range"
+            f"{first} far {'above' if condition.above else 'below'} {second}, each relative to its "
+            "range"
         )
     return f"{description} (e.g. {example})" if example else description
 
@@ -178,9 +179,10 @@ def failure_section(failures: Failures, names: Names) -> Section:
     if failures.map is None:
         return _rules_section(failures, names)
     text = Text(
-        "Smallest sets, of at most three dispersions, with which a flight still fails while all "
-        "others are nominal. A flight with several sets is counted with the set that explains most "
-        "flights. Values: median (smallest to largest). Re-run a flight with "
+        "The table lists the smallest sets of at most three dispersions with which a flight still "
+        "fails if all other dispersions are nominal. A flight with several such sets is counted "
+        "with the set that explains most flights. Values are given as median (smallest to "
+        "largest). Re-run a flight with "
         + ", ".join(
             f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
             for name in failures.map
@@ -281,8 +283,8 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     )
     rate = percent(failures.false_discovery_rate, 1)
     note = (
-        "Rules have one or two parameters with thresholds at deciles of the samples, and pass an "
-        f"exact test at a false-discovery rate of {rate}"
+        "Each rule has one or two parameters with thresholds at deciles of the samples, and is "
+        f"significant in an exact test at a false-discovery rate of {rate}"
     )
     return Section(
         TITLE, (*items, *([Text(command)] if names.campaign.can_rerun else []), Text(f"{note}."))

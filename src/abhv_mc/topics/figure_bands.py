@@ -37,10 +37,11 @@ _LABEL = 18  # maximum number of characters per line of a row label
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 _SIMULTANEOUS_LINE: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 MEDIANS = ("q50", MOST_MEDIAN)
-# Times at which no limit applies to a channel.
+# style of the times at which no limit applies to a channel
 _EXCLUDED: dict[str, Any] = {"color": INK, "alpha": 0.13, "linewidth": 0}
 _NEXT_WORST: dict[str, Any] = {"color": INK, "linewidth": 0.35, "alpha": 0.45}
-_ENLARGED: dict[str, Any] = {"color": INK, "alpha": 0.08, "linewidth": 0}  # times of an inset
+# style of the times that an inset enlarges
+_ENLARGED: dict[str, Any] = {"color": INK, "alpha": 0.08, "linewidth": 0}
 # position of the inset in axes coordinates: left edge, lower edge, width, height
 _INSET = (0.3, 0.66, 0.69, 0.34)
 _SHOWN = 3.0  # time in s that the inset shows before and after the largest change
@@ -61,7 +62,7 @@ class EnvelopePanel:
 
     @property
     def excluded(self) -> tuple[Floats, NDArray[np.bool_]] | None:
-        """Times, and a mask of the times at which no limit applies; None without such times."""
+        """Times, and a mask of the times at which no limit applies; None if one always applies."""
         if not self.limits:
             return None
         time = self.limits[0][0]
@@ -108,7 +109,7 @@ def _legend(
     band_names: Sequence[str],
     lines: Sequence[Patch | Line2D],
 ) -> None:
-    """Add a legend for the lines, the bands and the reference that are drawn."""
+    """Add a legend for the lines, bands and references in the figure."""
     panels = [panel for row in rows for panel in row.panels]
     drawn = {name for panel in panels for name in panel.bands}
     handles = list(lines)
@@ -185,7 +186,8 @@ def plot_sheet(rows: Sequence[EnvelopeRow], labels: Sequence[str]) -> Figure:
             _draw_inset(axes, row)
         axes.set_xlabel(row.across)
     drawn = {name for row in rows for panel in row.panels for name in panel.bands}
-    kind = "" if drawn <= {"q50"} else ", median"  # Single flights have one curve.
+    # The curve of a single flight is not a median.
+    kind = "" if drawn <= {"q50"} else ", median"
     lines = [
         Line2D([], [], label=f"{name}{kind}".replace("$", r"\$"), **line_look(k, len(labels)))
         for k, name in enumerate(labels)
@@ -212,7 +214,8 @@ def _overlay(axes: Axes, row: EnvelopeRow) -> None:
             curve = panel.x, panel.bands[edge]
             axes.plot(*curve, color=color, zorder=order, **_SIMULTANEOUS_LINE)
     if row.panels[0].reference is not None:
-        axes.plot(*row.panels[0].reference, **REFERENCE, zorder=4.0)  # thinner than the medians
+        # drawn thinner than the medians
+        axes.plot(*row.panels[0].reference, **REFERENCE, zorder=4.0)
 
 
 def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:
@@ -231,7 +234,7 @@ def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:
     axes.set_ylim(low, high + 0.75 * (high - low))
     span, across = (center - _SHOWN, center + _SHOWN), axes.get_xaxis_transform()
     axes.fill_between(span, 0.0, _INSET[1], transform=across, **_ENLARGED)
-    # Grid lines that cross the inset would be read on its axis.
+    # Grid lines of the panel that cross the inset would be mistaken for grid lines of the inset.
     axes.grid(visible=False, axis="x")
     left, right = axes.get_xlim()
     ticks = [tick for tick in axes.get_xticks() if left < tick < right]
@@ -247,7 +250,7 @@ def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:
 
 
 def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
-    """Set the y limits to the values within the x range, plus a margin."""
+    """Set the y limits to the range of the values within the x limits, plus a margin."""
     low, high = np.inf, -np.inf
     left, right = axes.get_xlim()
     for panel in row.panels:
@@ -265,17 +268,17 @@ def _set_y_limits(axes: Axes, row: EnvelopeRow) -> None:
 
 
 def off_reference(x: Floats, y: Floats, time: Floats, reference: Floats | None) -> Floats:
-    """Return a channel minus its reference [time], if there is one; ``x`` is the time in s."""
+    """Subtract the reference [time], if any, from a channel ``y`` at the times ``x`` in s."""
     return y if reference is None else y - np.interp(x, time, reference)
 
 
 def bands_off(
     x: Floats, bands: Mapping[str, Floats], time: Floats, reference: Floats | None
 ) -> dict[str, Floats]:
-    """Return a channel's bands minus its reference [time], if there is one.
+    """Subtract the reference [time], if any, from a channel's bands at the times ``x`` in s.
 
     The minimum and maximum cover all control ticks between two samples. Both are omitted if the
-    reference varies, because its change between samples would appear as an error.
+    reference varies, because a change of the reference between samples would appear as an error.
     """
     moves = reference is not None and float(np.ptp(reference)) > 0.0
     drawn_bands = {

@@ -1,8 +1,8 @@
-"""Common style of figures: sizes, colours for colour-blind readers, small files.
+"""Common style of figures: sizes, colours for colour-blind readers, and small files.
 
-The background is transparent. Colours have a contrast of at least 3 on white, text of at least 12.
-Dark pages invert the lightness of figures (``style.css``), which preserves or increases the
-contrasts.
+The background is transparent. On white, colours have a contrast of at least 3 and text has a
+contrast of at least 12. Dark pages invert the lightness of figures (``style.css``),
+which preserves or increases these contrasts.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,7 +30,7 @@ P = ParamSpec("P")
 WIDTH = 7.2  # width of two journal columns in inches
 DPI = 200
 _MOST_STEPS = 2000  # maximum number of steps drawn in a distribution curve
-# number of colours in the PNG palette, with which files have a third of their size
+# number of colours in the PNG palette, which reduces the file size to a third
 _COLORS = 128
 SMALLEST = 8.0  # size of all text in pt; figures are printed at the drawn width
 
@@ -48,14 +48,14 @@ CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.2, 1)), (0, (3, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 INK = "#222222"
-PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of percentages in tick labels, as in the text
+PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of percentages in tick labels, as in other text
 GRID = "#80808050"
-# Line styles with one meaning in all figures.
+# Line styles that have the same meaning in all figures.
 LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 _LETTER = 0.0545  # mean width of a letter in inches
 _LINE = 0.135  # height in inches of a line of text
-_KEY = 3.2  # length of lines in legends, in font sizes; shows two periods of each line style
+_KEY = 3.2  # length of legend lines in font sizes, which shows two periods of each line style
 _LETTER_ID = "panel letter"
 _INDENT = 11.0  # distance in points between the letter and the title of a panel
 
@@ -65,7 +65,7 @@ _RC: dict[Any, Any] = {
     "font.size": SMALLEST,
     "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # With a fixed title position, matplotlib does not search for one.
+    "axes.titley": 1.0,  # A fixed title position saves matplotlib a slow search.
     "axes.labelsize": SMALLEST,
     "axes.edgecolor": INK,
     "axes.linewidth": 0.6,
@@ -105,9 +105,9 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
-    """Return an empty figure, whose layout avoids overlaps; sizes are in inches."""
-    # The layout depends on the text size, which depends on the resolution, so the final resolution
-    # is used.
+    """Return an empty figure with a layout that avoids overlaps; sizes are in inches."""
+    # The layout depends on the text size and thus on the resolution, so it is computed at
+    # the resolution of the file.
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -125,10 +125,11 @@ def new_panels(
 ) -> tuple[Figure, Any]:
     """Return a figure with axes [row, column] for ``count`` panels; surplus axes are hidden.
 
-    Sizes are in inches. ``row_height`` is the height of the axes, ``top`` the space for titles,
-    ``left`` that for labels, and ``between`` that to the side of and below each axes. The layout is
-    fixed, because measuring text would take as long as drawing the figure. If there are several
-    panels, each has a letter. ``shared`` is passed to :meth:`Figure.subplots`.
+    Sizes are in inches. ``row_height`` is the height of each axes, ``top`` is the space for titles,
+    ``left`` is the space for labels, and ``between`` is the horizontal and vertical space between
+    panels. The layout is fixed, because measuring text would take as long as drawing the figure. If
+    there are several panels, each is labelled with a letter. ``shared`` is passed to
+    :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     bottom, right = 0.63, 0.12
@@ -158,7 +159,7 @@ def new_panels(
 
 
 def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> Annotation:
-    """Put text above the left end of axes; ``indent`` is in points. Return the text."""
+    """Return the text placed above the left end of axes; ``indent`` is in points."""
     return axes.annotate(
         text,
         (0.0, 1.0),
@@ -170,12 +171,12 @@ def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> Annotation:
 
 
 def title_panel(axes: Axes, title: str, **look: Any) -> None:
-    """Put the title of a panel after its letter, in as many lines as its width needs."""
-    beyond = -0.3 if look else 0.0  # space for the letter and wider characters
+    """Put the title of a panel next to its letter, in several lines if it is long."""
+    beyond = -0.3 if look else 0.0  # space in inches for the letter and for wide characters
     words = _put_above(axes, wrap(axes, title, beyond), _INDENT, linespacing=1.1, **look)
     for letter in axes.texts:
         if isinstance(letter, Annotation) and letter.get_gid() == _LETTER_ID:
-            # It stands in the first line of the title.
+            # The letter is aligned with the first line of the title.
             letter.xy, letter.xycoords, letter.xyann = (0.0, 1.0), words, (-_INDENT, 0.0)
             letter.set_verticalalignment("top")
 
@@ -197,7 +198,7 @@ def label_lowest(grid: Any, count: int, label: str) -> None:
 
 
 def legend_below(figure: Figure, *panels: Axes, more: Iterable[tuple[str, Any]] = ()) -> None:
-    """Add one legend below all panels: ``more`` (label, handle), then the panels' labels."""
+    """Add one legend below all panels; its first entries are the pairs in ``more``."""
     entries = dict(more) | {
         label: handle
         for axes in panels
@@ -207,11 +208,11 @@ def legend_below(figure: Figure, *panels: Axes, more: Iterable[tuple[str, Any]] 
 
 
 def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Add a legend at the lower edge, in several rows if one row is too narrow for it."""
+    """Add a legend at the lower edge, in several rows if it is wider than the figure."""
     length = sum(0.26 + _KEY * SMALLEST / 72.0 + _LETTER * len(label) for label in labels)
     rows = max(1, -(-int(100.0 * length) // int(100.0 * WIDTH)))
     columns = max(1, -(-len(labels) // rows))
-    # Legends are filled by columns, but read by rows.
+    # matplotlib fills legends column by column, but people read them row by row.
     order = [i for column in range(columns) for i in range(column, len(labels), columns)]
     if not figure.get_layout_engine():
         _make_room(figure, 0.17 * (rows - 1))
@@ -227,7 +228,7 @@ def put_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) ->
 
 
 def _make_room(figure: Figure, below: float) -> None:
-    """Move rows of panels apart for titles and labels of several lines.
+    """Move rows of panels apart to make space for titles and labels of several lines.
 
     The panels keep their sizes; ``below`` is additional space in inches at the lower edge.
     """
@@ -257,8 +258,8 @@ def controller_colors(names: Sequence[str]) -> dict[str, str]:
 def line_look(number: int, count: int) -> dict[str, Any]:
     """Return the look of a controller's line, chosen by its position among ``count``.
 
-    The first controller, to which the requirements apply, is drawn last, as a solid line. The lines
-    below it are wider, paler and dashed, so that they are visible if all lines coincide.
+    The first controller, to which the requirements apply, is drawn last, as a solid line. The
+    other lines are wider, paler and dashed, so that they remain visible if all lines coincide.
     """
     return {
         "color": CYCLE[number % len(CYCLE)],
@@ -270,7 +271,7 @@ def line_look(number: int, count: int) -> dict[str, Any]:
 
 
 def mark_look(number: int, count: int, size: float) -> dict[str, Any]:
-    """Return the look of a controller's marks; the first controller's are on top and smaller."""
+    """Return the look of a controller's marks; the first controller has small marks on top."""
     return {
         "marker": MARKERS[number % len(MARKERS)],
         "markersize": size * (1.6 + 0.1 * number if number else 1.0),
@@ -288,7 +289,7 @@ def pad_if_flat(axes: Axes) -> None:
 def distribution_steps(values: Floats) -> tuple[Floats, Floats]:
     """Return the finite values in ascending order, and the cumulative share at each value.
 
-    At most _MOST_STEPS of the points are returned.
+    At most ``_MOST_STEPS`` points are returned.
     """
     ascending = np.sort(values)
     share = np.arange(1, ascending.size + 1) / max(ascending.size, 1)
@@ -352,12 +353,12 @@ def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) ->
 def draw_limits(
     axes: Axes, way: Literal["x", "y"], limits: Sequence[float], unit: str
 ) -> list[str]:
-    """Draw limits of requirements that are near an axis; return a note for each other limit."""
+    """Draw the limits near the range of an axis; return a note on each other limit."""
     notes = []
     for limit in limits:
         ends = axes.get_xlim() if way == "x" else axes.get_ylim()
         scale = (axes.xaxis if way == "x" else axes.yaxis).get_transform()
-        # Lengths on the page: a logarithmic axis is extended by a factor.
+        # Distances are compared on the scale of the axis, which may be logarithmic.
         low, high, place = scale.transform(np.array([*ends, limit]))
         if low - 0.5 * (high - low) <= place <= high + 0.5 * (high - low):
             (axes.axvline if way == "x" else axes.axhline)(limit, label="limit", **LIMIT)
@@ -382,8 +383,8 @@ def make_value_axis(
 ) -> None:
     """Scale and label the x axis of a metric, and draw the limits of requirements.
 
-    The axis is extended to a limit that is close to its end; a note names other limits. ``beyond``
-    is the space in inches for the label at the sides of the axis.
+    The axis is extended to limits that are close to its ends; the label names the other limits.
+    ``beyond`` is the space in inches by which the label may be wider than the axis.
     """
     notes = []
     if log_if_wide(axes, "x", values):

@@ -11,7 +11,7 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 def _decimals(error: float) -> int:
-    """Return the number of decimals that show an error's first digit; two digits if it is 1."""
+    """Return the decimals that show the first digit of an error, or two if the first is 1."""
     magnitude = math.floor(math.log10(error))
     return -magnitude + (1 if error / 10.0**magnitude < 2.0 else 0)
 
@@ -69,7 +69,7 @@ def estimate(interval: Interval) -> str:
 
 
 def bounds(interval: Interval) -> str:
-    """Format the ends of an interval to as many decimals as its value; open ends are named."""
+    """Format both ends of an interval with the decimals of its value, or as 'at most 3.2'."""
     decimals, (value, low, high) = _places(interval), ends_of(interval)
     if value is None or (low is None and high is None):
         return ""
@@ -117,7 +117,7 @@ def joined(items: Sequence[str]) -> str:
     )
 
 
-# prefixes of parameter names; sentences omit these prefixes
+# prefixes of parameter names that sentences omit
 _UNSPOKEN = ("aero", "atmosphere", "control", "mass", "propulsion")
 _FAILURE_KINDS = {
     "stuck_time": "sticking time",
@@ -154,7 +154,7 @@ def shown_value(name: str, value: float | None, parameters: Parameters = OURS) -
 
 
 def axis_unit(name: str, parameters: Parameters = OURS) -> tuple[str, float]:
-    """Return the unit of a parameter's axis and its conversion factor: ('deg', 57.3)."""
+    """Return the unit of a parameter's axis and its conversion factor, e.g. ('deg', 57.3)."""
     if is_factor(name, parameters):
         return "factor", 1.0
     unit = parameters[name].unit
@@ -165,7 +165,7 @@ def axis_unit(name: str, parameters: Parameters = OURS) -> tuple[str, float]:
 def spoken_name(name: str) -> str:
     """Return a parameter's name for a sentence, such as 'lift' for 'aero.lift'.
 
-    The name of a term of a coefficient becomes, e.g., 'yawing moment due to sideslip'.
+    A term of a coefficient is named, for example, 'yawing moment due to sideslip'.
     """
     group, _, suffix = name.partition(".")
     if not suffix:

@@ -29,7 +29,7 @@ class Provenance:
 
 
 def compute_provenance(results: FlownCampaign) -> Provenance:
-    """Return the provenance that the campaign file and the manifest record."""
+    """Return the provenance of results from the campaign file and the manifest."""
     campaign, manifest = results.campaign, results.manifest
     return Provenance(
         **{key: getattr(campaign, key) for key in ("name", "question", "runs", "seed", "sampling")},

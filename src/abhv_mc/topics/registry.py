@@ -25,7 +25,7 @@ BUILT_IN: tuple[Topic[Any], ...] = (
 
 
 def register(topic: Topic[Any]) -> None:
-    """Add a custom topic to the reports of this process.
+    """Add a custom topic to the reports that this process makes.
 
     Raise InputError for an invalid name.
     """
@@ -46,7 +46,7 @@ def all_topics(users: Sequence[Topic[Any]] | None = None) -> tuple[Topic[Any], .
 
 
 def make_figures(models: Models) -> dict[str, Iterator[Drawn]]:
-    """Return, by topic, iterators over the figures for which the campaign has data."""
+    """Return iterators over the figures of each topic for which the campaign has data."""
     return {topic.name: models.figures(topic) for topic in all_topics(models.users)}
 
 

@@ -20,7 +20,7 @@ class Cell:
 
     text: str
     note: str = ""  # small text next to the value, such as an interval
-    rows: int = 1  # number of rows that the cell spans; the lower rows omit it
+    rows: int = 1  # number of rows that the cell spans; the rows below the first omit the cell
     columns: int = 1
     head: bool = False  # whether the cell is a row header
     verdict: bool = False  # whether the cell is a verdict: PASS, FAIL, NOT SHOWN or ESTIMATE
@@ -73,7 +73,7 @@ class Table:
     def without_constant(self) -> "Table":
         """Return the table with its constant columns moved to the caption.
 
-        A table with a single row, and row headers, are unchanged.
+        Row headers are kept, and a table with a single row is unchanged.
         """
         (rows,) = self.groups
         texts = {column: {row[column].text for row in rows} for column in range(len(self.heads))}
@@ -187,12 +187,12 @@ class FigureText:
     name: str  # file name without suffix
     title: str
     caption: str
-    alt: str = "The caption and the tables say what it shows."  # description for screen readers
+    alt: str = "The caption and the tables describe this figure."  # description for screen readers
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Reference to a figure by name; shown as nothing if the figure was not made."""
+    """Reference to a figure by name, which is ignored if the figure was not made."""
 
     name: str
 

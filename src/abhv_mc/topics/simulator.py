@@ -1,4 +1,4 @@
-"""Report topic: repeatability of a user's simulator, and why flights failed to run."""
+"""Report topic: repeatability of a user's simulator, and why its flights failed to run."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -96,7 +96,7 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
     if facts.files:
         items.append(
             Text(
-                "The simulator consists of these files, with stored hashes: "
+                "The simulator consists of these files, whose hashes are stored: "
                 f"{', '.join(facts.files)}."
             )
         )

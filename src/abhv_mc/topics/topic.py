@@ -58,7 +58,7 @@ class Models:
     """Models of a campaign's topics, each computed on first use."""
 
     def __init__(self, results: FlownCampaign, page: Path | None = None) -> None:
-        """Set up the models; in commands, the results folder is relative to ``page``."""
+        """Prepare the models; printed commands contain the results folder relative to ``page``."""
         self.results = results
         self._page = page
         self._held: dict[str, Any] = {}
@@ -76,7 +76,7 @@ class Models:
 
     @cached_property
     def users(self) -> tuple["Topic[Any]", ...]:
-        """Custom topics that succeed for this campaign; failures are reported on stderr."""
+        """Custom topics that do not fail for this campaign; failures are reported on stderr."""
         return tuple(topic for topic in user_topics() if self._can_be_made(topic))
 
     def _can_be_made(self, topic: Topic[Any]) -> bool:
@@ -128,7 +128,7 @@ def user_topics() -> tuple[Topic[Any], ...]:
 def _tell_failure(name: str) -> None:
     """Report on stderr that a custom topic failed and is omitted."""
     print(
-        f"the topic {name} is left out:\n{traceback.format_exc()}",
+        f"the topic {name} failed and is left out of the report:\n{traceback.format_exc()}",
         end="",
         file=sys.stderr,
         flush=True,

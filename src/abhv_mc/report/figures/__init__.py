@@ -1,1 +1,1 @@
-"""Print-ready figures: functions that plot arrays in matplotlib figures, without pyplot."""
+"""Functions that plot arrays in print-ready matplotlib figures, without pyplot."""

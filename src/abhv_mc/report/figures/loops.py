@@ -18,7 +18,8 @@ _POINTS = 1500
 
 def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
     """Write ``bode_STEM.png`` and ``nichols_STEM.png`` for the first system; yield the paths."""
-    # At the Nyquist frequency, integrators with an even period respond as at zero frequency.
+    # The Nyquist frequency is excluded, because a sampled integrator whose period is an even number
+    # of samples responds there as at zero frequency.
     highest = 0.999 * np.pi / linear.period
     omega = np.geomspace(1e-2, highest, _POINTS)
     if linear.phases:

@@ -29,7 +29,7 @@ from abhv_mc.topics.figure_style import (
     title_panel,
 )  # fmt: skip
 
-_ROW = 0.22  # height of the row of a parameter, inches
+_ROW = 0.22  # height of a parameter's row, inches
 # The first flight after the nominal one has the most visible colour.
 _FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])
 # channel, axis label and scale of each panel that shows individual flights
@@ -84,9 +84,9 @@ def plot_convergence(
 
 @styled
 def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, label: str) -> Figure:
-    """Plot the worst case's position (-1 to 1) in each parameter's range, and sensitivities.
+    """Plot the worst case's position (-1 to 1) in each range, and the metric's sensitivities.
 
-    ``change`` [parameter, 2] is the change of the metric for a lower and a higher parameter.
+    ``change`` [parameter, 2] is the change of the metric if the parameter decreases or increases.
     """
     figure = new_figure(0.9 + _ROW * len(names) * 1.3)
     left, right = figure.subplots(1, 2, sharey=True)
@@ -98,8 +98,10 @@ def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, lab
     left.set_xlim(-1.1, 1.1)
     left.set_xticks([-1.0, 0.0, 1.0], ["low end", "middle", "high end"])
     left.set_title("Position in the box")
-    right.barh(rows - 0.18, change[:, 0], 0.34, color=BLUE, label="1/20 of the range lower")
-    right.barh(rows + 0.18, change[:, 1], 0.34, color=VERMILION, label="1/20 of the range higher")
+    right.barh(rows - 0.18, change[:, 0], 0.34, color=BLUE, label="decrease by 1/20 of the range")
+    right.barh(
+        rows + 0.18, change[:, 1], 0.34, color=VERMILION, label="increase by 1/20 of the range"
+    )
     right.axvline(0.0, color=INK, linewidth=0.6)
     right.set_xlabel(f"change of {label}")
     right.set_title("Sensitivity at the worst case")
@@ -130,7 +132,7 @@ def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Fl
 
 @styled
 def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Floats) -> Figure:
-    """Plot a probability with its interval over numbers of flights, and the flights' metrics.
+    """Plot a probability with its interval by number of flights, and the metric by flight.
 
     Each row of ``steps`` [step, 5] contains the number of flights, the probabilities from two
     Gaussian processes, and both ends of the interval.
@@ -157,7 +159,7 @@ def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Fl
 
 @styled
 def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: float) -> Figure:
-    """Plot acceptance rate and move size at each level after the first; the target is dashed."""
+    """Plot the acceptance rate, its target and the move size at each level but the first."""
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
@@ -181,7 +183,7 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: 
 
 @styled
 def plot_failures(names: Sequence[str], points: Floats) -> Figure:
-    """Plot parameter quantiles, as standard normal numbers, for failures and for all flights."""
+    """Plot parameter quantiles in standard normal space, for failures and for all flights."""
     figure = new_figure(0.8 + _ROW * len(names) * 1.2)
     axes = figure.subplots()
     rows = np.arange(len(names))
@@ -192,7 +194,7 @@ def plot_failures(names: Sequence[str], points: Floats) -> Figure:
     axes.plot(median, rows, "o", color=VERMILION, markersize=4, label="their median")
     axes.set_yticks(rows, names)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlabel("standard deviations of its distribution (as a normal number)")
+    axes.set_xlabel("parameter in standard deviations (transformed to a normal distribution)")
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 
@@ -205,7 +207,7 @@ def plot_flights(
     title: str = "",
     limits: Sequence[float] = (),
 ) -> Figure:
-    """Plot channels [flight, time]; the nominal flight is first and dash-dotted.
+    """Plot channels [flight, time], in which row 0 is the nominal flight (dash-dotted).
 
     Values after the end of a flight are NaN; a cross marks the end. ``limits`` are drawn in the
     first panel.
@@ -254,7 +256,7 @@ _PLANNED = (BLUE, VERMILION, GREEN)
 def plot_planned(planned: Planned) -> Figure:
     """Plot the chance of PASS against the true failure rate.
 
-    There is one panel for each requirement, and one for all requirements jointly.
+    The figure has one panel for each requirement, and one for all requirements jointly.
     """
     rates, entries = planned.rates_over_allowed, planned.requirements
     count = len(entries) + (len(entries) > 1)
@@ -267,7 +269,7 @@ def plot_planned(planned: Planned) -> Figure:
                 rates,
                 chance.at_some_flight,
                 color=color,
-                label=f"after some flight up to {chance.runs}",
+                label=f"at some flight up to {chance.runs}",
             )
             axes.plot(
                 rates,
@@ -289,7 +291,7 @@ def plot_planned(planned: Planned) -> Figure:
         for joint, color in zip(planned.together, _PLANNED, strict=True):
             band = joint.at_some_flight
             axes.fill_between(rates, band.low, band.high, color=color, alpha=0.25, linewidth=0)
-        title_panel(axes, "all requirements PASS after some flight (bounds)")
+        title_panel(axes, "PASS of all requirements at some flight (bounds)")
     for axes in grid.flat[:count]:
         axes.axvline(1.0, color=INK, linewidth=0.8)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))

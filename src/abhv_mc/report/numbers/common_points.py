@@ -1,4 +1,4 @@
-"""Selection of points of the unknowns that two campaigns share, to pair their flights."""
+"""Selection of the points of the unknown parameters that two campaigns have in common."""
 
 from dataclasses import replace
 
@@ -17,12 +17,13 @@ def restrict_to_common_points(
 ) -> tuple[FlownCampaign, FlownCampaign]:
     """Return both campaigns with only the flights at their common points of the unknowns.
 
-    Sample k at common point p is flight ``k * points + p`` in both. Raise InputError if the
+    Sample k at common point p is flight ``k * points + p`` in both
+    campaigns. Raise InputError if the
     unknowns differ or there is no common point.
     """
     unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns
     if unknowns_a.names != unknowns_b.names:
-        problem = f"the unknowns {', '.join(unknowns_b.names) or 'of none'}"
+        problem = f"different unknowns ({', '.join(unknowns_b.names) or 'none'})"
         raise InputError(
             b.folder, problem, f"{', '.join(unknowns_a.names) or 'none'}, as in {a.folder}"
         )
@@ -35,12 +36,14 @@ def restrict_to_common_points(
         ]
     ).reshape(-1, 2)
     if not len(pairs):
-        raise InputError(b.folder, "no common point of the unknowns", f"points of {a.folder}")
+        raise InputError(
+            b.folder, "no common point of the unknowns", f"at least one of the points of {a.folder}"
+        )
     return _restrict(a, pairs[:, 0]), _restrict(b, pairs[:, 1])
 
 
 def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign:
-    """Return the results with only the flights at the given points, in the points' order."""
+    """Return the results with only the flights at the given points, in the given order."""
     total = len(results.campaign.unknowns.points)
     if np.array_equal(points, np.arange(total)):
         return results

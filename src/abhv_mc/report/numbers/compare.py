@@ -71,16 +71,18 @@ def require_same_samples(
         if differ.size:
             k = int(differ[0])
             problem = f"{name} = {float(values_b[k])!r} in flight {k}"
-            raise InputError(path, problem, f"{float(values[k])!r} as in {folder}")
+            raise InputError(path, problem, f"{float(values[k])!r}, as in {folder}")
 
 
 def check_baseline(campaign: Experiment, baseline: Path) -> None:
-    """Raise InputError if a campaign that will be run cannot be paired with the baseline."""
+    """Raise InputError if a planned campaign cannot be paired with the baseline."""
     results = read_flown(baseline)
     source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
         expected = f"{', '.join(unknowns.names) or 'none'}, as in {baseline}"
-        raise campaign.document.key_error(("unknowns",), "other unknowns", expected)
+        raise campaign.document.key_error(
+            ("unknowns",), "unknowns that differ from those of the baseline", expected
+        )
     rows = source.draw(0, campaign.runs)[:: len(campaign.unknowns.points)]
     columns = {
         name: rows[:, i] for i, name in enumerate(source.names) if name not in unknowns.names
@@ -101,7 +103,7 @@ def _drawn(results: FlownCampaign) -> dict[str, Floats]:
 
 
 def parse_margins(texts: Sequence[str]) -> dict[str, float]:
-    """Parse texts such as ``METRIC=5%`` into shares. Raise InputError if one is invalid."""
+    """Parse texts such as ``METRIC=5%`` into shares. Raise InputError for an invalid text."""
     margins = {}
     for text in texts:
         metric, sign, value = text.partition("=")
@@ -113,7 +115,7 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
             raise InputError("--fail-if-worse", f"'{text}'", "METRIC=SHARE with a share such as 5%")
         if metric.strip() in margins:
             raise InputError(
-                "--fail-if-worse", f"'{metric.strip()}' given twice", "each metric once"
+                "--fail-if-worse", f"metric '{metric.strip()}' is given twice", "each metric once"
             )
         margins[metric.strip()] = margin
     return margins
@@ -137,10 +139,10 @@ def compare_results(
 ) -> Compared:
     """Compare the controllers of two campaigns on the same samples.
 
-    Requirements and metrics are those of `a`. By default, all common controllers are compared;
-    `controllers` names a controller of `a` and one of `b` instead. If the numbers of flights
-    differ, the common flights are compared. `margins` gives, by metric, the share by which `b` may
-    be worse. Raise InputError if the campaigns have nothing in common.
+    The requirements and metrics of `a` are used. By default, all common controllers are compared;
+    `controllers` selects one controller of `a` and one of `b` instead. If the numbers of flights
+    differ, the common flights are compared. For each metric in `margins`, `b` may be worse by the
+    given share. Raise InputError if the campaigns have nothing in common.
     """
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
@@ -182,7 +184,7 @@ def compare_results(
                 )
             )
     if not pairs:
-        raise InputError(b.folder, "no flight that both campaigns ran", f"flights of {a.folder}")
+        raise InputError(b.folder, "no flight in common", f"flight numbers of {a.folder}")
     requirement_texts = tuple(requirement_words(item, records) for item in requirements)
     return Compared(
         requirement_texts, {name: records[name].as_texts() for name in metrics}, tuple(pairs)
@@ -212,24 +214,25 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
 
 
 def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
-    """Describe the result of the gate on a metric; ``label`` names the second campaign."""
+    """Describe the result of a metric's non-inferiority gate for the campaign ``label``."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
     point = f"at {gate.at}, " if gate.at else ""
     text = (
         f"{point}{label} {'passes' if gate.shown else 'is rejected'}: "
-        f"{'' if gate.within_low > 0.5 else 'NOT '}shown to be at most {100.0 * gate.margin:g} % "
-        f"worse on more than half of the flights ({gate.within} of {gate.pairs} flights; at 95 % "
-        f"confidence at least {percent(gate.within_low, 2)} of all)"
+        f"it is {'' if gate.within_low > 0.5 else 'NOT '}shown to be at most "
+        f"{100.0 * gate.margin:g} % worse on more than half of the flights ({gate.within} of "
+        f"{gate.pairs} flights; with 95 % confidence, at least {percent(gate.within_low, 2)} of "
+        "all)"
     )
     reasons = [
-        f"its {100.0 * level:.4g} % quantile is shown to be worse by more than this"
+        f"its {100.0 * level:.4g} % quantile is shown to be worse by more than this margin"
         for level in gate.worse_tails
     ]
     if gate.worst_doubled:
         reasons.append(
-            f"its worst flight has {significant(worst[1])}, compared with {significant(worst[0])}"
+            f"its worst value is {significant(worst[1])}, compared with {significant(worst[0])}"
         )
-    reasons += ["more of its flights are lost"] if gate.loses_more else []
+    reasons += ["more of its flights terminate early"] if gate.loses_more else []
     reasons += [f"it misses {requirements[k]} more often" for k in gate.misses_more]
     return "; ".join([text, *reasons])
 
@@ -243,11 +246,11 @@ def _gate(
     *,
     unknowns: Unknowns,
 ) -> Gate:
-    """Return the gate result of `b` at its worst point of the unknowns.
+    """Return the non-inferiority gate of `b` against `a` at the worst point of the unknowns.
 
-    The worst point rejects `b` or comes closest to it. Because `b` must be shown not to be worse at
-    every point, the risk of this test needs no correction; the tests that reject `b` share their
-    risk.
+    The worst point is the point at which `b` is rejected or comes closest to rejection. The test
+    that accepts `b` needs no correction for the number of points, because `b` must be accepted at
+    every point. The tests that reject `b` share their risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)
@@ -278,7 +281,7 @@ def pair_controllers(
     if controllers:
         if len(controllers) != 2:
             problem = f"{len(controllers)} controllers"
-            raise InputError("--controllers", problem, "two names: one of each folder")
+            raise InputError("--controllers", problem, "two names, one from each folder")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
                 expected = " or ".join(results.controllers)
@@ -287,6 +290,6 @@ def pair_controllers(
         return
     common = [name for name in a.controllers if name in b.flights]
     if not common:
-        problem = f"the controllers {', '.join(b.controllers)}"
+        problem = f"only the controllers {', '.join(b.controllers)}"
         raise InputError(b.folder, problem, f"one of {', '.join(a.controllers)}")
     yield from ((name, name) for name in common)

@@ -28,7 +28,7 @@ class SideVerdict:
 
 @dataclass(frozen=True)
 class ContrastRequirement:
-    """Requirement in both campaigns, with the change of the share of failures."""
+    """Verdicts of both campaigns on a requirement, and the change of the failure share."""
 
     words: str
     probability: float
@@ -39,7 +39,7 @@ class ContrastRequirement:
 
 @dataclass(frozen=True)
 class ContrastQuantile:
-    """Quantile in both campaigns; the difference is None if too few flights lie beyond it."""
+    """Quantile in both campaigns, and their difference, or None if it cannot be estimated."""
 
     before: Interval
     after: Interval
@@ -48,7 +48,7 @@ class ContrastQuantile:
 
 @dataclass(frozen=True)
 class ContrastController:
-    """Comparison of one controller in each campaign."""
+    """Comparison of a controller of the first campaign with one of the second campaign."""
 
     controllers: tuple[str, str]
     flights: tuple[int, int]
@@ -58,7 +58,7 @@ class ContrastController:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Comparison of two campaigns on different samples, by the requirements of the first."""
+    """Comparison of two campaigns on different samples, by the first one's requirements."""
 
     # changed inputs, e.g. 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
     changes: tuple[str, ...]
@@ -77,8 +77,7 @@ def contrast_results(
     for results in (a, b):
         if results.campaign.unknowns.names:
             problem = (
-                "flights at values of the unknowns, with samples that differ from the other "
-                "folder's"
+                "a campaign with unknowns, whose samples differ from those of the other folder"
             )
             raise InputError(
                 results.folder, problem, "the same samples, or campaigns without unknowns"

@@ -42,10 +42,12 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 4
 _NAMED = 2  # maximum number of violated requirements or metrics named in a sentence
-_MOST_LONGER = 100  # largest commanded number of flights, as a multiple of the present number
+# largest number of flights for which a command is suggested, as a multiple of the present number
+_MOST_LONGER = 100
 _FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
-_SAME_USAGE = 0.05  # largest deviation of a control-effort ratio from 1 that is not mentioned
+# ratios of control effort that differ from 1 by less than this are not mentioned
+_SAME_USAGE = 0.05
 
 
 def judge_campaign(models: Models) -> Judgement:
@@ -92,7 +94,7 @@ def _count_words(*texts: str | NextStep | None) -> int:
 
 
 def _runs_words(models: Models) -> str:
-    """Return '64 of 2100 flights run.' or similar if flights are missing, else ''."""
+    """Return text such as '64 of 2100 flights run.' if flights are missing, else ''."""
     missing = _missing_runs(models)
     runs = models.results.campaign.runs_at_point
     return f"{count_of(runs, missing, 'flights')} run." if missing else ""
@@ -142,13 +144,13 @@ def _worst_words(models: Models) -> str:
 def _met_words(models: Models, detail: int, *, leads: bool) -> str:
     """State which controllers meet all their requirements and which controllers do not.
 
-    A larger `detail`, up to 3, adds more names and numbers of missed requirements. If `leads`, the
+    A larger `detail` (up to 3) adds names and numbers of missed requirements. If `leads`, the
     text begins with the statement that no controller meets all requirements.
     """
     verdicts, names = models[VERDICTS], models.names
     number = len(verdicts.requirements)
     if not number:
-        return "Nothing is required."
+        return "The campaign has no requirements."
     bound = _binding_statuses(verdicts)
     own = {name: _binding_verdicts(verdicts, name) for name in (*bound, *names.controllers)}
     meeting = [
@@ -167,7 +169,7 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
         if meeting
         else ""
     )
-    groups: dict[str, list[str]] = {}  # words -> controllers to which they apply
+    groups: dict[str, list[str]] = {}  # clause -> controllers to which it applies
     previous: list[Requirement] = []
     for name in falling:
         listed = [item for item, _ in _listed_entries(own[name])]
@@ -193,7 +195,7 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
 
 
 def _subject_words(controllers: list[str], words: str) -> str:
-    """Return a clause on one or several controllers; `words` begin with a singular verb."""
+    """Return a clause on one or several controllers; `words` starts with a singular verb."""
     verb, _, rest = words.partition(" ")
     if len(controllers) > 1:
         verb = {"has": "have", "is": "are", "misses": "miss"}[verb]
@@ -213,10 +215,9 @@ def _all_of(number: int) -> str:
 
 
 def _concerned_controllers(models: Models) -> list[str]:
-    """Return the controllers in question.
+    """Return the controllers to which requirements apply or that the question names.
 
-    These are the controllers that requirements bind or that the campaign's question names; all,
-    without a question.
+    If the campaign has no question, all controllers are returned.
     """
     campaign = models.results.campaign
     asked = campaign.compared if campaign.model.asks else tuple(models.names.controllers)
@@ -226,7 +227,7 @@ def _concerned_controllers(models: Models) -> list[str]:
 def _binding_verdicts(
     verdicts: Verdicts, name: str
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the requirements that bind a controller, with verdicts; all if none binds it.
+    """Return the requirements that apply to a controller, or else all, with their verdicts.
 
     The verdict is None if no flight of the controller could be computed.
     """
@@ -252,8 +253,9 @@ def _short_words(
     """Describe the missed requirements of one controller.
 
     For example, 'misses the speed error requirement (101 of 1000 flights, 10 %; 1 % allowed)'. Two
-    missed requirements are named, as in 'misses 2 of 5: speed error and sideslip'; more are only
-    counted. If `is_named`, the requirement has been named before and is called 'it'.
+    missed requirements are named, as in 'misses 2 of 5: speed error and sideslip'; if there are
+    more, they are only counted. If `is_named`, the requirement has been named before and is called
+    'it'.
     """
     listed = _listed_entries(own)
     missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
@@ -310,22 +312,22 @@ def _better_words(models: Models, better: str) -> str:
 
 
 def _losing(pairs: Sequence[ControllerPair]) -> bool:
-    """Return whether any pair shows a controller that loses more flights."""
+    """Return whether early terminations differ significantly in any pair of controllers."""
     return any(pair.losing for pair in pairs)
 
 
 def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> str:
-    """Return the sentence that `better` is better than its rivals, with the reason."""
+    """Return a sentence that states why the controller `better` is better than its rivals."""
     if len(pairs) == 1 and pairs[0].losing:
         pair, lost = pairs[0], pairs[0].ended_early
         counts = {pair.a: lost.both + lost.only_a, pair.b: lost.both + lost.only_b}
         (rival,) = counts.keys() - {better}
         compared = f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs)}"
         winner, loser = names.subject(better), names.subject(rival)
-        return f"{winner} is better than {loser}: {compared} flights lost."
+        return f"{winner} is better than {loser}: {compared} flights terminated early."
     rivals: dict[str, list[str]] = {}  # reason -> rival controllers to which it applies
     for pair in pairs:
-        reason = "by losing fewer flights"
+        reason = "with fewer early terminations"
         if not pair.losing:
             standings = standing(pair, names)
             won = standings["better" if better == pair.a else "worse"]
@@ -341,13 +343,13 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
 
 
 def _compared_pairs(models: Models) -> list[ControllerPair]:
-    """Return the pairs of controllers in question; by default, all pairs with the first."""
+    """Return the pairs to compare; by default, all pairs that include the first controller."""
     pairs, compared = models[COMPARISON].pairs.values(), models.results.campaign.compared
     return [pair for pair in pairs if not compared or {pair.a, pair.b} <= set(compared)]
 
 
 def _binding_statuses(verdicts: Verdicts) -> dict[str, set[str]]:
-    """Return the statuses of the requirements that bind each controller.
+    """Return the statuses of the requirements that apply to each controller.
 
     The status is NOT SHOWN if none of the controller's flights could be computed.
     """
@@ -383,7 +385,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
     pairs = _compared_pairs(models)
     is_answered = len(names.controllers) == 2 and better in names.controllers and _losing(pairs)
     if lost and not is_answered:
-        yield f"Lost flights: {shorten_list(lost)}."
+        yield f"Early terminations: {shorten_list(lost)}."
     margins = {name: least_margins(models[MARGINS], name) for name in names.controllers}
     loops = [
         f"{names.subject(name)} {least.words[0] if least.stable else 'unstable'}"
@@ -424,7 +426,7 @@ def shorten_list(items: list[str]) -> str:
 
 
 def _error_words(pair: ControllerPair, names: Names) -> str:
-    """Return the sentence on which errors each controller reduces; '' if none is shown.
+    """Return a sentence on the errors that are smaller under each controller, or ''.
 
     For example, 'TLC has the smaller sideslip, LQR robust the smaller altitude error, at 0.34 times
     the control effort.'
@@ -447,7 +449,7 @@ def _error_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _angle_words(pair: ControllerPair, names: Names) -> str:
-    """Return the sentence on rms errors of angles; '' if the metrics are missing.
+    """Return a sentence on the rms errors of angles, or '' if the metrics are missing.
 
     For example, 'TLC has a smaller rms error than LQR in sideslip, in bank only outside the
     transients.'
@@ -491,12 +493,12 @@ def _confidence_words(models: Models, better: str) -> str:
         return ""
     if joint is None:
         why = models.results.campaign.dependence
-        return f"Estimates, no verdicts: {why}."
+        return f"Results are estimates, not verdicts: {why}."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = joint.stand + len(joint.dropped)
     sentences = []
     if passed:
-        text = f"Each PASS holds with at most {percent(risk, 2)} consumer's risk"
+        text = f"Each PASS has at most {percent(risk, 2)} consumer's risk"
         if passed > 1 and joint.stand:
             jointly = f"all {passed}" if joint.stand == passed else f"{joint.stand} of {passed}"
             text += f"; {jointly} PASS verdicts also hold{'s' * (joint.stand == 1)} jointly"
@@ -511,7 +513,7 @@ def _confidence_words(models: Models, better: str) -> str:
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
-    """Return the number of flights at which all PASS hold jointly; None if they already do.
+    """Return the number of flights at which all PASS verdicts hold jointly; None if they do.
 
     The joint verdicts follow Holm's procedure; no further failure is assumed.
     """
@@ -564,7 +566,8 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         return NextStep(why, "abhv-mc run FILE -o DIR")
     if met == "no" or (missing and "FAIL" in statuses):
         changes = models.results.requirement_changes
-        if changes and not changes[-1].time:  # Only this report uses the requirements.
+        # These requirements apply only to this report, not to the folder.
+        if changes and not changes[-1].time:
             return NextStep(
                 "these requirements apply only to this report; to adopt them, write them into the "
                 "campaign file and run it, which keeps the stored flights",
@@ -585,7 +588,9 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     jointly = flights_for_joint_verdicts(verdicts)
     if jointly:
         return _longer_run(
-            jointly, f"all hold jointly with {fixed(jointly, 0)} flights if no more fail", flies
+            jointly,
+            f"all PASS verdicts hold jointly with {fixed(jointly, 0)} flights if no more fail",
+            flies,
         )
     if met != "yes":
         return None
@@ -595,7 +600,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
 
 
 def _concerned_statuses(models: Models) -> list[str]:
-    """Return the statuses of the verdicts on the controllers in question."""
+    """Return the statuses of the verdicts on the controllers of interest."""
     return [
         verdict.status
         for name in _concerned_controllers(models)
@@ -607,7 +612,7 @@ def _concerned_statuses(models: Models) -> list[str]:
 def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool) -> NextStep | None:
     """Recommend a number of flights at which all binding verdicts are likely to be PASS.
 
-    With unknowns, the flights and chances are those of each verdict's worst point.
+    With unknown parameters, the flights and chances are those at each verdict's worst point.
     """
     open_ones = [verdict for verdict in binding if verdict.status == "NOT SHOWN"]
     if not open_ones:
@@ -619,7 +624,7 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
         )
     several, each = len(binding) > 1, " at each point" if has_unknowns else ""
     if advice := advise(binding):
-        condition = ", more if their true failure rates are alike" if several else ""
+        condition = ", or more if their failure rates are correlated" if several else ""
         subject = f"all {len(binding)} verdicts are" if several else "the verdict is"
         at_worst = f" at the worst point{'s' * several}" * has_unknowns
         chance = f"{subject} PASS{at_worst} with a chance of {about(advice.chance)}{condition}"
@@ -647,9 +652,9 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
     if separate:
         need = fixed(max(single.flights for single in separate), 0)
         number = f"{len(separate)} of the {len(open_ones)} undecided verdicts"
-        text += f"; by itself, a PASS is likely for {number} with up to {need} flights"
+        text += f"; individually, PASS is likely for {number} with up to {need} flights"
     else:
-        text += f"; at least {fixed(least, 0)} are needed"
+        text += f"; at least {fixed(least, 0)} flights are needed"
     return NextStep(text)
 
 

@@ -17,14 +17,14 @@ class NextStep:
     """Recommended next step."""
 
     why: str
-    command: str = ""  # command with DIR for the results folder; '' if no command helps
+    command: str = ""  # command with DIR for the results folder; '' if no command is recommended
 
 
 @dataclass(frozen=True)
 class Judgement:
     """Assessment of a campaign: requirements, controller comparison, reasons and next step."""
 
-    met: Met  # requirements met by each binding controller
+    met: Met  # whether the controllers to which requirements apply meet them
     better: str  # name of the better controller, or MIXED, NO_DIFFERENCE or ALONE
     because: tuple[str, ...]  # reasons, most important first
     sure: str  # statement on statistical confidence

@@ -27,7 +27,7 @@ _RATES = np.concatenate(
 
 @dataclass(frozen=True)
 class PassChance:
-    """Chance of PASS [rate] after a number of flights."""
+    """Chance of PASS by true failure rate [rate], after a number of flights."""
 
     runs: int
     # chance of PASS if verdicts are checked after each flight up to ``runs``
@@ -37,7 +37,7 @@ class PassChance:
 
 @dataclass(frozen=True)
 class PlannedRequirement:
-    """Flights and chances of PASS for one requirement."""
+    """Numbers of flights and chances of PASS for one requirement."""
 
     metric: str
     words: str
@@ -51,7 +51,7 @@ class PlannedRequirement:
 
 @dataclass(frozen=True)
 class Band:
-    """Lower and upper bounds of a chance [rate]."""
+    """Lower and upper bounds on a chance, by true failure rate [rate]."""
 
     low: Floats
     high: Floats
@@ -59,7 +59,7 @@ class Band:
 
 @dataclass(frozen=True)
 class JointPassChance:
-    """Bounds on the chance that the verdict on all requirements is PASS."""
+    """Bounds on the chance that the verdicts on all requirements are PASS."""
 
     runs: int
     at_some_flight: Band
@@ -82,7 +82,8 @@ class Planned:
     problems: Sequence[str]
     # number of points of the unknowns, each with ``runs`` flights of each controller
     most_points: int = 1
-    search_flights: int = 0  # number of flights, over all controllers, in the search for points
+    # number of flights of all controllers in the search for points of the unknowns
+    search_flights: int = 0
 
 
 def plan_campaign(campaign: Experiment) -> Planned:
@@ -142,7 +143,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the largest number of judged points, and the number of flights to find them."""
+    """Return the largest number of points of the unknowns, and of flights to find them."""
     unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0

@@ -83,7 +83,7 @@ def report_schema() -> Schema:
 def _schema(hint: Any, defs: dict[str, Schema]) -> Schema:
     """Return the JSON Schema of a type as ``json_data`` writes its values.
 
-    Classes are added to ``defs``.
+    Schemas of classes are added to ``defs``.
     """
     origin, arguments = get_origin(hint), get_args(hint)
     if hint in _PLAIN:

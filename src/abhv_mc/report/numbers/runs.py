@@ -44,7 +44,7 @@ class CampaignRuns:
     """Campaigns below a folder, latest first, and the pages of comparisons."""
 
     runs: tuple[CampaignRun, ...]
-    # 'digest digest' of two campaigns -> relative path of their comparison page
+    # digests of two campaigns, separated by a space -> relative path of their comparison page
     comparisons: Mapping[str, str]
 
 
@@ -111,7 +111,7 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
 
 
 def _is_ours(manifest: Path) -> bool:
-    """Return whether an unreadable manifest may be from abhv-mc: damaged, or with a format."""
+    """Return whether an unreadable manifest is damaged or contains the key 'format'."""
     try:
         content = json.loads(manifest.read_bytes())
     except (OSError, ValueError, RecursionError):

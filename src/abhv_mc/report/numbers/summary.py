@@ -20,13 +20,13 @@ def summary_sentences(models: Models) -> list[str]:
 
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
-    """Return introductory sentences that depend on other topics, by topic.
+    """Return introductory sentences of those topics whose sentences use other topics.
 
     ``warnings`` are added to the warnings of the run and of the topics.
     """
     siblings, command = suggest_merge(models.results.folder, models.results.manifest)
     joint = models[VERDICTS].held_together
-    # These sentences name the verdicts that do not hold jointly.
+    # If verdicts do not hold jointly, the sentences on verdicts name them.
     jointly = models.sentences(VERDICTS) if joint is not None and joint.dropped else ()
     windy = [
         f"{warning[:1].upper()}{warning[1:]}."
@@ -52,7 +52,7 @@ def _judged_words(unknowns: Unknowns) -> str:
 
 
 def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
-    """Return the basis of the intervals and verdicts; ``warnings`` are appended as notes."""
+    """Return sentences on the basis of intervals and verdicts, with ``warnings`` as notes."""
     campaign, names, requirements = (
         models.results.campaign,
         models.names,
@@ -64,15 +64,18 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
             for count in sorted({counts.flown for counts in models[FLIGHTS].counts.values()})
         ]
     )
-    text = f"Based on {flights} flights of each {names.campaign.kind}, the same dispersions for all"
-    text += "; intervals are 95 %." if campaign.independent else "."
+    text = (
+        f"The results are based on {flights} flights of each {names.campaign.kind}, with the same "
+        "dispersions for all"
+    )
+    text += "; intervals have 95 % confidence." if campaign.independent else "."
     if campaign.unknowns.names:
         text += (
             f" These are {fixed(campaign.runs_at_point, 0)} flights at each of "
             f"{len(campaign.unknowns.points)} values of the unknowns. "
-            f"{_judged_words(campaign.unknowns)}; values in between were searched, not proven. "
-            f"Quantiles, envelopes and differences combine all values; a {names.campaign.kind} is "
-            "named better only if it is better at every value."
+            f"{_judged_words(campaign.unknowns)}; values in between were searched, but nothing is "
+            "proven for them. Quantiles, envelopes and differences combine all values; a "
+            f"{names.campaign.kind} is named better only if it is better at every value."
         )
     elif not campaign.independent:
         text += (
@@ -84,12 +87,13 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
         largest = max(entry.asked.consumer_risk for entry in requirements)
         text += (
             " A system that just misses a requirement gets a PASS with a probability of at most "
-            f"{percent(largest, 2)}, also if results are checked repeatedly or the campaign is "
+            f"{percent(largest, 2)}, even if results are checked repeatedly or the campaign is "
             "extended; the intervals hold for a single check."
         )
         if campaign.model.stop:
             text += (
-                f" The campaign stops when proven, after at most {fixed(campaign.runs, 0)} flights."
+                " The campaign stops when every verdict is PASS or FAIL, after at most "
+                f"{fixed(campaign.runs, 0)} flights."
             )
     for warning in (*warnings_of(models), *warnings):
         text += f" Note: {warning}."

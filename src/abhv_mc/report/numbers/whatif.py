@@ -113,14 +113,14 @@ def _check_coverage(
     most = max(unseen.single, unseen.joint)
     if most > MOST_UNSEEN:
         problem = (
-            f"{100.0 * most:.2g} % of the changed probability lies outside the range of the "
+            f"{100.0 * most:.2g} % of the changed distribution lies outside the range of the "
             f"{total} flights"
         )
-        raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %; run a new campaign")
+        raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign")
     least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
     if effective < least:
         problem = f"an effective number of {effective:.0f} flights out of {total}"
-        remedy = "a smaller change, more flights, or a new campaign"
+        remedy = "use a smaller change, more flights, or a new campaign"
         raise InputError(root, problem, f"an effective number of at least {least:g}: {remedy}")
 
 

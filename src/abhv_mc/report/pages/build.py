@@ -72,7 +72,7 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
 
 
 def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
-    """Return whether the page and its figures match the data and this program."""
+    """Return whether the page and its figures match the data and the program version."""
     try:
         written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
         hashes = {**written["pages"], **written["pictures"]}
@@ -92,7 +92,7 @@ _SIDE_OPTIONS: dict[str | None, tuple[str, ...]] = {
 def refuse_search(root: Path, manifest: Manifest) -> None:
     """Raise InputError for the folder of a search, with the command that makes its page."""
     if manifest.search:
-        expected = f"a campaign; for the page of the search run {search_command(root, manifest)}"
+        expected = f"a campaign (for the page of the search, run {search_command(root, manifest)})"
         raise InputError(root, "the flights of a search", expected)
 
 
@@ -156,11 +156,11 @@ def build_report(
     svg
         Also write each figure as SVG.
     stage
-        Called with the name of each stage; returns a context manager that shows progress.
+        Function that shows progress: given the name of a stage, it returns a context manager.
     out
         Folder of the report, by default that of the campaign.
     requirements
-        File of requirements that replace those of the folder.
+        File with requirements that replace those of the folder.
     junit
         File for the verdicts as JUnit XML.
 

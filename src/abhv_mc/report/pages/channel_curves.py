@@ -117,7 +117,8 @@ def envelope_data(
     }
     channels: list[dict[str, str | None]] = []
     arrays: dict[str, Floats] = {}
-    times = results.reference.get("time", np.empty(0))  # Custom simulators have no reference.
+    # Custom simulators have no reference trajectory.
+    times = results.reference.get("time", np.empty(0))
     every = max(1, -(-times.size // _MOST_TIMES))
     arrays["reference:time"] = times[::every]
     for channel, signal in recorded.items():

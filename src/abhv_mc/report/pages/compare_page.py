@@ -68,9 +68,10 @@ class Comparison:
     def table(self) -> "pd.DataFrame":
         """Differences with their 95 % intervals, one row per controller and quantity.
 
-        For the same samples, first minus second: median over the flights, and quantiles. For
-        different samples, second minus first: share of flights that fail each requirement, and
-        quantiles, with the values of both campaigns.
+        If the samples are the same, the rows contain the medians over the flights and the
+        quantiles of the differences, first minus second. If the samples differ, the rows contain
+        the failure shares and the quantiles of both campaigns, and the differences, second minus
+        first.
         """
         import pandas as pd
 
@@ -111,8 +112,8 @@ def compare_folders(
 ) -> Comparison:
     """Compare two folders, flight by flight if their samples are equal, else unpaired.
 
-    If ``out`` is given, write a page there. Raise InputError if the folders have nothing in common,
-    or if their samples differ and ``margins`` or ``is_paired`` require pairs.
+    If ``out`` is given, write a page to this folder. Raise InputError if the folders have nothing
+    in common, or if their samples differ and ``margins`` or ``is_paired`` require pairs.
     """
     a, b = (read_flown(folder, requirements) for folder in (folder_a, folder_b))
     try:
@@ -212,8 +213,8 @@ def _section(
     if unknowns.names:
         count = len(unknowns.points)
         answers.append(
-            f"Compared at the {count} values of the unknowns that both campaigns ran; flight "
-            f"{count} k + p is sample k at value p."
+            f"The campaigns are compared at the {count} values of the unknowns that both ran; "
+            f"flight {count} k + p is sample k at value p."
         )
     folders = dict.fromkeys(str(results.folder) for results in (a, b) if results.campaign.can_rerun)
     commands = (
@@ -275,11 +276,11 @@ def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) ->
             "mixed": "mixed",
             "open": "no difference is shown",
         }
-        answer = "no winner is named, as the flights are not independent"
+        answer = "no winner is named, because the flights are not independent"
         if names.campaign.judged:
             answer = answer_of[verdict_of(pair, names)]
             differences = (
-                [f"has {'more' if pair.losing == 'b' else 'fewer'} lost flights"]
+                [f"has {'more' if pair.losing == 'b' else 'fewer'} early terminations"]
                 if pair.losing
                 else []
             )
@@ -364,14 +365,14 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
         )
     else:
         sentences.append(
-            f"{title}: no flight fails with only one of them, {fixed(failed.both, 0)} fail with "
-            "both."
+            f"{title}: no flight fails with only one of the two, and {fixed(failed.both, 0)} fail "
+            "with both."
         )
     return sentences
 
 
 def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Item]:
-    """Yield the tables of a pair under its title; metrics that are not compared are folded."""
+    """Yield the tables of a pair; those of metrics that are not compared are collapsed."""
     differing = {
         name: entry for name, entry in pair.metrics.items() if entry.a_better or entry.b_better
     }
@@ -415,9 +416,9 @@ def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPai
         return []
     caption = (
         "Share of flights at or below each difference; the mark is the median with its 95 % "
-        "interval. Left of the line the first campaign has the smaller value. If a curve begins "
-        "above 0 % or ends below 100 %, the other flights were lost in one of the two campaigns "
-        "only; axes leave out the outermost 1 % of the flights."
+        "interval. To the left of the line, the first campaign has the smaller value. If a curve "
+        "begins above 0 % or ends below 100 %, the other flights terminated early in only one of "
+        "the two campaigns. The axes omit the outermost 1 % of the flights."
     )
     caption += f" Equal in every flight: {joined(equal)}." if equal else ""
     figure = plot_differences(

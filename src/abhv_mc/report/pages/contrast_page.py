@@ -69,15 +69,17 @@ def contrast_section(
     """Return the section with changed inputs, changed verdicts and tables."""
     labels = _labels(a, b, contrast)
     answers = [*change_sentences(contrast, labels)]
-    lead = Lead(answers[0] if answers else "Nothing is required.", tuple(answers[1:]))
+    lead = Lead(
+        answers[0] if answers else "The campaigns have no requirements.", tuple(answers[1:])
+    )
     changes = [change for change in contrast.changes if not change.startswith("name: ")]
     if len(changes) > _MOST_CHANGES:
         changes = [*changes[:_MOST_CHANGES], f"{len(changes) - _MOST_CHANGES} more"]
     sentences = [f"{titles[1]} differs from {titles[0]} in {joined(changes)}."] if changes else []
     sentences.append(
-        "The samples differ, so flights are not paired. Differences are second minus first with "
-        "95 % intervals: Newcombe's for shares, bootstrap for quantiles. An interval that excludes "
-        "0 shows a difference."
+        "The samples differ, so flights are not paired. Differences are the second minus the first "
+        "campaign, with 95 % intervals (Newcombe's for shares, bootstrap for quantiles). An "
+        "interval that excludes 0 shows a difference."
     )
     differing, every = (
         _quantile_table(a, contrast, labels, titles, shows_all=shows_all)
@@ -101,7 +103,7 @@ def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]
 
 
 def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield the changes of each controller, then the controllers without a shown change."""
+    """Yield sentences on changes of each controller, then on controllers without changes."""
     # number of verdicts that differ only because of the number of flights
     undecided: dict[str, int] = {}
     equal: dict[str, str] = {}
@@ -124,15 +126,16 @@ def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]
     if undecided:
         counts = joined([f"{count} of {label}" for label, count in undecided.items()])
         yield (
-            f"Verdicts that the second campaign leaves open, without a shown difference: {counts}."
+            "Verdicts that are open in the second campaign although no difference is shown: "
+            f"{counts}."
         )
     for passed_count in dict.fromkeys(equal.values()):
         labels_of = [label for label, count in equal.items() if count == passed_count]
-        yield f"{joined(labels_of)}: equal verdicts in both campaigns, {passed_count} PASS."
+        yield f"{joined(labels_of)}: verdicts are equal in both campaigns, {passed_count} PASS."
 
 
 def _change_verb(item: ContrastRequirement) -> str:
-    """Return the change of a decided verdict or of the failure share; '' if none is shown."""
+    """Return a verb for a changed verdict or a significant change of failures, else ''."""
     before, after, difference = item.before.status, item.after.status, item.share_difference
     if after != before and after in {"FAIL", "PASS"}:
         return "newly misses" if after == "FAIL" else "newly meets"
@@ -174,7 +177,7 @@ def _verdict_table(
         ("Requirement", a.campaign.kind.capitalize(), *titles, "Difference"),
         tuple(groups),
         "Verdicts and failures by the requirements of the first campaign"
-        f"{counts}, and the difference of the failure share",
+        f"{counts}, and the difference of the failure shares",
         numbers=False,
     )
 
@@ -245,8 +248,8 @@ def _quantile_table(
     title = "All quantiles" if shows_all else "Quantiles with a shown difference"
     caption = f"{title}, of the required metrics"
     if shows_all:
-        dash = "fewer than five flights lie beyond the quantile, or lost flights reach it"
-        caption = f"{title}. A dash: {dash}"
+        dash = "fewer than five flights lie beyond the quantile, or early terminations reach it"
+        caption = f"{title}. A dash means: {dash}"
     return Table(
         title,
         ("Metric", a.campaign.kind.capitalize(), "Quantile", *titles, "Difference"),
@@ -282,7 +285,8 @@ def contrast_figures(
         for record in (a.campaign.metrics[name] for name in metrics)
     ]
     caption = (
-        "Share of flights at or below each value; a curve that ends below 100 % has lost flights."
+        "Share of flights at or below each value. If a curve ends below 100 %, the other flights "
+        "terminated early."
     )
     yield (
         FigureText("distributions", "Distributions of both campaigns", caption),

@@ -1,4 +1,4 @@
-"""First screen of a report, below the assessment: chart, cards and baseline comparison."""
+"""Parts of the first screen of a report: chart, cards and baseline comparison."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ class Bar:
     median: float | None
     tolerance: float | None
     beyond: bool  # whether the bar or the tolerance limit lies beyond the right end of the chart
-    # text on the right: tolerance limit with margin, or 'lost' if the median flight was lost
+    # text on the right: tolerance limit with margin or, without a requirement, the median
     edge: str
     words: str  # text for screen readers
     status: str
@@ -43,8 +43,8 @@ class Bar:
 def chart_position(value: float | None, entry: GlanceRow) -> float | None:
     """Return the position of a value in percent of the chart's width; None if missing.
 
-    The scale is the margin in units of the limit's size, with the limit at 1 and bad values to the
-    right of it.
+    Distances are in units of the limit's size, with the limit at 1 and worse values to the right of
+    the limit.
     """
     if value is None or not math.isfinite(value):
         return None
@@ -101,7 +101,7 @@ def _is_required(entry: GlanceRow) -> bool:
 
 
 def _scale_to_values(entry: GlanceRow) -> GlanceRow:
-    """Return a row that has no requirement, scaled to its values.
+    """Scale a row without a requirement to its own values.
 
     The best value, or zero, is at the left end and the worst value at the limit's position.
     """
@@ -118,7 +118,7 @@ def _scale_to_values(entry: GlanceRow) -> GlanceRow:
 
 
 def _largest_position(entry: GlanceRow) -> float:
-    """Return the position of the row's worst controller; infinite if flights are lost."""
+    """Return the position of the worst bar end; infinite if this end is not finite."""
     positions = [
         chart_position(cell.high if entry.below else cell.low, entry)
         for cell in entry.cells.values()
@@ -147,7 +147,7 @@ def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
 def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
     unit = entry.unit.removeprefix("-")
     low, median, high = (
-        f"{significant(value, 3)} {unit}".strip() if math.isfinite(value) else "(lost)"
+        f"{significant(value, 3)} {unit}".strip() if math.isfinite(value) else "(terminated early)"
         for value in (cell.low, cell.median, cell.high)
     )
     words = f"{label}: median {median}, 5 to 95 % {low} to {high}"
@@ -157,7 +157,7 @@ def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
 
 
 def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
-    """Return the content of a controller's card: verdicts, lost flights, margins, effort."""
+    """Return the content of a controller's card: verdicts, outcomes, margins, effort."""
     flights, table = models[FLIGHTS], models[METRICS].table
     findings, counts = flights.findings[name], flights.counts[name]
     margin, poor = _margin(models, name)
@@ -167,7 +167,7 @@ def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
         f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
         f"{count_of(findings.saturated, findings.flown)} saturate" if findings.saturated else "",
         f"{count_of(cycling, findings.flown)} "
-        f"{'oscillate' if findings.disturbed else 'limit-cycle'}"
+        f"{'oscillate' if findings.disturbed else 'in a limit cycle'}"
         if cycling
         else "",
         f"{counts.not_computed} not computed" if counts.not_computed else "",
@@ -181,7 +181,7 @@ def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
         "label": models.names.label(name),
         "color": color,
         "met": requirement_counts(models[VERDICTS], name),
-        "lost": f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} lost",
+        "lost": f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} terminated early",
         "margin": margin,
         "poor": poor,  # whether margins are below customary values or a closed loop is unstable
         "notes": list(filter(None, notes)),
@@ -243,12 +243,15 @@ def baseline_line(baseline: Baseline | None, names: Names) -> str:
         change = f"{changes} of" if changes else "no difference shown in"
         text = f"{names.subject(pair.controllers[0])} {change} {total} metric{'s' * (total != 1)}"
         if failed.only_a or failed.only_b:
-            text += f", newly failed {fixed(failed.only_a, 0)}, no longer {fixed(failed.only_b, 0)}"
+            text += (
+                f", flights newly failed: {fixed(failed.only_a, 0)}, no longer failed: "
+                f"{fixed(failed.only_b, 0)}"
+            )
         parts.append(text)
     unlisted = len(baseline.paired) - len(parts)
     folder = baseline.folder.rstrip("/").rpartition("/")[2]
     remainder = f"; and {unlisted} more" if unlisted > 0 else ""
     return (
-        f"Against {folder} ({fixed(baseline.paired[0].pairs, 0)} flights paired): "
+        f"Compared with {folder} ({fixed(baseline.paired[0].pairs, 0)} paired flights): "
         f"{'; '.join(parts)}{remainder}."
     )

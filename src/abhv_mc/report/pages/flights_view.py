@@ -28,10 +28,10 @@ _HEADED = 4  # number of metrics in the table if there are no requirements
 # largest common range of flights and limits, relative to the range of the flights, for which limits
 # are drawn
 _FAR = 3.0
-# The order of the scripts matters.
+# The page must contain the scripts in this order.
 SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")
 STYLES = ("style.css", "flights.css")
-# SVG paths of markers; one fewer than there are colours, so that combinations rarely repeat.
+# SVG paths of markers. There is one marker fewer than colours, so that combinations rarely repeat.
 SHAPES = {
     "circle": "M-4 0A4 4 0 1 0 4 0A4 4 0 1 0-4 0z",
     "square": "M-3.6-3.6H3.6V3.6H-3.6z",
@@ -235,7 +235,7 @@ def make_flights_view(
         "total": int(number.size),
         "left": ""
         if number.size == total
-        else f"Shown of {fixed(total, 0)}: the worst, the failed, and the first flights",
+        else f"Of {fixed(total, 0)} flights, the worst, the failed and the first are shown",
     }
     return data, arrays
 

@@ -24,8 +24,8 @@ def find_browser() -> str:
     if program is None:
         raise InputError(
             "--pdf",
-            "no Chromium",
-            f"one of {', '.join(NAMES)} on PATH; any browser prints report.html",
+            "no Chromium was found",
+            f"one of {', '.join(NAMES)} on PATH (any other browser can print report.html)",
         )
     return program
 
@@ -62,12 +62,12 @@ def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = Fals
             )
         except subprocess.TimeoutExpired:
             raise InputError(
-                browser, f"nothing printed in {_LONGEST:g} s", "a Chromium that prints"
+                browser, f"no PDF was printed in {_LONGEST:g} s", "a Chromium that can print"
             ) from None
     if not target.is_file():
         raise InputError(
             browser,
             f"no PDF was printed: {process.stderr[-200:].strip()}",
-            "a Chromium that prints",
+            "a Chromium that can print",
         )
     return target

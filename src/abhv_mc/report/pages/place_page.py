@@ -34,12 +34,12 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
     lead = "The simulated flights cover the test flight." if len(placement.flights) == 1 else ""
     lead = lead or f"The simulated flights cover each of the {len(placement.flights)} test flights."
     if outside:
-        lead = f"Outside the simulated flights: {names}."
+        lead = f"The simulated flights do not cover {names}."
     because = []
     if placement.together_p_value is not None:
         verb = "are" if placement.together_p_value <= risk else "are not shown to be"
         because.append(
-            f"Together the test flights {verb} different from the simulated ones "
+            f"Together, the test flights {verb} different from the simulated flights "
             f"(p {p_value(placement.together_p_value)})."
         )
     items: tuple[Item, ...] = (
@@ -64,9 +64,9 @@ def _sentences(placement: Placement) -> Iterator[str]:
     for flight in placement.flights:
         first = flight.metrics[0]
         text = (
-            f"{flight.name}: joint p-value of {len(flight.metrics)} metrics "
-            f"{p_value(flight.joint_p_value)}; the rarest is {first.metric}, rank {first.rank} of "
-            f"{placement.simulated + 1}"
+            f"{flight.name}: the joint p-value of {len(flight.metrics)} metrics is "
+            f"{p_value(flight.joint_p_value)}; the most unusual metric is {first.metric}, with "
+            f"rank {first.rank} of {placement.simulated + 1}"
         )
         if flight.joint_p_value <= 1.0 - CONFIDENCE < first.p_value:
             text += "; only the combination of the metrics is unusual"
@@ -84,27 +84,30 @@ def _sentences(placement: Placement) -> Iterator[str]:
 
 def _remarks(placement: Placement) -> Iterator[str]:
     yield (
-        f"Compared with {fixed(placement.simulated, 0)} random flights. If a test flight is a draw "
-        f"from the model, each p-value is at most {percent(1.0 - CONFIDENCE)} with this "
-        "probability, and the whole history stays within the simultaneous band with a "
-        f"probability of {percent(CONFIDENCE)}."
+        f"The test flights are compared with {fixed(placement.simulated, 0)} random flights. If a "
+        "test flight is a draw from the model, each p-value is at most "
+        f"{percent(1.0 - CONFIDENCE)} with this probability, and the whole history stays within "
+        f"the simultaneous band with a probability of {percent(CONFIDENCE)}."
     )
     if placement.sensed:
         yield (
-            "Bias, scale and noise of the campaign's sensors were added: "
+            "Bias, scale and noise of the campaign's sensors were added to simulated channels: "
             f"{joined(placement.sensed)}."
         )
     if placement.bands and not (placement.noise or placement.sensed):
         yield (
             "No measurement noise is declared; the noise of an instrument alone can put a test "
-            "flight outside the band. Declare it with `measured: {CHANNEL: SIGMA}` in the "
+            "flight outside the band. Declare noise with `measured: {CHANNEL: SIGMA}` in the "
             "campaign or with `--measured CHANNEL=SIGMA`."
         )
     elif placement.noise:
         noise = joined([f"{sigma:g} in {channel}" for channel, sigma in placement.noise.items()])
         yield f"White noise was added to the simulated histories: standard deviation {noise}."
     if placement.ignored:
-        yield f"Not compared, because the campaign lacks them: {joined(list(placement.ignored))}."
+        yield (
+            "These columns are not compared, because the campaign lacks them: "
+            f"{joined(list(placement.ignored))}."
+        )
 
 
 def _table(flight: PlacedFlight, simulated: int) -> Table:
@@ -126,8 +129,9 @@ def _draw(placement: Placement) -> Iterator[Drawn]:
     if not placement.bands:
         return
     caption = (
-        f"Wide band: simultaneous, contains {percent(CONFIDENCE)} of whole histories. Dark band: "
-        "pointwise, contains that share of the flights at each time. Lines: test flights."
+        f"The wide, simultaneous band contains {percent(CONFIDENCE)} of whole histories. The dark, "
+        "pointwise band contains the same share of the flights at each time. Lines are test "
+        "flights."
     )
     yield (
         FigureText("placement", "Test flights and time-history envelopes", caption),

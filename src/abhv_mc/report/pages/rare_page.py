@@ -51,9 +51,9 @@ def _draw(result: RareFound) -> Iterator[Drawn]:
     failures = result.estimate.failures
     if len(failures):
         caption = (
-            "Standard normal number of each parameter among failures, compared with all flights "
-            "of a campaign. A parameter whose two distributions are equal has no effect on its "
-            "own. The numbers are shown before correlations are applied."
+            "Distribution of each parameter in failures, compared with all flights of a campaign, "
+            "on a standard normal scale before correlations are applied. A parameter with equal "
+            "distributions has no effect on its own."
         )
         yield (
             FigureText("failures", "Parameters of the failures", caption),
@@ -78,7 +78,8 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
         if not (result.includes_unwarned and estimate.high == estimate.unwarned_high):
             plain = f"{_plain_flights(result):,}"
             answers.append(
-                f"Plain Monte Carlo sampling needs about {plain} flights for an interval as narrow."
+                f"Plain Monte Carlo sampling needs about {plain} flights for an equally narrow "
+                "interval."
             )
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
@@ -91,20 +92,20 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
     if result.noise_share is not None:
         answers.append(
             f"{percent(result.noise_share, 2)} of the variance of the severity's ranks is noise, "
-            "according to points that were simulated with two seeds."
+            "as estimated from points that were simulated with two seeds."
         )
     if isinstance(estimate, SurrogateEstimate):
         answers.append(
-            "The estimate assumes that the metric is a smooth function of the dispersions. It "
-            "leaves out failures in regions that no flight came near."
+            "The estimate assumes that the metric is a smooth function of the dispersions. "
+            "Failures in regions far from all flights are not included."
         )
     looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
     remark = (
-        " Separate failure regions were searched for in random directions; some may remain "
-        "undetected."
+        " The search looked for separate failure regions in random directions; some regions may "
+        "remain undetected."
     )
     answers.append(
-        "This estimate is no verdict: verdicts require a random "
+        "This estimate is not a verdict, because verdicts require a random "
         f"campaign.{remark if looked else ''}"
     )
     if result.failed_to_run:
@@ -147,7 +148,7 @@ def _levels(result: RareFound) -> Drawn:
         )
     caption = (
         "Thresholds of each repetition and the estimated probability of exceeding them. Lines that "
-        "lie apart are repetitions that contradict each other."
+        "lie far apart mean that the repetitions contradict each other."
     )
     if any(np.isnan(limits).any() for limits, _ in curves):
         caption += (
@@ -165,7 +166,7 @@ def _levels(result: RareFound) -> Drawn:
 def _mixing(result: RareFound) -> Drawn:
     caption = (
         f"Share of accepted moves (target {ACCEPTANCE:g}, dashed) and size of the moves at each "
-        "level, one line for each repetition as above. Chains with a very low acceptance or very "
+        "level, with one line for each repetition. Chains with a very low acceptance rate or very "
         "small moves explore little."
     )
     rates, sizes = (
@@ -183,7 +184,7 @@ def _mixing(result: RareFound) -> Drawn:
 def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
     caption = (
         "Left: failure probability according to each of the two Gaussian processes after each "
-        "batch of flights, and its interval. Right: metric of each flight; after the initial "
+        "batch of flights, with its interval. Right: metric of each flight; after the initial "
         "design, flights are placed where the prediction of failure is least certain."
     )
     values = result.flights.column(result.metric.name)
@@ -199,6 +200,6 @@ def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
 
 
 def _plain_flights(result: RareFound) -> int:
-    """Return how many plain Monte Carlo flights would give an equally narrow log interval."""
+    """Return the number of plain Monte Carlo flights with an equally narrow log interval."""
     p, half = result.estimate.probability, 0.5 * np.log(result.estimate.high / result.estimate.low)
     return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

@@ -25,8 +25,8 @@ from abhv_mc.topics.topic import Drawn
 _LISTED = 10
 _PANELS = 6
 _DISTINCT = (
-    f"The worst flight, and the worst flights at other points: at least {100 * DRAWN_APART:g} % of "
-    "the range (rms over the parameters) away from all worse ones"
+    "The worst flight, and the worst flights whose parameters differ by at least "
+    f"{100 * DRAWN_APART:g} % of the range (rms over the parameters) from all worse flights listed"
 )
 
 
@@ -57,7 +57,7 @@ def flight_figures(
         for side in limit_sides(metric, CHANNEL_INDEX)
     ]
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
-    caption = f"{_DISTINCT}; with the nominal flight. A line ends with its flight."
+    caption = f"{_DISTINCT}, with the nominal flight. Each line ends when its flight ends."
     yield (
         FigureText("flights", "The worst flights", caption),
         plot_flights(drawn.times, panels, labels, limits=limits),
@@ -67,7 +67,7 @@ def flight_figures(
 def limit_sentence(
     requirement: Requirement, metric: Metric, worst: float, failures: int, flights: int
 ) -> str:
-    """Return the sentence on violations of a requirement and the margin of the worst value."""
+    """Return a sentence on violations of a requirement and the margin of the worst value."""
     limits = requirement.limits
     label = limit_words(metric, limits)
     if failures:
@@ -78,7 +78,7 @@ def limit_sentence(
     if not limits.size or not np.isfinite(beyond):
         return f"{text}."
     if failures and beyond < 0.0:
-        return f"{text}; the worst one ended early."
+        return f"{text}; the worst flight terminated early."
     share = percent(abs(beyond) / limits.size, 2)
     return (
         f"{text}: the worst value is {share} {'beyond' if beyond >= 0.0 else 'inside'} the limit."

@@ -1,4 +1,4 @@
-"""Files with nominal flights; explanation of a failed flight as text, JSON and figure."""
+"""Files with nominal flights, and texts and figures that explain failed flights."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -66,7 +66,7 @@ def explanation_words(explanation: Explanation) -> list[str]:
     ]
     if not number:
         return [*lines, "The nominal flight also fails: no dispersion is needed."]
-    proof = "no smaller set does" if explanation.smallest else "none of them can be left out"
+    proof = "no smaller set suffices" if explanation.smallest else "all of these are needed"
     lines.append(
         f"The flight fails with {number} of its {total} dispersions alone ({proof}; "
         f"{explanation.tried} flights tried):"
@@ -100,7 +100,7 @@ def explanation_numbers(explanation: Explanation) -> dict[str, Any]:
 
 
 def make_explained_figure(explanation: Explanation) -> Figure:
-    """Return the figure of the failed flight, a flight with only its causes, and the nominal."""
+    """Return a figure of a failed flight, a flight with its causes only, and a nominal flight."""
     names = [
         f"{name}\N{NO-BREAK SPACE}{shown_value(name, explanation.samples[name], explanation.known)}"
         for name in explanation.causes[:_IN_TITLE]

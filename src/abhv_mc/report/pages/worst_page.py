@@ -57,15 +57,16 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
         value = result.value(result.worst)
         failures = result.failures(item)
         first += f" {limit_sentence(item, metric, value, failures, result.searched)}"
-    how_many = "As many" if result.random == result.searched else f"{result.random}"
+    how_many = "as many" if result.random == result.searched else f"{result.random}"
     answers = [
         first,
-        f"{how_many} random flights in the same box, drawn from the campaign's distributions: the "
-        f"worst {random if _ended_early(result, result.random_worst) else f'has {random}'}.",
+        f"Among {how_many} random flights in the same box, drawn from the campaign's "
+        "distributions, the worst "
+        f"{random if _ended_early(result, result.random_worst) else f'has {random}'}.",
         f"Parameters at an end of their range: {', '.join(result.at_bounds) or 'none'}."
         + (" A wider box would probably contain a worse case." if result.at_bounds else ""),
-        "A search shows what can happen in the box, not how often: all points of the box count "
-        "alike, correlations are ignored, and a worse case far from all flights remains "
+        "A search shows what can happen in the box, not how often: all points of the box have "
+        "equal weight, correlations are ignored, and a worse case far from all flights remains "
         "undetected.",
     ]
     if result.probabilities:
@@ -79,8 +80,8 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
         )
     if result.flights.names != result.names:
         answers.append(
-            "All flights of the search have the same turbulence and noise, so that they differ in "
-            "parameters only."
+            "All flights of the search have the same turbulence and noise, so they differ only in "
+            "their parameters."
         )
         answers += _other_seeds(result)
     if result.failed_to_run:
@@ -89,7 +90,7 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
 
 
 def _other_seeds(result: WorstFound) -> Iterator[str]:
-    """Yield the sentence on the worst point with other seeds for turbulence and noise."""
+    """Yield a sentence on the worst point with other seeds for turbulence and noise."""
     if result.other_seeds is None:
         return
     flights, lost, ends = result.other_seeds
@@ -132,7 +133,7 @@ def _convergence(result: WorstFound) -> Drawn:
         "box. A line ends at the first early termination, which is worse than any value."
     )
     limits = [limit for item in result.requirements for limit in item.limits.as_entry().values()]
-    # With two limits, the distance outside the limits is plotted.
+    # If there are two limits, the distance outside the limits is plotted.
     if result.criterion.limits is not None:
         limits = [0.0]
     figure = plot_convergence(result.metric.label_with_unit, searched, random, stages, limits)
@@ -140,7 +141,7 @@ def _convergence(result: WorstFound) -> Drawn:
 
 
 def _so_far(severities: Floats, sign: float) -> Floats:
-    """Return the worst value so far; NaN after the first early termination."""
+    """Return the worst value up to each flight; NaN after the first early termination."""
     highest = np.maximum.accumulate(severities)
     return np.where(np.isfinite(highest) & (highest < ENDED_EARLY), sign * highest, np.nan)
 
@@ -156,8 +157,8 @@ def _place(result: WorstFound) -> Drawn:
         change = result.sign * change
     caption = (
         "Left: position of each parameter of the worst case in its range. Right: change of the "
-        "value if one parameter is moved by a twentieth of its range and the others are kept; no "
-        f"bar if a bound prevents this or {gap}."
+        "value if one parameter is moved by a twentieth of its range and the others are kept; "
+        f"there is no bar if a bound prevents this or {gap}."
     )
     text = FigureText("place", "Parameters of the worst case and their sensitivities", caption)
     return text, plot_worst_point(result.names, result.case.place, change, quantity)

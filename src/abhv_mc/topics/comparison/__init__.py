@@ -30,14 +30,15 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 _DASH = "\N{EM DASH}"
 _BETTER = (
-    "Medians, and the median of the flight-by-flight difference with its 95 % interval. Better: "
-    "significant after correction for multiple comparisons (5 % over all rows and rivals, at any "
-    "number of flights), and no worse in the tails or in lost flights."
+    "The table lists medians, and the median of the flight-by-flight differences with its 95 % "
+    'interval. "Better" names a winner whose advantage is significant after correction for '
+    "multiple comparisons (5 % over all rows and rivals, at any number of flights), and which is "
+    "not worse in the tails or in the number of early terminations."
 )
 
 
 def comparison_section(comparison: Comparison, names: Names) -> Section | None:
-    """Return the section that compares controllers; None if there is only one."""
+    """Return the section that compares controllers, or None for a single controller."""
     if not comparison.pairs:
         return None
     first = names.label(next(iter(names.controllers)))
@@ -90,7 +91,7 @@ def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[
 
 
 def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return a row with each controller's median and its difference from the first median."""
+    """Return a row with the median of each controller and its difference from the first."""
     first, *rivals = names.controllers
     pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (
@@ -117,7 +118,7 @@ def pair_tables(
     metrics: Mapping[str, ComparedMetric],
     requirements: Sequence[str],
 ) -> Iterator[Table]:
-    """Yield two tables for a pair of controllers: differences in ``metrics``, then failures."""
+    """Yield a pair's table of differences in ``metrics`` and its table of failures."""
     table = _difference_table(pair, names, metrics)
     rows = tuple(
         (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
@@ -160,10 +161,10 @@ def _difference_table(
         f"Quantile differences, {a} minus {b}",
         ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
         (rows,),
-        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, open if there are too few "
-        "flights for a bound; not reached: more flights terminated early than lie beyond the "
-        "quantile. Pairing gain: an unpaired comparison of the means would need this many times "
-        "the flights",
+        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, which are open if there "
+        'are too few flights for a bound. "Not reached" means that more flights terminated early '
+        'than lie beyond the quantile. "Pairing gain" is the factor by which an unpaired '
+        "comparison of the means would need more flights",
     )
 
 
@@ -174,9 +175,9 @@ def _gain_words(entry: ComparedMetric) -> str:
 
 
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
-    """Return a table, by requirement, of flights that fail under one controller only.
+    """Return a table that counts, by requirement, the flights that only one controller fails.
 
-    The last row counts early terminations. ``requirements`` contains the strings to print.
+    The last row counts early terminations. ``requirements`` contains the requirements as text.
     """
     a, b = names.label(pair.a), names.label(pair.b)
     ended = "Completed the mission" if names.campaign.kind == "controller" else "Completed"
@@ -186,7 +187,7 @@ def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[st
         ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
          f"Flights, only {a}", f"Flights, only {b}"),
         (tuple(_failure_row(text, failures) for text, failures in missed),),
-        "Failures on the same flights, with the exact test of McNemar",
+        "Failures on the same flights, with McNemar's exact test",
     )  # fmt: skip
 
 

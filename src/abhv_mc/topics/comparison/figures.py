@@ -33,15 +33,13 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 250  # maximum number of plotted flights per controller
-_TRADES = 3  # number of metrics if none is required, and number of panels per row
-_ENDS = (
-    0.005,
-    0.995,
-)  # The axis spans these quantiles, so that outliers do not hide the other differences.
+_TRADES = 3  # maximum number of panels per row, and of metrics if none is required
+# quantiles of the differences at the ends of the axis, which cuts off outliers
+_ENDS = (0.005, 0.995)
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figures of tracking error against control effort and of paired differences."""
+    """Yield the figure of the required metrics or tracking errors against control effort."""
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
@@ -64,10 +62,11 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         "Required metrics against control effort"
         if names.requirements
         else "Tracking error against control effort",
-        f"Small marks are flights, at most {_MOST_POINTS + 2} of each controller, including those "
-        "with the smallest and the largest value. Large marks are the medians of all flights; "
-        "where they coincide, the first controller is on top. Control effort is the root of the "
-        "summed squares of the rms deflections of aileron, rudder and elevator from their trim.",
+        f"Small marks are flights, at most {_MOST_POINTS + 2} of each controller, including the "
+        "flights with the smallest and the largest value. Large marks are the medians of all "
+        "flights; if medians coincide, the mark of the first controller is on top. Control effort "
+        "is the root sum of squares of the rms deflections of aileron, rudder and elevator from "
+        "trim.",
     )
     colors = controller_colors(tuple(names.controllers))
     yield (
@@ -110,7 +109,7 @@ def plot_error_against_usage(
             small = {**mark_look(i, len(trade.errors), 1.5), "color": colors[name]}
             face = {"markerfacecolor": "none", "markeredgewidth": 0.5} if i else {}
             axes.plot(x[few], y[few], **small, **face, linestyle="none", alpha=0.6, rasterized=True)
-            # Open marks around the first controller's show medians that coincide with it.
+            # Open marks are larger than filled ones, so coinciding medians remain visible.
             large = {"marker": small["marker"], "color": colors[name], "linestyle": "none"}
             large |= {"zorder": 3.0 + small["zorder"], "clip_on": False}
             median = np.median(x[keep]), np.median(y[keep])
@@ -145,12 +144,10 @@ class DifferencePanel:
     """Paired differences of a metric, with their median and its interval."""
 
     label: str
-    differences: Mapping[
-        str, Floats
-    ]  # pair -> one difference per flight; infinite if one controller lost the flight
-    medians: Mapping[
-        str, tuple[float | None, float | None, float | None]
-    ]  # median and both interval ends; None for an open end
+    # pair -> one difference per flight; infinite if only one of the paired flights terminated early
+    differences: Mapping[str, Floats]
+    # median and both ends of its interval; None for an open end
+    medians: Mapping[str, tuple[float | None, float | None, float | None]]
 
 
 @styled

@@ -32,7 +32,7 @@ from abhv_mc.statistics.winner import Decision, agree, decide
 from abhv_mc.topics.json_data import DRAWN, level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
-_LOST_RISK = 0.05  # significance level for a difference in the number of lost flights
+_LOST_RISK = 0.05  # significance level for a difference in the number of early terminations
 _LISTED = 10  # maximum number of listed flights that failed under only one controller
 
 
@@ -40,17 +40,17 @@ _LISTED = 10  # maximum number of listed flights that failed under only one cont
 class ComparedMetric(PairedMetric):
     """Comparison of controllers `a` and `b` in one metric, with the differences `a - b`."""
 
-    compared: bool  # whether a winner may be named
+    compared: bool  # whether the comparison may name a winner in this metric
     winner: str | None
     closer: str | None  # controller with the smaller value on more flights
-    mixed: bool  # whether a controller is favoured without being the winner
-    # levels of the quantiles in which `closer` is significantly worse
+    mixed: bool  # whether a controller has an advantage but no winner is named
+    # levels of the quantiles in which controller `closer` is significantly worse
     worse_tails: tuple[float, ...]
     uncompared_tails: tuple[float, ...]
     loses_more: bool
     worst: tuple[float, float]
-    quantile_differences: Mapping[str, Interval]  # differences between quantiles, by level
-    # Number of points of the unknown parameters at which `a` wins, at which `b` wins, and in total.
+    quantile_differences: Mapping[str, Interval]  # differences between quantiles, by quantile level
+    # number of points of the unknowns at which `a` wins, at which `b` wins, and in total
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
@@ -72,12 +72,12 @@ class ControllerPair:
     metrics: Mapping[str, ComparedMetric]
     requirements: tuple[ListedFailures, ...]  # one entry per requirement, in the campaign's order
     ended_early: ListedFailures
-    usage: Mapping[str, PairedUsage | None]  # by tracking-error metric
+    usage: Mapping[str, PairedUsage | None]  # control effort by tracking-error metric
     surfaces: Mapping[str, Interval | None]  # median ratio a / b of each control-effort metric
 
     @property
     def losing(self) -> str:
-        """Return which controller, 'a' or 'b', loses significantly more flights; '' if neither."""
+        """Return 'a' or 'b', the controller with significantly more early terminations, or ''."""
         lost = self.ended_early
         if lost.p_value > _LOST_RISK or lost.only_a == lost.only_b:
             return ""
@@ -89,7 +89,7 @@ class Comparison:
     """Comparison of a campaign's first controller with each of the others."""
 
     pairs: Mapping[str, ControllerPair]
-    # Medians by metric and controller, for the metrics in which a winner is named.
+    # medians by metric and controller, for the metrics in which a winner may be named
     medians: Mapping[str, Mapping[str, Interval]] = field(
         default_factory=dict, metadata={DRAWN: True}
     )
@@ -139,10 +139,10 @@ def compare_pair(
 ) -> ControllerPair | None:
     """Return the comparison of controllers `a` and `b`; None if they share no flight.
 
-    Winners are named only for the `compared` metrics, corrected for the number of metrics and of
-    `rivals`, and only if the flights are `independent` draws. With several ``points`` of the
-    unknown parameters, a controller must win, or lose more flights, at every point; counts and
-    differences include the flights at all points.
+    Winners are named only for the `compared` metrics, and only if the flights are `independent`
+    draws. The significance level is corrected for the number of metrics and of `rivals`. With
+    several ``points`` of the unknown parameters, a difference between the controllers must be
+    significant at every point. Counts and differences include the flights at all points.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
@@ -202,8 +202,8 @@ def _metric(
 ) -> ComparedMetric:
     """Return the comparison of two controllers in one metric.
 
-    A winner is named if ``rows``, the number of comparisons, is positive. Each of ``point_masks``
-    [pair] selects the flight pairs at one point of the unknown parameters.
+    A winner is named only if ``rows``, the number of comparisons, is positive. Each mask [pair] in
+    ``point_masks`` selects the flight pairs at one point of the unknown parameters.
     """
     differences = compare_metric(a, b)
     decisions = (
@@ -242,9 +242,9 @@ def _metric(
 def _lost_everywhere(
     a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
 ) -> ListedFailures:
-    """Return paired failures, with the largest p-value over the points of the unknowns.
+    """Return paired early terminations, with the largest p-value over the unknowns' points.
 
-    The p-value is 1 at points at which the controller with fewer lost flights overall loses more.
+    A point at which the difference has the opposite sign counts with a p-value of 1.
     """
     failures = _failures(a, b, flight)
     point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
@@ -267,7 +267,7 @@ def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
 def compare_any_failures(
     a: ControllerFlights, b: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> ListedFailures:
-    """Return paired failures; early terminations and missed requirements both count."""
+    """Return paired failures, which are early terminations or missed requirements."""
     rows_a, rows_b = common_rows(a, b)
     failed = failed_anyhow(a, requirements)[rows_a], failed_anyhow(b, requirements)[rows_b]
     return _failures(*failed, a.flight[rows_a])
@@ -276,7 +276,7 @@ def compare_any_failures(
 def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) -> Floats:
     """Return the differences `a - b` of a metric [pair], in the unit of the metric.
 
-    A difference is infinite if only one controller lost the flight, and 0 if both lost it.
+    A difference is infinite if only one of the paired flights terminated early, and 0 if both did.
     """
     differences = pair_differences(
         *(distances(f, metric, rows) for f, rows in zip((a, b), common_rows(a, b), strict=True))
@@ -285,7 +285,7 @@ def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) 
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:
-    """Return the root sum of squares (deg) of three surfaces' rms deflections [flight]."""
+    """Return the root sum of squares [flight] of three surfaces' rms deflections, in deg."""
     squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
 
@@ -297,7 +297,7 @@ def _usage(
     rows_b: NDArray[np.intp],
     metrics: Sequence[str],
 ) -> dict[str, PairedUsage | None]:
-    """Return, for each tracking error in ``metrics``, the paired control effort."""
+    """Return the paired control effort for each tracking error in ``metrics``."""
     if not set(SURFACE_USAGE) <= set(a.metrics) & set(b.metrics):
         return {}
     flown = ~(a.failed[rows_a] | b.failed[rows_b])

@@ -1,4 +1,4 @@
-"""Sentences that compare controllers by their lost flights and by metrics."""
+"""Sentences that compare controllers by early terminations and by metrics."""
 
 from collections.abc import Mapping, Sequence
 from math import inf
@@ -8,18 +8,19 @@ from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, Controll
 from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
 from abhv_mc.topics.names import Names
 
-_OPEN = 2  # maximum number of rivals with their own sentence if no difference is significant
+# maximum number of sentences on rivals whose early terminations do not differ significantly
+_OPEN = 2
 
 
 def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
-    """Return sentences on lost flights, then on each rival controller."""
+    """Return sentences on early terminations, then on each rival of the first controller."""
     return [*survival_sentences(comparison, names), *_pair_sentences(comparison, names)]
 
 
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
     """Return the metrics in which `pair.a` is better, worse, mixed or undecided.
 
-    If ``full``, the descriptions include shares of flights or reasons.
+    If ``full``, each metric is followed by shares of flights, or by the reason for mixed results.
     """
     standings: dict[str, list[str]] = {"better": [], "worse": [], "mixed": [], "open": []}
     for metric, entry in asked_of(pair, names).items():
@@ -42,8 +43,8 @@ def asked_of(pair: ControllerPair, names: Names) -> Mapping[str, ComparedMetric]
 def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], list[str]]:
     """Group tracked quantities by whether `a` has the smaller rms error on more flights.
 
-    A key states whether this holds for the error over the whole flight and for the error outside
-    the transients. Quantities without both metrics are omitted.
+    Each key contains two flags: one for the rms error over the whole flight, and one for the rms
+    error outside the transients. Quantities without both metrics are omitted.
     """
     rms = {
         (metric.of, metric.settled): name
@@ -70,7 +71,7 @@ def closer_in(pair: ControllerPair, names: Names) -> Mapping[tuple[bool, bool], 
 
 
 def _counts(pair: ControllerPair, metric: str, names: Names) -> str:
-    """Return ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)' or similar."""
+    """Return text like ' (better on 83 %, worse on 17 %; worst flight 0.2 against 0.9 deg)'."""
     entry = pair.metrics[metric]
     shares = [("better", entry.a_better), ("worse", entry.b_better)]
     phrases = [f"{word} on {percent(count / pair.pairs, 2)}" for word, count in shares]
@@ -93,14 +94,14 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
         )
     better = names.subject(entry.closer) if entry.closer else "one"
     reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.worse_tails[:1]]
-    reasons += ["more flights lost"] if entry.loses_more else []
+    reasons += ["more early terminations"] if entry.loses_more else []
     return f"{better} is better on more flights but has {joined(reasons)}"
 
 
 def verdict_of(pair: ControllerPair, names: Names) -> str:
     """Return 'better', 'worse', 'mixed' or 'open' for the first controller of a pair.
 
-    A significant difference in lost flights outweighs the metrics.
+    A significant difference in early terminations takes precedence over the metrics.
     """
     if pair.losing:
         return "worse" if pair.losing == "a" else "better"
@@ -111,9 +112,9 @@ def verdict_of(pair: ControllerPair, names: Names) -> str:
 
 
 def by_strength(comparison: Comparison, names: Names) -> list[ControllerPair]:
-    """Return the pairs of controllers, least favourable to the first controller first.
+    """Return the pairs of controllers, sorted so that the strongest rival is first.
 
-    Ties are ordered by the rival's number of failures, smallest first.
+    Equally strong rivals are sorted by their number of failures, smallest first.
     """
     order = ("worse", "mixed", "open", "better")
 
@@ -155,7 +156,7 @@ def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
 def pair_words(pair: ControllerPair, names: Names) -> str:
     """Describe the comparison of two controllers in a few clauses.
 
-    For example, 'TLC is better on more flights in ...; TLC uses ...'.
+    An example is 'TLC is better on more flights in speed error; TLC uses as much rudder'.
     """
     standings, first = standing(pair, names, full=True), names.subject(pair.a)
     openings = {
@@ -170,17 +171,17 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails not compared ...' if flights are too few to compare tail quantiles."""
+    """Return '; tails are not compared ...' if flights are too few to compare tails, or ''."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])
-    return f"; tails not compared at {level_list} (too few flights)" if levels else ""
+    return f"; tails are not compared at {level_list} (too few flights)" if levels else ""
 
 
 def _usage_words(pair: ControllerPair, first: str) -> str:
     """Describe the median ratios of control effort in a clause.
 
-    For example, '; TLC uses 1.2 times the aileron and as much rudder'.
+    An example is '; TLC uses 1.2 times the aileron and as much rudder'.
     """
     parts = []
     for metric, ratio in pair.surfaces.items():
@@ -200,7 +201,7 @@ def _usage_words(pair: ControllerPair, first: str) -> str:
 
 
 def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
-    """Return sentences on significant differences in lost flights."""
+    """Return sentences on differences in the number of early terminations."""
     sentences: list[str] = []
     open_: dict[str, str] = {}  # rival -> sentence for a difference that is not significant
     for pair in comparison.pairs.values():
@@ -210,21 +211,24 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
             continue
         lost = [fixed(failures.both + count, 0) for count in alone]
         counts_text = (
-            f"{lost[0]} of {fixed(pair.pairs, 0)} terminated early, compared with {lost[1]} "
+            f"{lost[0]} of {fixed(pair.pairs, 0)} flights, compared with {lost[1]} "
             f"({fixed(alone[0], 0)} with {a} only, {fixed(alone[1], 0)} with {b} only; McNemar's "
             f"test, p {p_value(failures.p_value)})."
         )
         if pair.losing:
             sentences.append(
-                f"{a} has {'more' if pair.losing == 'a' else 'fewer'} lost flights than {b}: "
+                f"{a} has {'more' if pair.losing == 'a' else 'fewer'} early terminations than {b}: "
                 f"{counts_text}"
             )
         else:
-            open_[b] = f"No difference is shown between {a} and {b} in lost flights: {counts_text}"
+            open_[b] = (
+                f"No difference in early terminations is shown between {a} and {b}: {counts_text}"
+            )
     if len(open_) > _OPEN:
         first = names.subject(next(iter(names.controllers)))
         return [
             *sentences,
-            f"No difference in lost flights is shown between {first} and {joined(list(open_))}.",
+            f"No difference in early terminations is shown between {first} and "
+            f"{joined(list(open_))}.",
         ]
     return [*sentences, *open_.values()]

@@ -34,13 +34,13 @@ from abhv_mc.topics.topic import Topic, figures_of
 
 # minimum number of flights for a figure; with fewer flights, the intervals hide the trend
 _FEWEST = 100
-# fractions of the flights that have a row in the table
+# fractions of the flights for which the table has a row
 _PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}
 
 
 @dataclass(frozen=True)
 class Settling:
-    """Estimate with its 95 % interval at each check [look]; infinite if unbounded."""
+    """Estimate and its 95 % interval by number of flights [check]; open ends are infinite."""
 
     value: tuple[float, ...]
     low: tuple[float, ...]
@@ -51,8 +51,8 @@ class Settling:
 class ControllerSettling:
     """Convergence of all estimates for one controller."""
 
-    flights: tuple[int, ...]  # number of flights at each check [look]
-    metrics: Mapping[str, Mapping[str, Settling]]  # by metric and quantile level
+    flights: tuple[int, ...]  # number of flights at each check [check]
+    metrics: Mapping[str, Mapping[str, Settling]]  # quantiles by metric and level
     requirements: tuple[Settling, ...]  # convergence of the failure rate for each requirement
 
 
@@ -60,7 +60,7 @@ class ControllerSettling:
 class Convergence:
     """Convergence of the metrics' quantiles and the requirements' failure rates.
 
-    Flights are added in the order of their flight numbers.
+    Each estimate includes all flights up to a flight number.
     """
 
     controllers: Mapping[str, ControllerSettling]
@@ -105,11 +105,14 @@ def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
 
 def _section(convergence: Convergence, names: Names) -> Section:
     text = (
-        "Convergence of each statistic. `report.json` has these curves for every metric and "
-        "requirement."
+        "The table and figure show how estimates converge. `report.json` contains the curves of "
+        "every metric and requirement."
     )
     if not convergence.is_drawn:
-        text = f"A figure of the convergence needs {_FEWEST} flights; `report.json` has the curves."
+        text = (
+            f"The convergence figure requires at least {_FEWEST} flights; `report.json` contains "
+            "the curves."
+        )
     table = Table(
         "Estimates by number of flights",
         ("Quantile", names.campaign.kind.capitalize(), *_PARTS.values()),

@@ -54,9 +54,9 @@ def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, F
         text = FigureText(
             "convergence",
             "Convergence",
-            "The 95 % quantile of each error (the median if more than 5 % of the flights "
-            "terminated early) over the number of flights, in flight order, with its exact 95 % "
-            "interval (shaded) if the flights bound it on both sides.",
+            "The 95 % quantile of each error (or the median, if more than 5 % of the flights "
+            "terminated early) against the number of flights. The exact 95 % interval is shaded "
+            "if the flights bound it on both sides.",
         )
         yield text, plot_convergence(flights, panels, names.controllers)
 
@@ -67,7 +67,7 @@ def plot_convergence(
     panels: Sequence[tuple[str, Mapping[str, Floats]]],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Plot estimates and interval ends [value, low, high; look]; NaN marks an open end."""
+    """Plot estimates with interval ends [value, low, high; check]; an open end is NaN."""
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.58))
     for axes, (title, series) in zip(grid.flat, panels, strict=False):
         for i, (name, (value, low, high)) in enumerate(series.items()):

@@ -1,4 +1,4 @@
-"""Drivers of the errors: parameters' rank regression coefficients and sensitivity indices."""
+"""Drivers of the errors: rank regression coefficients and sensitivity indices."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ _MOST_FLIGHTS = 5_000
 _NAMED = 2  # maximum number of drivers per error named in a sentence
 _LISTED = 4  # maximum number of drivers per error listed in the table
 _MOVED = 2  # maximum number of controllers described by a sentence
-_NOISY = 0.5  # minimum unexplained share of the variance to be stated in a sentence
+_NOISY = 0.5  # minimum unexplained share of the variance that sentences mention
 
 Ends = tuple[float, float, float]  # estimate, lower and upper end of its 95 % interval
 
@@ -61,7 +61,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Share:
-    """Share, explained by one parameter, of the rank variance left by the regression."""
+    """Share of the rank variance that a parameter explains beyond the regression."""
 
     parameter: str
     first: float  # first-order sensitivity index
@@ -71,7 +71,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Swing:
-    """Medians of a metric where a parameter is in its lowest and in its highest tenth."""
+    """Medians of a metric over the flights with a parameter's lowest and highest values."""
 
     parameter: str
     lowest: float
@@ -160,7 +160,7 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
 
 
 def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
-    """Return the medians of `values` in the flights with the lowest and highest `sampled`.
+    """Return the medians of `values` over the flights with the lowest and highest samples.
 
     If a parameter has few distinct values (such as a rare failure), the group sizes are as close to
     a tenth as possible. Return None if a group has too few flights or a median that is not finite.
@@ -183,7 +183,7 @@ def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
 
 
 def _middle(values: Floats) -> float:
-    """Return a median that is one of the values, because averaging fails for infinite values."""
+    """Return the median without interpolation, which would fail for infinite values."""
     return float(np.quantile(values, 0.5, method="nearest"))
 
 
@@ -209,9 +209,9 @@ def _given_data(
 ) -> dict[str, tuple[Share, ...]]:
     """Return parameters with non-monotonic effects on required metrics, largest first.
 
-    An effect is given by the first-order and total indices of the regression residuals. Parameters
-    correlated with a driver are excluded. The flights must be random draws, because the order of
-    other designs would look like an effect.
+    An effect is measured by the first-order and total indices of the regression residuals.
+    Parameters correlated with a driver are excluded. The flights must be random draws, because the
+    regular order of other designs would appear as an effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
     unexplained = 1.0 - drivers.explained
@@ -227,7 +227,7 @@ def _given_data(
     )
     if indices is None:
         return {}
-    both = (2, len(names), -1)  # parameter values, and their distances from the medians
+    both = (2, len(names), -1)  # axis 0: parameter values, then their distances from the medians
     partner = np.any((drivers.moves_with >= 0).reshape(both), axis=0)
     partner &= ~np.any(drivers.found.reshape(both), axis=0)
     first, total = indices.first * unexplained[chosen], indices.total * unexplained[chosen]
@@ -250,7 +250,7 @@ def _given_data(
 def otherwise_words(shares: Sequence[Share]) -> list[str]:
     """Return phrases such as 'drag' or, if parameters interact, 'lift together with density'.
 
-    Each parameter is named once.
+    Each parameter occurs in only one phrase.
     """
     phrases: list[str] = []
     named: set[str] = set()
@@ -325,14 +325,14 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         )
     rate = percent(drivers.false_discovery_rate, 1)
     method = (
-        "Effects of the dispersed parameters on each error: standardized rank regression "
-        'coefficients (SRRC), with bootstrap 95 % intervals. "High or low" denotes a parameter\'s '
-        'distance from its median on either side. "Not monotonic" denotes a parameter\'s share of '
-        "the variance of ranks that the regression does not explain, alone and with other "
-        "parameters (Gamboa et al. 2022; pairs by the variance between cells). Only significant "
-        "effects are "
-        f"listed (false-discovery rate {rate} over all parameters and metrics), without parameters "
-        f"with an SRRC below {LEAST_COEFFICIENT} or a share below {percent(LEAST_SHARE)}."
+        "The table lists the effects of the dispersed parameters on each error as standardized "
+        'rank regression coefficients (SRRC), with bootstrap 95 % intervals. "High or low" denotes '
+        'a parameter\'s distance from its median on either side. "Not monotonic" denotes an effect '
+        "that the regression does not capture, as the share of the variance of ranks that the "
+        "parameter explains alone and with other parameters (Gamboa et al. 2022; for pairs, from "
+        "the variance between cells). Only significant effects are listed (false-discovery rate "
+        f"{rate} over all parameters and metrics), and only those with an SRRC of at least "
+        f"{LEAST_COEFFICIENT} or a share of at least {percent(LEAST_SHARE)}."
     )
     caption = (
         "Drivers of the errors, largest first, and the share of the variance of ranks that no "
@@ -360,7 +360,7 @@ def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> 
 
 def _driver_row(driver: Driver, names: Names) -> Row:
     name = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
-    note = f"moves with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
+    note = f"confounded with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
     cell = Cell(
         name,
         note,

@@ -25,12 +25,12 @@ from abhv_mc.topics.section import FigureText
 
 _BARS = 3  # maximum number of parameters per metric
 _ROW = 0.075  # height of a bar in inches
-_SHORT = 14  # maximum length of parameter names with which three panels fit side by side
+_SHORT = 14  # maximum length of parameter names for which three panels fit side by side
 
 
 @dataclass(frozen=True)
 class Tornado:
-    """Tornado chart of one metric: its medians at both ends of its largest drivers' ranges."""
+    """Tornado chart of one metric: medians at both ends of its largest drivers' ranges."""
 
     label: str
     parameters: Sequence[str]
@@ -58,8 +58,9 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             "Drivers of the errors",
             "Median of each metric over the tenth of the flights in which a parameter is lowest "
             "(open mark) and over the tenth in which it is highest (filled mark); the tick is the "
-            "median over all flights. If both marks are on one side of it, the metric changes in "
-            "the same direction at both ends. Effects that are not significant are left out.",
+            "median over all flights. If both marks are on one side of the tick, the metric "
+            "changes in the same direction at both ends. Effects that are not significant are "
+            "omitted.",
         )
         yield text, plot_tornado(charts, {name: names.label(name) for name in drivers.controllers})
 

@@ -25,7 +25,7 @@ class Curve:
     reference: str = ""
     off_reference: bool = False  # whether to subtract the reference from the channel
     needles: bool = False  # whether an inset shows the short response to a command step
-    # number of the corresponding figure in the paper, and its subject
+    # number of the corresponding figure in the paper, and the range of the channel in this figure
     paper: tuple[int, str] | None = None
 
 
@@ -67,7 +67,7 @@ CURVES = (
 def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
     """Return the curves to draw on the sheet of a campaign's channels.
 
-    For a user's simulator, all channels are included.
+    A custom simulator has one curve for each channel.
     """
     return (
         CURVES
@@ -80,7 +80,7 @@ def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
 class Envelopes:
     """Smallest and largest value of each channel over flights and time."""
 
-    # smallest and largest value by controller and channel
+    # smallest and largest value of each channel, by controller and channel
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
     step_s: float | None  # time between two samples of the bands
     flights: int  # number of flights of each controller, counted from flight 0
@@ -118,23 +118,26 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         return None
     if not campaign.has_bands:
         text = (
-            "No envelopes are stored; `keep: {envelopes: {rate: 5 Hz}}` in the campaign file "
-            "requests them."
+            "No envelopes are stored. To store envelopes, add `keep: {envelopes: {rate: 5 Hz}}` to "
+            "the campaign file."
         )
         return Section("Time histories", (Text(text),))
     if model.step_s is not None:
         flown = max(flights.flight.size for flights in names.results.flights.values())
-        flight_range = "" if model.flights >= flown else f" of flights 0 to {model.flights - 1}"
-        who, ends = "flights still airborne", "at any control tick; the other bands are of samples"
+        flight_range = "" if model.flights >= flown else f" among flights 0 to {model.flights - 1}"
+        who, ends = (
+            "flights still airborne",
+            "at any control tick; the other bands are based on samples",
+        )
         spacing = " s apart"
         if not campaign.simulator.capabilities.has_mission:
             who = "flights with a history at that time"
-            ends = "of all samples returned; the other bands are of values"
-            spacing += ", linear between samples"
+            ends = "among all returned samples; the other bands are based on values"
+            spacing += ", interpolated linearly"
         items.append(
             Text(
                 f"Bands are pointwise quantiles over the {who}{flight_range}; single flights may "
-                f'cross them. "All flights" is the smallest and largest value {ends} '
+                f'cross them. "All flights" denotes the smallest and largest value {ends} '
                 f"{model.step_s:.4g}{spacing}."
             )
         )
@@ -142,10 +145,11 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         if points > 1:
             items.append(
                 Text(
-                    "The unknowns have one value for the whole programme: each band extends from "
-                    f"the smallest to the largest quantile over their {points} points, with "
-                    f"{model.flights // points:,} flights at each. The true median lies between "
-                    "the two median lines; commands are drawn midway."
+                    "Each unknown has one value in all flights of the real vehicle. Each band "
+                    f"therefore extends from the smallest to the largest quantile over {points} "
+                    f"points of the unknowns, with {model.flights // points:,} flights at each. "
+                    "The true median lies between the two median lines; a command is drawn midway "
+                    "between its two median lines."
                 )
             )
     of_paper = campaign.model.figures == "paper"

@@ -21,12 +21,12 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 Bands = tuple[Floats, Mapping[str, Floats]]  # time [time] and bands by name for one channel
-# function that returns the bands for a controller and a channel
+# function that returns the bands of a channel under a controller, if there are any
 Find = Callable[[str, str], Bands | None]
 
 _VARYING = " The altitude error has no band of all flights, because the reference altitude varies."
 _SIMULTANEOUS = (
-    " With 95 % probability a whole flight stays between the dotted lines in all channels."
+    " With 95 % probability, a whole flight stays between the dotted lines in all channels."
 )
 
 
@@ -100,7 +100,7 @@ def plot_flown(
 def _rows(
     find: Find, names: Sequence[str], reference: Mapping[str, Floats], curves: Sequence[Curve]
 ) -> list[EnvelopeRow]:
-    """Return rows of panels: the ground track, if there is a reference, then all channels."""
+    """Return rows of panels: the ground track (only with a reference), then all channels."""
     track = [
         _track(find(name, "east_m"), find(name, "north_m"), reference)
         for name in names
@@ -119,7 +119,7 @@ def _rows(
 
 
 def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
-    """Return the panel of a channel, minus its reference if ``curve`` requires it."""
+    """Return a channel's panel; subtract the reference if ``curve.off_reference`` is true."""
     time, reference_values = (
         channel_bands[0],
         reference[curve.reference] if curve.reference else None,
@@ -138,7 +138,7 @@ def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]
 def flight_curve(
     history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return time and one channel of a flight, minus its reference if ``curve`` requires it."""
+    """Return time and channel of a flight; subtract the reference if ``off_reference``."""
     time, values = history["time"], history[curve.channel]
     less = reference[curve.reference] if curve.off_reference else None
     return time, off_reference(time, values, reference.get("time", time), less)

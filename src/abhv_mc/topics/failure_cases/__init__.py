@@ -37,7 +37,7 @@ class CaseVerdict:
 
 @dataclass(frozen=True)
 class CaseMargins:
-    """Smallest gain margins of the flights of a failure case."""
+    """Smallest gain margins in the flights of a failure case."""
 
     flights: int
     unstable: int
@@ -50,7 +50,7 @@ class CaseFlights:
 
     flights: int
     lost: int
-    lost_before: int  # number of flights lost before their first failure
+    lost_before: int  # number of flights that terminated early before their first failure
     survived: Interval  # share of the flights that survive, with its 95 % interval
     median_time_to_loss_s: float | None
     # verdicts by requirement text, for requirements on this controller
@@ -69,7 +69,7 @@ class FailureCase:
 
 @dataclass(frozen=True)
 class FailureCases:
-    """All failure cases: flights without failure first, then the most frequent cases."""
+    """All failure cases: first the flights without failures, then the others by frequency."""
 
     cases: tuple[FailureCase, ...] = ()
     end_s: float | None = None  # end of the mission
@@ -164,23 +164,23 @@ def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequenc
                 for name, cell in entry.controllers.items()
             ]
             clauses.append(f"{entry.case}: {', '.join(counts)}")
-    return [f"Flights that survived one failure alone: {'; '.join(clauses)}."] if clauses else []
+    return [f"Flights that survived a single failure: {'; '.join(clauses)}."] if clauses else []
 
 
 def failure_case_section(failure_cases: FailureCases, names: Names) -> Section | None:
     """Return the section on failure cases; None if no failure is dispersed."""
     if not failure_cases.cases:
         return None
-    heads = ("Failure", "Flights", "Controller", "Survived (95 % interval)", "Lost",
-             "Median time from the failure to the loss", "Requirements")  # fmt: skip
+    heads = ("Failure", "Flights", "Controller", "Survived (95 % interval)", "Terminated early",
+             "Median time from the failure to the termination", "Requirements")  # fmt: skip
     return Section(
         "Failures in flight",
         (
             Text(
-                "A flight survives if it completes the mission. A case is the set of failures "
-                "before the end of the mission, in the same flights for every controller. Each "
-                "verdict uses the flights of its case only, without a correction for the number of "
-                "verdicts."
+                "A flight survives if it completes the mission. A case contains all flights with "
+                "the same set of failures before the end of the mission, which are the same "
+                "flights for every controller. Each verdict uses only the flights of its case, "
+                "without a correction for the number of verdicts."
             ),
             Table(
                 "Survival by failure case",
@@ -200,9 +200,10 @@ def _group(entry: FailureCase, names: Names) -> tuple[Row, ...]:
 
 def _row(label: str, cell: CaseFlights) -> Row:
     share = cell.survived
+    # The bounds are NaN if the flights are not independent.
     bounds = (
         f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""
-    )  # NaN bounds are omitted
+    )
     time = "" if cell.median_time_to_loss_s is None else f"{cell.median_time_to_loss_s:.1f} s"
     clauses = [
         f"{clauses}: missed by {verdict.missed}, {verdict.status}"
@@ -211,8 +212,8 @@ def _row(label: str, cell: CaseFlights) -> Row:
     if cell.margins is not None:
         unstable = count_of(cell.margins.unstable, cell.margins.flights)
         clauses.append(
-            f"smallest gain margin {cell.margins.median_db:.1f} dB in the median, unstable at "
-            f"a point {unstable}"
+            f"median smallest gain margin {cell.margins.median_db:.1f} dB, unstable at some point "
+            f"in {unstable} flights"
         )
     cells = (
         Cell(percent(share.value, 1), bounds),

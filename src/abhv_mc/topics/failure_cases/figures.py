@@ -42,7 +42,7 @@ Bands = Mapping[
 def plot_survival(
     times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
-    """Plot the share of flights still flying after a failure, one panel per failure case."""
+    """Plot the share of airborne flights after a failure, one panel per failure case."""
     figure, grid = new_panels(
         len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
     )
@@ -86,11 +86,11 @@ def plot_case_bands(
 
 
 def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
-    """Return the share of flights still flying at ``times`` (s) after their failure.
+    """Return the share of flights that are still airborne ``times`` seconds after a failure.
 
-    This is the Kaplan-Meier estimator, JASA 53 (1958). ``after`` [flight] is the time in s from the
-    failure to the end of the flight; ``lost`` is true if the flight was lost and false if its
-    mission ended.
+    The share is the Kaplan-Meier estimate, JASA 53 (1958). ``after`` [flight] is the time in s from
+    the failure to the end of the flight; ``lost`` [flight] is true if the flight terminated early
+    and false if it completed the mission.
     """
     moments = np.unique(after[lost])
     survival_factors = [
@@ -122,9 +122,9 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
     text = FigureText(
         "failure_survival",
         "Survival after a failure",
-        "Share of the flights of each case that still fly at a time after their first failure; "
-        "flights whose mission is over by then no longer count (Kaplan and Meier's estimate). "
-        "If two failures were drawn, the second comes later.",
+        "Share of the flights of each case that are still airborne, against the time since their "
+        "first failure (Kaplan-Meier estimate, which excludes flights whose mission has ended). "
+        "In cases with two failures, the second failure occurs later.",
     )
     yield text, plot_survival(times, panels, names.controllers)
     yield from _draw_bands(
@@ -135,10 +135,10 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
 def _draw_bands(
     names: Names, selected: list[str], cases: NDArray[np.str_], first: Floats
 ) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figure of the bands of stored histories after the first failure.
+    """Yield the figure with bands of time histories after the first failure.
 
     No figure is drawn if histories were stored only for the worst or failed flights, because these
-    do not represent a failure case.
+    flights are not representative of a failure case.
     """
     results, times, bands = names.results, np.arange(-2.0, 20.0, 0.25), {}
     if any(
@@ -172,9 +172,9 @@ def _draw_bands(
                     )
     if bands:
         caption = (
-            "Median (line) and smallest to largest value (band) of the flights whose histories "
-            "were kept, against the time since the failure; a lost flight leaves the band at its "
-            "end."
+            "Median (line) and smallest to largest value (band) of the flights with stored "
+            "histories, against the time since the failure. A flight that terminates early "
+            "contributes until its end."
         )
         text = FigureText("failure_bands", "Time histories after a failure", caption)
         yield text, plot_case_bands(times, bands, selected, names.controllers)

@@ -32,11 +32,11 @@ from abhv_mc.topics.topic import Topic, figures_of
 def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
     """Return sentences on flights that failed, saturated, oscillated or left table ranges.
 
-    If ``off_cards``, the sentences omit the facts that the cards of the page show.
+    If ``off_cards``, the sentences omit the facts that the cards at the top of the page show.
     """
     sentences = [
-        f"{name}: none of {count} flights could be computed, so it is not in this report and meets "
-        "no requirement."
+        f"{name} is not in this report and meets no requirement, because none of its {count} "
+        "flights could be computed."
         for name, count in flights.left_out.items()
     ]
     for name, entry in flights.findings.items():
@@ -119,9 +119,10 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         yield Text("No flight terminated early.")
     yield Widget("flights")
     explanation = (
-        "Sorted by severity: early terminations first (earliest on top), then by "
-        "exceedance of a limit in percent of it (without requirements, of the median); negative "
-        f"values meet the limit. The printed page lists the first five of each {campaign.kind}."
+        "The worst flights are sorted by severity: early terminations first (earliest on top), "
+        "then by the exceedance of a limit in percent of the limit (of the median if there are no "
+        "requirements), which is negative within the limit. The printed page lists the first five "
+        f"of each {campaign.kind}."
     )
     if campaign.can_rerun:
         explanation += (
@@ -179,11 +180,14 @@ def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
     text = f"{flown} dispersed flights of {joined(list(names.controllers.values()))}"
     text += ", on the same samples" * (len(names.controllers) > 1)
     if campaign.model.stop:
-        text += f" (at most {fixed(campaign.runs, 0)}; the campaign stops when proven)"
+        text += (
+            f" (at most {fixed(campaign.runs, 0)}; the campaign stops when every verdict is "
+            "PASS or FAIL)"
+        )
     seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} in sequence"
     if origin := campaign.simulator.origin:
         claim = (
-            "No test contradicts that they are"
+            "No test contradicts the assumption that they are"
             if campaign.independent
             else "They are not treated as"
         )

@@ -60,7 +60,7 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
             "The worst flights",
             f"Each column shows the worst flights of one {names.campaign.kind}: the worst in "
             "colour"
-            + (f", up to {most} next worst as thin lines" if most else "")
+            + (f", and up to {most} of the next worst as thin lines" if most else "")
             + ". Rows are the channels of the metrics in which these flights are worst."
             + (" Bands contain all flights." if any(panel.bands for panel in panels) else "")
             + (
@@ -77,7 +77,7 @@ def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> 
     """Return the channels of the flights' worst metrics, most frequent first.
 
     An early termination counts for the channel whose limit ended the flight, if the outcome names
-    it.
+    this channel.
     """
     count: Counter[str] = Counter()
     for flight in (flight_record for own in flights_model.worst.values() for flight_record in own):

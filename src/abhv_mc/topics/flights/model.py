@@ -42,7 +42,7 @@ class WorstFlight:
     by: str | None  # name of the worst metric; None after an early termination
     beyond: float  # exceedance of the limit, divided by the limit
     missed: int  # number of violated requirements
-    # a metric is NaN if the flight was lost before the metric's time window
+    # a metric is NaN if the flight ended before the metric's time window
     metrics: Mapping[str, float]
     samples: Mapping[str, float]
     largest: tuple[LargeDispersion, ...]
@@ -56,7 +56,7 @@ def ended_words(outcome: str, missed: int, required: int) -> str:
 
 
 def channel_of(record: Metric, channels: Collection[str]) -> str | None:
-    """Return the channel of a metric: its source, or the channel with which its name begins."""
+    """Return the channel of a metric: its source, or the channel whose name it begins with."""
     stems = {
         name: ((name.rpartition("_")[0] or name) if name in CHANNEL_INDEX else name)
         for name in channels
@@ -83,7 +83,7 @@ def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """Return the rows of the worst flights; only flights with histories if there are any."""
+    """Return the rows of the worst flights, only those with histories if there are any."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
         results.flights[name].flight[rows], list(flights_with_history(results.folder, name))
@@ -161,7 +161,7 @@ def _sigmas(value: float, mean: float, sigma: float) -> float | None:
 def _largest(
     samples: Mapping[str, float], spread: Mapping[str, tuple[float, float]]
 ) -> tuple[LargeDispersion, ...]:
-    """Return a flight's dispersions by distance from the mean, largest first.
+    """Return the dispersions of a flight, sorted by distance from the mean, largest first.
 
     Events that occur only in some flights, such as failures, come first.
     """
@@ -234,7 +234,7 @@ class Flights:
     dispersions: Mapping[str, Mapping[str, object]]  # distributions as stated in the campaign file
     derived: Mapping[str, str]  # expressions of derived parameters
     counts: Mapping[str, FlightCounts]
-    # number of requested flights of each controller for which none could be computed
+    # number of requested flights of each controller without any computed flight
     left_out: Mapping[str, int]
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]

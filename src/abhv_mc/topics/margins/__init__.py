@@ -1,4 +1,4 @@
-"""Report topic: each controller's stability margins in steady flight and in its flights."""
+"""Report topic: stability margins of each controller in steady and in simulated flight."""
 
 from collections.abc import Iterator, Sequence
 
@@ -67,7 +67,7 @@ def margin_words(margins: Margins, controller: str) -> str:
     else:
         text = f"smallest margins in steady, level flight: {text}"
     if entry.corners_unstable:
-        tried = "corners" if margins.steady.all_corners else "corners, drawn at random,"
+        tried = "corners" if margins.steady.all_corners else "randomly drawn corners"
         text += (
             f"; unstable at {entry.corners_unstable} of {margins.steady.corners} {tried} of the "
             "dispersions"
@@ -89,7 +89,7 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
     steady = margins.steady
     if not steady.controllers:
         return None
-    title = "Stability margins of each loop, nominal and least over the corners"
+    title = "Stability margins of each loop, nominal and smallest over the corners"
     table = Table(
         title,
         (
@@ -109,12 +109,13 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
     )
     items: list[Item] = [
         Text(
-            "The closed loop (plant, actuators, engine, the control law at its rate) is linearized "
+            "The closed loop (plant, actuators, engine and sampled control law) is linearized "
             "in steady, level flight at the mission's start. Each loop is broken at its actuator "
-            "with the others closed. Values are nominal, then the smallest over "
+            "with the others closed. Values are nominal, followed by the smallest over "
             f"{'all' if steady.all_corners else 'random'} {steady.corners} corners of the "
-            'dispersions. Gain margins are downwards / upwards in dB; "all at once" is the disk '
-            "margin, the permissible simultaneous gain or phase perturbation of all loops."
+            "dispersions. Gain margins are given for a decrease / an increase of the gain in dB; "
+            '"all at once" denotes the disk margin, the permissible simultaneous gain or phase '
+            "perturbation of all loops."
         ),
         Fold(title, (table,)),
     ]
@@ -173,7 +174,7 @@ def _flight_items(margins: Margins, names: Names) -> Iterator[Item]:
         "points and points with a command at a limit count as zero. Values: median / smallest."
     )
     yield Table(
-        "Margins of the flights, median / least",
+        "Margins of the flights, median / smallest",
         ("Controller", *_HEADS, "Unstable", "At a limit", "Flights that failed, by gain margin"),
         (tuple(_flights_row(names.label(name), entry) for name, entry in margins.flights.items()),),
     )
@@ -202,11 +203,14 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
 def _failed_words(entry: FlightMargins) -> str:
     """Return a phrase on the failures with small and with sufficient gain margins.
 
-    For example, '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) from 6 dB on'. Without requirements the
-    phrase is empty.
+    For example, '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) at 6 dB or above'. Without
+    requirements, the phrase is empty.
     """
     clauses = []
-    for counts, side in ((entry.failed_below, "below 6 dB"), (entry.failed_above, "from 6 dB on")):
+    for counts, side in (
+        (entry.failed_below, "below 6 dB"),
+        (entry.failed_above, "at 6 dB or above"),
+    ):
         if counts and counts[1]:
             clauses.append(f"{count_of(*counts)} ({percent(counts[0] / counts[1], 2)}) {side}")
     return ", ".join(clauses)

@@ -31,12 +31,12 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     text = FigureText(
         "margins",
         "Margins against failure",
-        f"Each mark is one flight: its exceedance of the {limit_name}, in percent of it, "
-        "against its smallest gain and phase margin. "
+        f"Each mark shows one flight's exceedance of the {limit_name}, in percent, against its "
+        "smallest gain and phase margin. "
         + (
-            "Filled marks failed; marks at the upper end terminated early."
+            "Filled marks are failures; marks at the upper end are early terminations."
             if required
-            else "Filled marks terminated early."
+            else "Filled marks are early terminations."
         ),
     )
     yield (

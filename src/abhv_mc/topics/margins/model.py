@@ -29,14 +29,14 @@ class LeastFlight:
     """One of the flights with the smallest margins."""
 
     flight: int
-    failed: bool  # whether the flight terminated early or violates a requirement
+    failed: bool  # whether the flight terminated early or violated a requirement
     margins: Mapping[str, float]  # margins by name (``MARGIN_NAMES``)
     faults: Mapping[str, float]  # counts by fault (``MARGIN_FAULTS``)
 
 
 @dataclass(frozen=True)
 class FlightMargins:
-    """Margins of those flights of a controller for which they were requested."""
+    """Margins of a controller's flights for which margins were requested."""
 
     flights: int
     unstable: int  # number of flights that are unstable at one or more points
@@ -52,7 +52,7 @@ class FlightMargins:
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins in steady flight and of each controller's flights."""
+    """Stability margins of each controller in steady flight and in simulated flights."""
 
     steady: SteadyMargins
     points: tuple[str | float, ...]  # points at which margins were computed: "trim" or a time in s
@@ -72,7 +72,7 @@ class LeastMargins:
 
     @property
     def words(self) -> tuple[str, str]:
-        """Gain and phase margin as strings: '14.3 dB (rudder)', '63 deg (elevator)', or ''."""
+        """Gain and phase margin as '14.3 dB (rudder)' and '63 deg (elevator)'; '' if infinite."""
         gain = f"{fixed(self.gain, 1)} dB ({self.gain_loop})" if np.isfinite(self.gain) else ""
         return gain, f"{fixed(self.phase, 0)} deg ({self.phase_loop})" if np.isfinite(
             self.phase
@@ -160,7 +160,7 @@ def least_margins(margins: Margins, controller: str) -> LeastMargins | None:
 
 
 def corners_unstable(margins: Margins, controller: str) -> tuple[int, int]:
-    """Return the numbers of unstable corners and of all corners of the dispersions.
+    """Return the numbers of unstable corners and of all corners of the dispersions' range.
 
     Unstable corners are counted only if the controller is stable without dispersions.
     """

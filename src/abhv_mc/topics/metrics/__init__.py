@@ -119,14 +119,14 @@ _HEADS = ("Median", "95 %", "99.73 %", "Worst", "Flight")
 def metric_section(metrics: Metrics, names: Names) -> Section:
     """Return the section on metrics: first the required metrics, then groups of metrics."""
     text = (
-        "Quantiles over the flights with their exact 95 % intervals (order statistics), to the "
-        "digits that the number of flights allows, and the worst flight. If small values are bad, "
-        'quantiles are counted from below. "Not reached": more flights terminated early than lie '
-        "beyond the quantile. `metrics.csv` has all metrics; the printed page has the required "
-        "ones."
+        "The tables list quantiles over the flights with exact 95 % intervals (order statistics), "
+        "with as many digits as the number of flights allows, and the worst flight. If small "
+        'values are bad, quantiles are counted from below. "Not reached" means that more flights '
+        "terminated early than lie beyond the quantile. `metrics.csv` has all metrics; the printed "
+        "page has only the required metrics."
     )
     if not names.campaign.independent:
-        text += " These intervals would be exact for independent flights, which these are not."
+        text += " The intervals are not exact, because the flights are not independent."
     return Section(
         "Error distributions",
         (Text(text), Picture("distribution_asked"), *_folds(metrics, names)),

@@ -29,7 +29,8 @@ class Spread:
     """Values of one metric in the flights of every controller."""
 
     label: str
-    values: Mapping[str, Floats]  # controller -> value per flight; infinite if the flight failed
+    # controller -> value per flight; infinite if the flight terminated early
+    values: Mapping[str, Floats]
     limits: Sequence[float] = field(default=())  # limits of requirements
     unit: str = ""
 
@@ -60,8 +61,8 @@ def plot_distributions(
 _TEXT = FigureText(
     "distribution_asked",
     "Distributions of the required metrics",
-    "Share of flights at or below each value. A curve that ends below 100 % (or, if small values "
-    "are bad, begins above 0 %) has flights that terminated early.",
+    "Share of flights at or below each value. If a curve ends below 100 % (or begins above 0 %, if "
+    "small values are bad), the other flights terminated early.",
 )
 
 

@@ -28,13 +28,15 @@ _HEADS = (
 )
 _RULE = (
     "PASS: if the true success probability were below the requirement, the chance of observing "
-    "this few failures would be at most the consumer's risk. FAIL: if it were met, the chance of "
-    "this many failures would be at most the producer's risk. NOT SHOWN: neither. The rule stays "
-    "valid when results are checked repeatedly or the campaign is extended. The tolerance limit "
-    "contains the required share of flights with a confidence of 1 minus the consumer's risk; for "
-    "a PASS it lies within the requirement."
+    "this few failures would be at most the consumer's risk. FAIL: if the requirement were "
+    "met, the chance of observing this many failures would be at most the producer's risk. NOT "
+    "SHOWN: neither PASS nor FAIL. The rule stays valid when results are checked repeatedly or the "
+    "campaign is extended. The tolerance limit contains the required share of flights with a "
+    "confidence of 1 minus the consumer's risk; for a PASS, it lies within the requirement."
 )
-_ESTIMATES = "Exact binomial statistics need independent flights: the counts below are estimates"
+_ESTIMATES = (
+    "Exact binomial statistics require independent flights, so the counts below are estimates"
+)
 _RANDOM = "; run the campaign with `sampling: random` for verdicts"
 
 
@@ -65,7 +67,7 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
     if joint is None or joint.stand + len(joint.dropped) < 2:
         return ""
     risk = (
-        f"at most {percent(joint.risk, 2)} chance of any false PASS among {joint.verdicts} "
+        f"a chance of at most {percent(joint.risk, 2)} of any false PASS among {joint.verdicts} "
         "verdicts (Holm)"
     )
     if verdicts.family_risk or not joint.dropped:
@@ -77,8 +79,11 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
         f"{verdicts.requirements[i].words} ({names.subject(name)})" for i, name in joint.dropped
     ]
     passed = joint.stand + len(dropped)
-    named = f"; not {joined(dropped)}" if joint.stand and len(dropped) <= _DROPPED else ""
-    return f" Jointly, with {risk}, {joint.stand or 'none'} of the {passed} PASS would hold{named}."
+    named = f", but not {joined(dropped)}" if joint.stand and len(dropped) <= _DROPPED else ""
+    return (
+        f" Jointly, with {risk}, {joint.stand or 'none'} of the {passed} PASS verdicts would "
+        f"hold{named}."
+    )
 
 
 def verdict_section(verdicts: Verdicts, names: Names) -> Section:
@@ -162,7 +167,7 @@ def _tolerance(verdict: ControllerVerdict, item: Requirement, names: Names) -> t
     if verdict.status == "ESTIMATE":
         return _DASH, _DASH
     if verdict.tolerance_limit is None:
-        return ("too many flights lost" if verdict.beyond_lost else "too few flights"), _DASH
+        return ("too many early terminations" if verdict.beyond_lost else "too few flights"), _DASH
     value, limits = verdict.tolerance_limit, item.limits
     sign = "" if limits.both else "> " if limits.high is None else "< "
     limit = sign + names.metrics[item.metric].with_unit(

@@ -32,7 +32,7 @@ class ControllerVerdict(Verdict):
     tolerance_limit: float | None
     # margin to the limit, as a share of the limit or of half the distance between two limits
     room: float | None
-    beyond_lost: bool  # whether a tolerance limit is impossible because too many flights were lost
+    beyond_lost: bool  # whether too many early terminations make a tolerance limit impossible
     # lower bound on the success probability, valid for a single check
     one_look_bound: float | None
     # 95 % Jeffreys interval of the failure rate, valid for a single check
@@ -60,7 +60,7 @@ class Together:
     risk: float
     verdicts: int
     stand: int
-    # requirement and controller of the verdicts that do not hold jointly
+    # index of the requirement, and controller, of each verdict that does not hold jointly
     dropped: tuple[tuple[int, str], ...]
 
 
@@ -96,7 +96,7 @@ class Verdicts:
 
     requirements: tuple[JudgedRequirement, ...]
     held_together: Together | None  # joint verdicts; None if there are no verdicts
-    # risk of any false PASS among all verdicts, if the campaign sets a joint risk
+    # risk of any false PASS among all verdicts; None unless the campaign sets a joint risk
     family_risk: float | None
     glance: tuple[GlanceRow, ...]
 
@@ -110,7 +110,7 @@ class Verdicts:
 
 
 def compute_verdicts(results: FlownCampaign) -> Verdicts:
-    """Return the verdicts on all requirements of the manifest, as one family."""
+    """Return the verdicts on all requirements of the manifest, as one family of tests."""
     names, items, campaign = results.controllers, results.campaign.requirements, results.campaign
     points = len(campaign.unknowns.points)
     counted = [_at_points(results.flights[name], item, points) for item in items for name in names]
@@ -137,7 +137,7 @@ def compute_verdicts(results: FlownCampaign) -> Verdicts:
 
 
 def _at_points(flights: ControllerFlights, requirement: Requirement, points: int) -> list[Verdict]:
-    """Return the verdict on a requirement and controller at each point of the unknowns."""
+    """Return the verdict on a requirement for a controller at each point of the unknowns."""
     failed = requirement_failures(flights, requirement)
     numbers = [flights.flight[failed], flights.flight, flights.absent]
     counts = [np.bincount(number % points, minlength=points).tolist() for number in numbers]
@@ -180,12 +180,13 @@ def find_tolerance(
     points: int = 1,
     judged: Sequence[int] = (0,),
 ) -> tuple[float | None, float | None, bool]:
-    """Return the tolerance limit, its margin, and whether too many flights were lost.
+    """Return the tolerance limit, its margin, and whether too many flights terminated early.
 
     Limit and margin are the worst over the points of the unknown parameters at which the
-    requirement is ``judged``. Both are None if there are too few flights or too many lost flights.
-    The margin is a share of the limit. With two limits, the first value is the distance outside the
-    limits (negative inside), and the margin is a share of half the distance between them.
+    requirement is ``judged``. Both are None if there are too few flights or too many early
+    terminations. The margin is a share of the limit. With two limits, the first value is the
+    distance outside the limits (negative inside), and the margin is a share of half the distance
+    between the limits.
     """
     limits = requirement.limits
     worse = limits.worse(flights.metrics[requirement.metric])
@@ -290,8 +291,8 @@ def _quantiles(
 ) -> tuple[float, float, float]:
     """Return the quantiles of a metric, or of its distance outside two limits.
 
-    The distance is negative inside the limits. With several points of the unknowns, the result is a
-    probability box: its lowest and highest quantiles.
+    The distance is negative inside the limits. With several points of the unknowns, the result is
+    the lowest and the highest quantiles over the points (a probability box).
     """
     flights = results.flights[name]
     worse = limits.worse(flights.metrics[metric])

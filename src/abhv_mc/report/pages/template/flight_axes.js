@@ -109,7 +109,7 @@ const flightAxes = (() => {
         pen.fillRect(left, top, Math.ceil(box.px(x0 + (i + 1) * dx) - left), Math.ceil(box.py(y0 + j * dy) - top));
       }
       pen.globalAlpha = opacity;
-      // The first controller is on top: dots within the larger outlines of the others.
+      // The first controller is drawn on top, as dots within the larger outlines of the other controllers.
       for (let k = controllers.length - 1; k >= 0; k -= 1) {
         pen.fillStyle = pen.strokeStyle = controllers[k].color;
         for (const [, a, b, , lost] of found.points.filter((point) => point[0] === k)) {
@@ -129,7 +129,7 @@ const flightAxes = (() => {
     return box;
   };
 
-  // Grey: all flights. Blue: selected flights, scaled to their own highest bar, whose number is at the left end.
+  // All flights are grey. Selected flights are blue and scaled to their own highest bar, whose count is at the left end.
   const drawStrip = (canvas, { all, chosen, ends, open, bars, style }) => {
     const [pen, wide, high] = [ready(canvas), canvas.clientWidth, canvas.clientHeight - 16];
     const most = (counts) => Math.max(1, ...counts.map((bar) => bar[1]));

@@ -1,4 +1,4 @@
-// Panel of an opened flight and an optional second flight: text, limits, time history, ground track and 3D path.
+// Panel of one or two opened flights: text, limits, time history, ground track and 3D path.
 const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
   const at = (id) => document.getElementById(id);
   const { text, fixed, labelOf } = flightAxes;
@@ -70,7 +70,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     at("flight-channel").value = channel;
   };
 
-  const narrow = () => at("flight-history").clientWidth < 560; // the legend then uses one line per entry
+  const narrow = () => at("flight-history").clientWidth < 560; // narrow legends use one line per entry
   const layout = (x, y) => ({
     margin: { l: 60, r: 10, t: 8, b: 42 }, hovermode: "closest", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: style.font, size: 12, color: style.ink() }, legend: { orientation: "h", y: narrow() ? -0.42 : -0.22 },
@@ -93,7 +93,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     const nominal = { type: "scatter", mode: "lines", x: behind.time, y: behind.nominal, name: `${controllers[each.controller].label}, nominal`, line: { color, width: 1.2, dash: "dash" } };
     return [...band("min", "max", "all flights", "22"), ...band("q5", "q95", "5–95 %", "44"), ...(behind.nominal?.some(Number.isFinite) ? [nominal] : [])];
   };
-  // Points of a horizontal line from one time to another, with gaps at the transients that a metric excludes.
+  // Points of a horizontal line over the time window of a metric, with gaps at the transients that the metric excludes.
   const pieces = ({ from, to, settled }, end, level) => {
     const last = Math.min(to ?? Infinity, end);
     const gaps = settled ? view.transients.filter(([first]) => first < last) : [];
@@ -119,7 +119,7 @@ const flightPanel = (source, style, { columnOf, nameOf, changed }) => {
     if (wanted !== channel) return;
     const traces = apart.flatMap(([each, i], n) => behindTraces(each, behind[n], i));
     at("flight-bands").hidden = behind.every((each) => each?.q5?.some(Number.isFinite));
-    at("flight-bands").textContent = view.banded ? `No bands of ${channel} are stored. Add it to keep: envelopes: channels.` : "";
+    at("flight-bands").textContent = view.banded ? `No bands of ${channel} are stored. To store them, add the channel to keep: envelopes: channels.` : "";
     for (const [each, i] of shown) {
       const { time, channels } = each.history;
       const line = (y, name, dash) => ({ type: "scatter", mode: "lines", x: time, y, name, line: { ...lookOf(i), dash } });

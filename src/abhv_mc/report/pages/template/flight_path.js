@@ -16,7 +16,7 @@ const flightPath = (host, style) => {
     return body.map((axis) => wind.map((row) => dot(row, axis)));
   };
 
-  // State of a flight at a time, interpolated between samples (angles along the shorter arc); the last sample after its end.
+  // State of a flight at a time, interpolated between samples (angles along the shorter arc); after the end, the last sample.
   const sample = ({ time, channels, last }, moment) => {
     const t = Math.min(moment, time[last]);
     let k = time.findIndex((value) => value >= t);
@@ -57,7 +57,7 @@ const flightPath = (host, style) => {
     pen.setLineDash([]);
   };
 
-  // The vehicle, not to scale: a dart with a fin, and the body axes x (nose), y (right), z (down).
+  // Draw the vehicle, not to scale, as a dart with a fin and the body axes x (nose), y (right) and z (down).
   const drawVehicle = (pen, [x, y], at, color, size) => {
     const axes = attitude(at).map(([north, east, down]) => project([east, north, -down]));
     const point = (along, right, down) => [x, y].map((value, i) => value + (i ? -size : size) * (along * axes[0][i] + right * axes[1][i] + down * axes[2][i]));
@@ -86,7 +86,7 @@ const flightPath = (host, style) => {
     pen.fillStyle = style.ink();
     const label = (values, at, name, align, right, down) => {
       const spots = values.map((value) => to(at(value)));
-      if (Math.hypot(spots.at(-1)[0] - spots[0][0], spots.at(-1)[1] - spots[0][1]) < 45) return; // the labels would overlap
+      if (Math.hypot(spots.at(-1)[0] - spots[0][0], spots.at(-1)[1] - spots[0][1]) < 45) return; // otherwise the labels would overlap
       const [low, high] = [spots[0], spots.at(-1)];
       pen.textAlign = align;
       pen.fillText(text(values[0] / 1000), low[0] + right, low[1] + down);
@@ -145,7 +145,7 @@ const flightPath = (host, style) => {
   };
 
   const stop = () => { playing = 0; button.textContent = "Play"; };
-  // With the setting for reduced motion, the animation advances only twice per second.
+  // If the user prefers reduced motion, the animation advances only twice per second.
   const step = (turnOf, before) => (now) => {
     if (turnOf !== playing) return;
     if (still.matches && now - before < 500) { requestAnimationFrame(step(turnOf, before)); return; }
@@ -193,7 +193,7 @@ const flightPath = (host, style) => {
     end = Math.max(...flights.map(({ time, last }) => time[last]));
     moment = Math.min(moment, end);
     [slider.max, slider.step] = [end, end / 600];
-    words.textContent = `Horizontal distances are to scale, altitude is stretched ${text(stretch, 2)} times; dotted: the shadow. The vehicle is drawn too large, at its true attitude, with the body axes x, y, z; winds left aside. Drag, or press arrow keys, to turn the view.`;
+    words.textContent = `Horizontal distances are to scale, and altitude is stretched ${text(stretch, 2)} times; the dotted line is the shadow. The vehicle is enlarged and has its true attitude without wind; x, y, z are the body axes. Drag or press arrow keys to turn the view.`;
     draw();
   };
   return { show, draw, attitude };

@@ -68,7 +68,7 @@ const flightsView = async (source, style) => {
   for (const [name, words] of heads) {
     const head = Object.assign(document.createElement("th"), { scope: "col" });
     const button = Object.assign(document.createElement("button"), { type: "button", className: "link", textContent: words });
-    const first = columnOf(name) ? columnOf(name).bad !== "low" : false; // first click: bad values first; second click: reverse order; third click: by severity
+    const first = columnOf(name) ? columnOf(name).bad !== "low" : false; // The first click sorts bad values first, the second reverses the order, the third sorts by severity.
     button.addEventListener("click", () => {
       if (state.sort !== name) [state.sort, state.down] = [name, first];
       else if (state.down === first) state.down = !first;
@@ -132,7 +132,7 @@ const flightsView = async (source, style) => {
   };
 
   const panel = flightPanel(source, style, { columnOf, nameOf, changed: (channel) => { state.channel = channel; at("flights-link").href = link(); } });
-  // Open a flight, or add a second flight to the opened one.
+  // Open a flight, or overlay a second flight.
   const open = async (name, flight, over = false) => {
     state.open = over && state.open.length ? [state.open[0], [name, flight]] : [[name, flight]];
     await show();
@@ -223,7 +223,7 @@ const flightsView = async (source, style) => {
     const input = Object.assign(document.createElement("input"), { type: "checkbox", name: `flights-${controller.name}`, value: controller.name });
     const label = Object.assign(document.createElement("label"), { className: "name" });
     label.style.borderColor = controller.color;
-    const mark = document.createElementNS("http://www.w3.org/2000/svg", "svg"); // as in the plot: the first controller is filled
+    const mark = document.createElementNS("http://www.w3.org/2000/svg", "svg"); // the first controller has a filled mark, as in the plot
     mark.setAttribute("viewBox", "-6 -6 12 12");
     mark.innerHTML = `<path d="${controller.mark}" stroke="${controller.color}" fill="${controller === controllers[0] ? controller.color : "none"}"/>`;
     label.append(input, mark, ` ${controller.label}`);
@@ -237,7 +237,7 @@ const flightsView = async (source, style) => {
   at("flights-controls").addEventListener("submit", (event) => event.preventDefault());
   at("flights-fit").addEventListener("change", () => { state.fit = at("flights-fit").checked; count(); });
   at("flights-clear").addEventListener("click", () => { state.brushes = {}; count(); });
-  at("flights-between").addEventListener("click", () => { // selection by keyboard: flights whose x lies between two numbers
+  at("flights-between").addEventListener("click", () => { // Select the flights whose x lies between two numbers; this also works from the keyboard.
     const ends = ["flights-low", "flights-high"].map((id, i) => (at(id).value === "" ? columnOf(state.x).ends[i] : Number(at(id).value)));
     state.brushes[state.x] = sorted(...ends);
     count();

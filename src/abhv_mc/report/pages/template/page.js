@@ -39,7 +39,7 @@
     ...(data.channels.some(({ reference }) => reference) ? [{ name: "reference", label: "reference", on: true }] : []),
   ];
 
-  // Listed individually, because the library's default set has a button that uploads the data of the plot.
+  // The buttons are listed individually, because the library's default set has a button that uploads the plotted data.
   const tools = ["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "autoScale2d", "resetScale2d"];
 
   const addBox = (parent, name, label, checked) => {
@@ -61,7 +61,7 @@
   const isOn = (name) => layers.find((layer) => layer.name === name)?.box.checked;
   const shownControllers = () => data.controllers.filter((controller) => controller.box.checked);
 
-  // As in the printed figures: the first controller is on top, as a solid line; those below are wider and dashed.
+  // As in the printed figures, the first controller is a solid line on top; the lines below it are wider and dashed.
   const dashes = ["solid", "9px,3px", "3px,2px", "9px,3px,2px,3px"];
   const lookOf = (controller) => {
     const k = data.controllers.indexOf(controller);
@@ -113,7 +113,7 @@
     const upwards = [...controllers].reverse();
     for (const controller of upwards) traces.push(...bandTraces(controller, channel));
     for (const controller of upwards) traces.push(...lineTraces(controller, channel));
-    let light = 1; // bands lie on each other
+    let light = 1; // share of the background that is visible through the overlapping bands
     for (const { label, opacity } of layers.filter((layer) => layer.low && layer.box.checked)) {
       light *= 1 - opacity;
       traces.push({ x: [null], y: [null], name: label, mode: "none", fill: "toself", fillcolor: `rgba(128,128,128,${1.3 * (1 - light)})`, legendrank: 2000 });
@@ -123,14 +123,14 @@
         line: { color: getComputedStyle(document.documentElement).getPropertyValue("--ink").trim(), width: 1.2 } });
     }
     const narrow = plot.clientWidth < 560;
-    // The legend is below the label of the axis; a narrow page has a line for each entry.
+    // The legend is below the axis label; on a narrow page, each entry has its own line.
     const entries = traces.filter((trace) => trace.showlegend !== false).length;
     const area = narrow ? 300 : 350;
     const below = 52 + 20 * (narrow ? entries : Math.ceil((entries * 140) / plot.clientWidth));
     const style = getComputedStyle(document.documentElement);
     const ink = style.getPropertyValue("--ink").trim();
     const line = style.getPropertyValue("--line").trim();
-    plot.style.height = `${area + below + 10}px`; // of the element, as a height of the layout is lost when the page is resized
+    plot.style.height = `${area + below + 10}px`; // The height of the element is set, because a height in the layout is lost when the page is resized.
     Plotly.react(plot, traces, {
       margin: { l: narrow ? 52 : 70, r: 12, t: 10, b: below },
       xaxis: { title: { text: "time (s)", standoff: 4 }, zeroline: false, gridcolor: line },
@@ -178,7 +178,7 @@
     dispatchEvent(new Event("drawn"));
   };
   let flights = null;
-  // Other parts of the page refer to flights (data-show="controller flight") and metrics.
+  // Link the elements of the page that refer to flights (data-show="controller flight") or to metrics.
   const linkFlights = () => {
     for (const link of document.querySelectorAll("[data-metric]")) link.addEventListener("click", () => flights.across(link.dataset.metric));
     for (const table of document.querySelectorAll("#flights details tbody")) flights.oneStop(table)();

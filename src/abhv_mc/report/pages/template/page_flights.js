@@ -5,7 +5,7 @@ const pageFlights = (data, places, bands, numbers) => {
   const column = (name) => numbers(`column:${name}`);
   const everyone = data.order; // row numbers, worst flight first
 
-  const ended = (row) => { // same text as `ended_words` in Python
+  const ended = (row) => { // This text is the same as that of `ended_words` in Python.
     const missed = rows.missed.filter((flags) => flags[row]).length;
     if (rows.failed[row]) return data.outcomes[rows.outcome[row]];
     return missed ? `completed; misses ${missed} of ${rows.missed.length}` : "completed";
@@ -71,7 +71,7 @@ const pageFlights = (data, places, bands, numbers) => {
     if (!places[`${channel}:${name}`]) return null;
     return { time: numbers(`time:${name}`), ...Object.fromEntries(bands.map((band, i) => [band, numbers(`${channel}:${name}`, i)])) };
   };
-  // Numbers have as many digits as the page stores: each number is a multiple of a small step.
+  // Numbers are written with as many digits as the page stores, because each is a multiple of a small step.
   const csv = async (asked) => {
     const digits = new Map(data.columns.map(({ name }) => {
       const { low, high } = places[`column:${name}`];
