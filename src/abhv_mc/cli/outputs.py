@@ -94,4 +94,4 @@ def _check(path: Path, folder: Path, campaign: bool = False) -> Path:
 
 
 def _is_address(path: Path) -> bool:
-    return read_address(f"{path}/") is not None  # Path("s3://") is "s3:"
+    return read_address(f"{path}/") is not None  # Path("s3://") drops the slashes.

@@ -21,7 +21,7 @@ def replay(
     controller: Controller = None,
     out: Annotated[
         Path | None,
-        output(output_file, "FILE.parquet", "File for the time history at the full rate."),
+        output(output_file, "FILE.parquet", "File for the time history at the full sampling rate."),
     ] = None,
     json: Json = None,
     trust_code: TrustCode = False,
@@ -42,7 +42,9 @@ def replay(
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))
     block = replay.block
     if out is not None and not block.history.size:
-        raise InputError("--output", "the flight has no time history", "no --output")
+        raise InputError(
+            "--output", "the flight has no time history", "the command without this option"
+        )
     if out is not None:
         names = [channel.name for channel in replay.channels]
         write_histories(
@@ -99,8 +101,8 @@ def explain(
     requirement: Annotated[
         str | None,
         metric_option(
-            "Metric of the missed requirement that the explanation is for.",
-            show_default="the missed requirement",
+            "Metric of the requirement whose failure is explained.",
+            show_default="the requirement that the flight missed",
         ),
     ] = None,
     out: Annotated[
@@ -109,13 +111,14 @@ def explain(
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Find the smallest set of dispersions that makes a flight fail if all others are nominal.
+    """Find the smallest set of dispersions that suffices to make a flight fail.
 
-    A flight failed if it terminated early or missed a requirement. With --all, the failed flights
-    of every controller are grouped by these sets, and 'abhv-mc report' shows the groups.
+    All other dispersions are set to their nominal values. A flight failed if it terminated early
+    or missed a requirement. With --all, the failed flights of every controller are grouped by
+    these sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
-        problem = "--all excludes --flight, --requirement and --output" if every else "no flight"
+        problem = "--all excludes --flight, --requirement and --output" if every else "no number"
         raise InputError("--flight", problem, "either --flight NUMBER, or --all alone")
     announce_compiling()
     if flight is None:

@@ -56,14 +56,14 @@ def run(
             callback=output_folder,
             metavar="DIR",
             help="Folder for the local copy of the results if the output is an address.",
-            show_default="temporary",
+            show_default="a temporary folder",
         ),
     ] = None,
 ) -> None:
     """Run or resume a campaign, and create its report.
 
-    Ctrl-C keeps completed flights; run the same command to resume. The exit code is 1 if a
-    requirement failed, and 3 if flights are missing or failed to run.
+    After Ctrl-C, completed flights are kept; run the same command to resume. The exit code is 1 if
+    a requirement failed, and 3 if flights are missing or failed to run.
     """
     announce_compiling()
     from abhv_mc.execution.runner import run_campaign
@@ -75,7 +75,7 @@ def run(
         from abhv_mc.report.numbers.compare import check_baseline
 
         if no_report or request.shard is not None:
-            raise Refusal("--baseline needs a report", "--baseline without --no-report or --shard")
+            raise Refusal("--baseline needs a report", "the option without --no-report and --shard")
         campaign = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(campaign, baseline)
     out = None if request.output is None else Path(request.output)
@@ -179,7 +179,7 @@ def describe_outcomes(count: "ControllerCount") -> str:
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """Print the verdicts as a table of requirements and controllers, and the advice.
+    """Print the verdicts by requirement and controller, followed by advice on them.
 
     Lines have at most 80 columns.
     """
@@ -226,7 +226,7 @@ def print_requirements(manifest: "Manifest") -> None:
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
-    """Return the numbers of verdicts by controller, and the decisive controllers, as text.
+    """Return a text with the verdict counts of each controller and the decisive controllers.
 
     Example: 'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code depends on tlc (3 verdicts).'
     """

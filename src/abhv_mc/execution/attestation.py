@@ -1,4 +1,4 @@
-"""Signatures of blocks by the process that computed them, and checks of its code."""
+"""Signatures of the processes that compute blocks of flights, and checks of their code."""
 
 import sys
 import threading
@@ -30,8 +30,8 @@ class Attestation:
     def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
         """Prepare the check of all workers.
 
-        One flight from each host with another kind of processor (or of each worker if
-        ``every_worker``) is computed again in this process.
+        One flight of each host whose kind of processor differs from that of this machine is
+        computed again in this process; with ``every_worker``, one flight of each worker.
         """
         self._engine, self._every = engine, every_worker
         self._seen: set[Any] = set()
@@ -79,7 +79,7 @@ class Attestation:
                     f"from those of this machine ({name} of one flight of {plan.controller})"
                 )
         print(
-            f"worker at {flyer.name}: a flight computed on this machine is bit-identical",
+            f"worker at {flyer.name}: one flight, computed again on this machine, is bit-identical",
             file=sys.stderr,
             flush=True,
         )

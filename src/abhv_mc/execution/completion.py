@@ -36,7 +36,8 @@ class Completion:
         """Return the number of flights to run.
 
         A campaign that stops when proven needs only the flights up to its verdicts. The numbers of
-        flights at which it is assessed depend only on its flights, not on workers or interruptions.
+        flights at which verdicts are assessed depend only on the flights themselves, not on workers
+        or interruptions.
         """
         if self.campaign.model.stop is None:
             return self.stop

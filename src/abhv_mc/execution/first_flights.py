@@ -1,4 +1,4 @@
-"""First flights of a custom simulator, to test its speed and repeatability.
+"""Simulation of the first flights of a custom simulator to test its repeatability.
 
 The flights are simulated in two new processes in parallel, and repeated in each process.
 """
@@ -124,8 +124,8 @@ def _fly_twice(
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
     """Simulate each row in two new processes; several pairs of processes run in parallel.
 
-    Return the flights by system, with adjacent processes of a pair, and warnings about undeclared
-    files that native code reads.
+    Return the flights by system and process, with the two processes of a pair next to each other,
+    and warnings about undeclared files that native code reads.
     """
     pairs = max(1, min(executor.workers // 2, _PAIRS, len(rows)))
     total, started = 2 * len(rows) * len(campaign.systems), time.time()

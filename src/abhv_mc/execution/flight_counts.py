@@ -1,4 +1,4 @@
-"""Counts of the outcomes and requirement failures of flights, and their digest."""
+"""Counts of outcomes and requirement failures, and the digest of the counted flights."""
 
 from array import array
 from collections import Counter
@@ -102,7 +102,8 @@ def count_flights(
 ) -> tuple[Manifest, int]:
     """Return the manifest with the counts of the flights ``done`` [flight].
 
-    Also return the number of consecutive first flights that all controllers have.
+    The second result is the number of consecutive flights, from flight 0 on, that are stored for
+    all controllers.
     """
     failed = max((counts.outcomes[_FAILED] for counts in all_counts.values()), default=0)
     common = np.logical_and.reduce(list(done.values()))
@@ -127,10 +128,10 @@ def count_flights(
 def judge_counts(
     all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
 ) -> list[tuple[FlightCounts, RequirementCount, Verdict, int]]:
-    """Return verdicts and points of unknowns, by controller and requirement.
+    """Return the verdict for each controller and requirement, and its point of the unknowns.
 
-    ``flights`` restricts the assessment to the first flights. All pairs of requirement and
-    controller form one family.
+    ``flights`` restricts the assessment to this number of first flights. All pairs of requirement
+    and controller form one family of tests.
     """
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
     points, groups = len(campaign.unknowns.points), []

@@ -1,4 +1,4 @@
-"""Reading of tables of flights that another simulator computed."""
+"""Functions that read tables of flights computed by another simulator."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _ROWS = 65536  # number of rows per block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings of exported tables
 _ROW, _LINE = "#row", "#line"  # names of added columns, which no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
-_ECHO = 1e-4  # tolerance for repeated inputs, relative to the largest value
+_ECHO = 1e-4  # tolerance for inputs repeated in a table of results, relative to the largest value
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     model: Any = campaign.model
     for name, head in model.columns.items():
         if not any(name in rows.columns for rows in (inputs, results)):
-            expected = f"the column of '{name}' named by 'columns' in the campaign file"
+            expected = f"the column that 'columns' in the campaign file names for '{name}'"
             raise results.table.error(None, None, f"no column '{head}'", expected)
     for name in (*campaign.marginals, *measured):
         if not any(name in rows.columns for rows in (inputs, results)):
@@ -161,7 +161,7 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
 def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
     """Join inputs and results by flight number; flights without results failed to run.
 
-    Raise InputError if a result has no inputs, or contains other values of its inputs.
+    Raise InputError if a result has no inputs, or if it repeats inputs with other values.
     """
     for rows in (inputs, results):
         if "flight" not in rows.columns:
@@ -178,7 +178,9 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
         if (repeated := joined.get(f"{quantity}_repeated")) is not None:
             errors = (repeated - joined[quantity]).abs()
             for row in np.flatnonzero(errors > _ECHO * joined[quantity].abs().max())[:1]:
-                problem = f"{quantity} {repeated[row]:g}, but {joined[quantity][row]:g} in {name}"
+                problem = (
+                    f"{quantity} is {repeated[row]:g}, but {joined[quantity][row]:g} in {name}"
+                )
                 raise results.error(row, quantity, problem, "the same inputs in both tables")
     own = {system: joined[joined.system == system] for system in campaign.controllers}
     without_results = [
@@ -203,7 +205,7 @@ def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":
     own = own.sort_values("flight", kind="stable")
     first = 1.0 if frame.flight.min() == 1.0 else 0.0
     for number in np.flatnonzero(own.flight != np.arange(len(own)) + first)[:1]:
-        problem = f"no flight {number + first:g} of '{system}'"
+        problem = f"flight {number + first:g} of '{system}' is missing"
         expected = "all flights, numbered from 0 or 1, with an outcome for those that failed"
         raise rows.error(own[_ROW].iloc[number], "flight", problem, expected)
     return own

@@ -1,7 +1,7 @@
 """Check of the stored flights of a custom simulator: some flights are re-run.
 
 The first flights reveal noise of a simulator, but not files that change later or workers that
-disturb each other. Re-running stored flights at the end of a run reveals these changes.
+disturb each other. Re-running stored flights at the end of a run reveals such effects.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Selection of the points of the unknowns at which requirements are judged."""
+"""Selection of the values of unknown parameters at which requirements are judged."""
 
 import sys
 from collections.abc import Mapping
@@ -36,8 +36,9 @@ def select_points(
 ) -> Experiment:
     """Search for the worst points of each controller; return the campaign with the points.
 
-    Points of a baseline within the bounds are added. A campaign without unknowns, or with points in
-    its file, is returned unchanged. The flights of the search are not judged.
+    A point is a set of values of the unknown parameters. Points of ``baseline`` that lie within the
+    bounds are added. A campaign without unknown parameters, or with points in its file, is returned
+    unchanged. The flights of the search are not judged.
     """
     unknowns = campaign.unknowns
     if not unknowns.names or campaign.model.points is not None:
@@ -75,7 +76,7 @@ def select_points(
 def with_points(campaign: Experiment, points: object) -> Experiment:
     """Return the campaign with the ``points`` of a stored campaign file.
 
-    Return the campaign unchanged without ``points``, or if its own file has points.
+    The campaign is returned unchanged if ``points`` is None, or if its own file contains points.
     """
     if points is None or campaign.model.points is not None:
         return campaign

@@ -28,9 +28,9 @@ def serve(connection: Connection, fly: "Fly") -> None:
     """Process jobs until the parent closes the connection.
 
     A job is (key of the plan, plan if new, parameters, recording, time limit). At the start of each
-    batch the worker sends its limit on processor time (s), after which SIGPROF ends the process.
-    The last message is the block, or the error as text. The time limit is for 16 flights; None
-    derives the limit from the nominal flight.
+    batch, the worker sends its limit on processor time (s), after which SIGPROF ends the process.
+    The last message is the block, or the error as text. The time limit of a job is for 16 flights;
+    if it is None, the worker derives the limit from the nominal flight.
     """
     allow_here()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)

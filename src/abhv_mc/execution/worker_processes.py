@@ -1,7 +1,7 @@
-"""Pool of worker processes that replaces processes that hang or end.
+"""Pool of worker processes, which replaces processes that hang or end.
 
 A thread of the parent waits for each process. Each process has a separate pipe, so that a process
-killed while it sends a result does not disturb the others.
+that is killed while it sends a result does not disturb the other processes.
 """
 
 import contextlib
@@ -203,7 +203,7 @@ class WorkerPool:
             if self._failed_starts >= self._most_failed_starts:
                 raise UnusableError(
                     f"worker processes end before their first flight ({self._last_end});"
-                    " 'isolation: threads' runs without them"
+                    " the setting 'isolation: threads' runs flights without worker processes"
                 )
             time.sleep(_PAUSE * self._failed_starts)
             try:

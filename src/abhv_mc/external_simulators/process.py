@@ -45,7 +45,7 @@ class Process:
 
     def __init__(self, plan: UserPlan) -> None:
         """Start the process. Raise OSError or LostFlightError if it fails to start."""
-        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  the file lives as long as the process
+        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  the process writes to the file
         fcntl.fcntl(
             self._errors, fcntl.F_SETFL, os.O_APPEND
         )  # The file may be truncated while it is written.
@@ -80,7 +80,7 @@ class Process:
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
         self.flights = 0  # number of completed flights
-        # replies since the last check that do not repeat the string of their request
+        # number of replies since the last check that do not repeat the string of their request
         self.unproven = 0
         self.first_time = 0.0  # time in s from the start to the first reply
         self.longest = 0.0  # longest time in s to any later reply
@@ -103,7 +103,7 @@ class Process:
         for first in range(0, len(requests), step):
             batch = requests[first : first + step]
             texts = [self._make_text() for _ in batch]
-            with contextlib.suppress(BrokenPipeError):  # The end of the process is detected next.
+            with contextlib.suppress(BrokenPipeError):  # The next read detects the process's end.
                 self._process.stdin.write(
                     b"".join(
                         b'%s"%s"}\n' % (request, text.encode())
@@ -143,7 +143,8 @@ class Process:
     def is_silent(self, seconds: float, is_last: bool = False) -> bool:
         """Return whether the process writes nothing further for ``seconds``.
 
-        If ``is_last``, no request follows, and closing the input lets the process end sooner.
+        If ``is_last`` is true, no request follows, and the input is closed so that the process ends
+        sooner.
         """
         if is_last:
             self._process.stdin.close()
@@ -151,7 +152,7 @@ class Process:
             return self._ended
         if not self._poll.poll(1e3 * seconds):
             return True
-        return not os.read(self._process.stdout.fileno(), _READ)  # The process ended.
+        return not os.read(self._process.stdout.fileno(), _READ)  # empty if the process has ended
 
     def has_ended(self) -> bool:
         """Return whether the process has ended."""

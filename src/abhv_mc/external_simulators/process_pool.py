@@ -62,7 +62,7 @@ def current_pool() -> ProcessPool:
 
 
 def end_processes() -> None:
-    """End all idle and busy processes; later flights start new ones."""
+    """End all idle and busy processes; later flights start new processes."""
     global _pool
     ended, _pool = _pool, ProcessPool()
     ended.close()

@@ -1,4 +1,4 @@
-"""Tables of which one column is read at a time, to save memory in large campaigns."""
+"""Tables whose columns are read one at a time, to save memory in large campaigns."""
 
 import os
 import tempfile
@@ -17,7 +17,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.io.parquet_columns import column_values
 
 _IN_MEMORY = 32 * 2**20  # maximum size of a table in memory, bytes
-_CHUNK = 16_384  # number of rows written together
+_CHUNK = 16_384  # number of rows that are written at once
 
 
 def missing_file(path: Path, expected: str) -> InputError:

@@ -113,7 +113,7 @@ class CampaignFolder:
         if not fresh and any(self.flights.glob("*.parquet")):
             problem = "the folder has flights, but no manifest"
             raise InputError(
-                self.root, problem, "another folder (-o DIR), or --fresh to delete them"
+                self.root, problem, "another folder (-o DIR), or --fresh to delete the flights"
             )
 
     def clear(self) -> None:
@@ -220,7 +220,7 @@ def hash_file(path: Path) -> str:
 def write_bytes(
     path: Path, content: bytes, durable: bool = False, executable: bool = False
 ) -> None:
-    """Write a file atomically; ``executable`` lets everyone who may read the file run it."""
+    """Write a file atomically; with ``executable``, all users who may read it may run it."""
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(content)

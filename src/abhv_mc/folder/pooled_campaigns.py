@@ -1,4 +1,4 @@
-"""Search for campaigns that differ only in their seed, and their merge into one."""
+"""Search for campaigns that differ only in their seed, and merge of such campaigns."""
 
 import contextlib
 import shlex
@@ -127,7 +127,7 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
 
 
 def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
-    """Copy poolable campaigns into ``out``, which a run then completes.
+    """Copy poolable campaigns into ``out``; a subsequent run completes the campaign.
 
     Flights are numbered consecutively. Raise InputError if ``out`` has other content.
     """

@@ -28,7 +28,7 @@ class LoopMargins:
     disk_margin: float | None = None
     disk_gain_db: float | None = None
     disk_phase_deg: float | None = None
-    reason: str | None = None  # reason why there is no loop
+    reason: str | None = None  # reason why the loop does not exist
     # Whether the smallest margins include the loop; effector loops are included only if they are
     # commanded directly.
     counts: bool = True
