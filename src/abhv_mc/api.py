@@ -359,7 +359,8 @@ def compare(
     a, b
         Results, or results folders of campaigns.
     controllers
-        A controller of the first campaign and one of the second, to compare with each other.
+        Two names: a controller of the first campaign, and the controller of the second campaign
+        with which it is compared. By default, controllers with the same name are compared.
     fail_if_worse
         For each metric, the share by which `b` may be worse than `a`, such as
         ``{"altitude_error_max_m": "5 %"}``.

@@ -8,7 +8,7 @@ from abhv_mc.array_types import Floats, Mask
 
 
 class Bounds(NamedTuple):
-    """Limits ``low`` < value < ``high`` in the unit of the value; at most one is None."""
+    """Limits ``low`` < value < ``high`` in the unit of the value; one limit may be None."""
 
     low: float | None = None
     high: float | None = None

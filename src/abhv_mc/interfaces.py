@@ -129,7 +129,7 @@ class Simulator(Protocol):
     def restore_plans(
         self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> Mapping[str, Plan]:
-        """Return the stored plans of the named systems. Raise InputError if they are invalid."""
+        """Return the stored plans of the named systems. Raise InputError if one is invalid."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
         """Return plans that also compute the requested margins; empty if none are requested."""
@@ -183,7 +183,10 @@ class Simulator(Protocol):
         """Return errors for dispersions that have no effect in this simulator."""
 
     def try_out(self) -> Iterator[str]:
-        """Start the simulator without simulating; yield warnings. Raise InputError if it fails."""
+        """Start the simulator without simulating flights, and yield warnings.
+
+        Raise InputError if the start fails.
+        """
 
 
 class Executor(Protocol):

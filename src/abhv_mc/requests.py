@@ -39,7 +39,7 @@ def options_of(request: type) -> dict[str, Option]:
 
 
 def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
-    """Return `value` as an int. Raise InputError unless it lies between `least` and `most`."""
+    """Return `value` as an int. Raise InputError unless `least` <= `value` <= `most`."""
     is_integer = isinstance(value, Integral) and not isinstance(value, bool)
     if not is_integer or value < least or (most is not None and value > most):
         expected = (
@@ -119,7 +119,7 @@ class CheckedRequest:
     """Base class of requests, whose values are converted and checked on construction."""
 
     def __post_init__(self) -> None:
-        """Convert and check each value. Raise InputError with the field name if it is invalid."""
+        """Convert and check each value. Raise InputError, with its field, for an invalid value."""
         for name, option in options_of(type(self)).items():
             value, check = getattr(self, name), _CHECKS.get(option.kind)
             if value is not None and check is not None:

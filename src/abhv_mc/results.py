@@ -39,7 +39,7 @@ class Results:
     Parameters
     ----------
     folder
-        Folder of the campaign; :func:`abhv_mc.open_results` opens it.
+        Results folder of the campaign; see :func:`abhv_mc.open_results`.
     requirements
         Requirements that replace the requirements in the folder; see :meth:`judge`.
 
@@ -223,12 +223,12 @@ class Results:
     def to_xarray(
         self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories"
     ) -> "xr.Dataset":
-        """Return a table over time as an xarray Dataset (needs the extra ``xarray``).
+        """Return a table over time as an xarray Dataset; requires xarray.
 
-        Each column is a variable with ``units`` in its attrs. The axes are controller, flight and
-        time for histories (NaN for flights without a history or after their end), controller,
-        channel and time for envelopes, controller and time for nominal flights, and time for the
-        reference. Raise InputError for other tables.
+        Each column is a variable with ``units`` in its attrs. Histories have the axes controller,
+        flight and time, and are NaN for flights without a history and after the end of a flight.
+        Envelopes have the axes controller, channel and time, nominal flights controller and time,
+        and the reference time. Raise InputError for other tables.
         """
         if table not in _AXES:
             raise InputError("table", describe(table), one_of(_AXES))
@@ -315,7 +315,7 @@ class Results:
         return _on_white(make_explained_figure(explanation), dpi)
 
     def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
-        """Return quantiles for the simulated dispersions and, by re-weighting, for other ones.
+        """Return quantiles for the simulated and, by re-weighting, for other dispersions.
 
         An example of `settings` is ``{"aero.drag.half_width": "12 %"}``. The effective numbers of
         flights are in the table's ``attrs``. Raise InputError if the flights do not cover the new

@@ -245,5 +245,5 @@ def main() -> None:
         ) as error:  # Also catch SystemExit, so that every exit has a documented code.
             code = flush_output(exit_code_of(error))
             if "duckdb" not in sys.modules:  # duckdb would report frozen objects as leaks.
-                gc.freeze()  # skip the last garbage collection
+                gc.freeze()  # skip the garbage collection at exit
             sys.exit(code)

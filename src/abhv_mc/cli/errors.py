@@ -38,7 +38,7 @@ def exit_code_of(error: BaseException) -> int | str | None:
     code, message = ExitCode.INCOMPLETE, str(error)
     is_interrupt = isinstance(error, (SystemExit, KeyboardInterrupt))
     if is_interrupt or message == "Query interrupted":
-        # DuckDB raises an error with the message "Query interrupted" if it is interrupted.
+        # An interrupted DuckDB statement raises an error with the message "Query interrupted".
         # After an interrupt in exec(), Python would terminate itself with SIGINT at its exit; a
         # call of eval() clears the flag that causes this behaviour.
         eval("0")  # noqa: S307

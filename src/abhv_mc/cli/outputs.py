@@ -26,7 +26,7 @@ def output(
 
 
 def output_file(path: Path | None) -> Path | None:
-    """Return the path of an output file. Raise InputError if it cannot be written."""
+    """Return the path of an output file. Raise InputError if the file cannot be written."""
     if path is None:
         return None
     # Writing as root to /dev/null would replace the device.
@@ -55,12 +55,18 @@ def json_file(path: Path | None) -> Path | None:
 
 
 def output_folder(path: Path | None) -> Path | None:
-    """Return the path of an output folder. Raise InputError if it belongs to a campaign."""
+    """Return the path of an output folder.
+
+    Raise InputError if the path belongs to the results folder of a campaign.
+    """
     return None if path is None else _check_folder(path)
 
 
 def campaign_folder(path: Path | None) -> Path | None:
-    """Return the path of a new or existing results folder. Raise InputError if invalid."""
+    """Return the path of a new or existing results folder.
+
+    Raise InputError if the path cannot be used as a results folder.
+    """
     return None if path is None else _check_folder(path, campaign=True)
 
 

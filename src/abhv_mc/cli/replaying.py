@@ -170,6 +170,6 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
 
     def print_text() -> None:
         print_section_table(table)
-        say(f"map       {path}; 'abhv-mc report {folder}' shows it")
+        say(f"map       {path}; 'abhv-mc report {folder}' includes this map")
 
     show_result(failure_map.controllers, json, print_text)

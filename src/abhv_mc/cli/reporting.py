@@ -129,8 +129,8 @@ def show(
 ) -> None:
     """Print the sentences and tables of a report topic, or its numbers with --json.
 
-    Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes,
-    margins, simulator, convergence, provenance, and topics of installed packages.
+    The topics are verdicts, comparison, metrics, flights, failure_cases, failures, drivers,
+    envelopes, margins, simulator, convergence, provenance, and topics of installed packages.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.json_data import json_data
@@ -271,7 +271,7 @@ def place(
 
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:
-    """Parse the standard deviation of each channel. Raise InputError if one is not positive."""
+    """Parse the noise of each channel. Raise InputError unless all values are positive."""
     noise: dict[str, float] = {}
     for setting in settings:
         channel, _, number = setting.partition("=")

@@ -220,7 +220,7 @@ def print_requirements(manifest: "Manifest") -> None:
             say(requirement)
             say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in group).rstrip())
     for sentence, number in Counter(advice).items():
-        text = f"{number} of {len(entries)} {sentence}"
+        text = f"{number} of {len(entries)} verdicts are {sentence}"
         say(fill(text, _WIDTH, subsequent_indent="  ", break_on_hyphens=False))
     say()
 
@@ -253,8 +253,8 @@ def flights(
         typer.Argument(
             metavar="TABLE...",
             help=(
-                "Table of flights, or tables of inputs and of results (CSV, JSON lines, Parquet "
-                "or Excel)."
+                "One table of flights, or a table of inputs and a table of results (CSV, JSON "
+                "lines, Parquet or Excel)."
             ),
         ),
     ],
@@ -279,10 +279,10 @@ def flights(
 
     TABLE has one row per flight, one column for each dispersed input and metric, and optional
     columns system, outcome and flight. Headers may give units, as in 'altitude_min [ft]'. Inputs
-    (see 'validate --samples') and results may be two tables, paired by flight number; a flight
-    without results failed to run. Verdicts require 'independent: true' in FILE and rows that pass
-    tests of independent draws. After an interruption, run the same command to resume. The exit
-    codes are those of 'run'.
+    (see 'validate --samples') and results may be in two tables, which are paired by flight number;
+    flights without results count as failed to run. Verdicts require 'independent: true' in FILE,
+    and inputs that pass statistical tests for independent draws. After an interruption, run the
+    same command to resume. The exit codes are those of 'run'.
     """
     from abhv_mc.execution.table_import import import_tables
 

@@ -52,7 +52,7 @@ def new(
     ] = None,
     vehicle: NewVehicle = None,
     tune: Annotated[
-        bool, typer.Option("--tune", help="Add the parameters that 'abhv-mc tune' may vary.")
+        bool, typer.Option("--tune", help="Add a list of parameters that 'abhv-mc tune' may vary.")
     ] = False,
     simulator: Annotated[
         str | None,
@@ -245,8 +245,8 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
 
 def _print_cost(file: str, cost: "Estimate") -> None:
     say(
-        f"{file}: {cost.flights} flights of {cost.controllers} {cost.kind}s, in blocks of "
-        f"{cost.batch}"
+        f"{file}: {cost.flights} flights with each of {cost.controllers} {cost.kind}s, in blocks "
+        f"of {cost.batch}"
     )
     if cost.searched:
         say(
@@ -259,7 +259,7 @@ def _print_cost(file: str, cost: "Estimate") -> None:
     histories = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}"
     envelopes = f"envelopes during the run {cost.envelope_bytes / 1e6:.1f}"
     say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most:", end="")
-    say(f" rows {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
+    say(f" flights table {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
 
 
 def _print_plan(planned: "Planned") -> None:
@@ -275,7 +275,7 @@ def _print_plan(planned: "Planned") -> None:
         return f"{percent(chance.at_some_flight[index], 1)} ({percent(chance.at_runs[index], 1)})"
 
     chances = [f"PASS by {entry.runs} *" for entry in planned.together]
-    title = f"{planned.name}: flights needed for PASS with 0 to 3 failures, and chance of PASS"
+    title = f"{planned.name}: number of flights for PASS with 0 to 3 failures, and chance of PASS"
     table = new_table(("requirement",), ("0", "1", "2", "3", *chances), title)
     for entry in planned.requirements:
         table.add_row(

@@ -13,7 +13,7 @@ from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
 
-if TYPE_CHECKING:  # Worker processes do not import these modules.
+if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Engine
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]

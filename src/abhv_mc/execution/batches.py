@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 
-if TYPE_CHECKING:  # Worker processes do not import these modules.
+if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Fly, Recorded
 
 # number of flights per call: large enough to fill all lanes, small enough to lose little in a crash

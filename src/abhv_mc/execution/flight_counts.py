@@ -45,7 +45,7 @@ class RequirementCount:
 
 @dataclass
 class FlightCounts:
-    """All counts of one controller."""
+    """Counts of outcomes and missed requirements of one controller."""
 
     controller: str
     requirements: list[RequirementCount]
@@ -56,7 +56,7 @@ class FlightCounts:
     failed: "array[int]" = field(default_factory=lambda: array("q"))
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
-        """Count the flights of a block."""
+        """Add the flights of a block to the counts."""
         self.digest += digest
         self.outcomes.update(rows.outcome)
         outcome = np.array(rows.outcome)
@@ -76,7 +76,7 @@ class FlightCounts:
 
 
 def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
-    """Return empty counts for each controller."""
+    """Return counts of zero flights for each controller."""
     all_counts, points = {}, len(campaign.unknowns.points)
     for name in campaign.controllers:
         counts = [

@@ -161,7 +161,7 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
 def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
     """Join inputs and results by flight number; flights without results failed to run.
 
-    Raise InputError if a result has no inputs, or if it repeats inputs with other values.
+    Raise InputError if a row of results has no inputs, or repeats inputs with other values.
     """
     for rows in (inputs, results):
         if "flight" not in rows.columns:
@@ -195,7 +195,7 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
 
 
 def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":
-    """Return the flights of a system in order. Raise InputError if a flight is missing.
+    """Return a system's flights in ascending order. Raise InputError if a flight is missing.
 
     Flight numbers start at 0 or 1.
     """

@@ -20,7 +20,7 @@ from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
 from abhv_mc.vehicle_simulator.margin_plans import count_metrics
 
-if TYPE_CHECKING:  # Worker processes do not import these modules.
+if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Recorded
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
@@ -32,7 +32,7 @@ _PIECES = (PIECE, 1, 1)
 
 
 class FlightLostError(Exception):
-    """Error: flights were lost by an exception, a crash or the time limit (``hung``)."""
+    """Error raised if flights are lost by an exception, a crash or the time limit (``hung``)."""
 
     def __init__(self, message: str, process: bool = False, hung: bool = False) -> None:
         super().__init__(message)
@@ -40,7 +40,7 @@ class FlightLostError(Exception):
 
 
 class UnusableError(Exception):
-    """Error: no flight can be computed; the campaign stops and records no failures."""
+    """Error raised if no flight can be computed; the campaign stops without more failures."""
 
 
 def time_limit(flights: int, piece_limit: float) -> float:

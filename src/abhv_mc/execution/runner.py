@@ -145,7 +145,7 @@ class _Run:
         is_complete = self.manifest.complete and self.completion.is_complete()
         adds_flights = not is_complete
         if is_complete and (self._has_products() or self._keeps_products()):
-            if self._judge() != self.manifest:  # The order of controllers may have changed.
+            if self._judge() != self.manifest:  # The controllers may have been reordered.
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)
@@ -170,13 +170,13 @@ class _Run:
     def _keeps_products(self) -> bool:
         """Return whether stored histories are kept although requirements select other flights.
 
-        One version of the program cannot add histories to flights of another version.
+        A version of the program cannot add histories to flights of another version.
         """
         is_other = self.manifest.source_hash != self.simulator.engine.source
         return is_other and self._has_margins() and self._has_envelopes()
 
     def _has_products(self) -> bool:
-        """Return whether histories, margins and envelopes are current (always for shards)."""
+        """Return whether histories, margins and envelopes are current; true for all shards."""
         if self.sharded:
             return True
         histories = all(file.product.is_current(self.files) for file in self._list_histories())

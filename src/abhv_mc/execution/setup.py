@@ -52,14 +52,14 @@ class OpenCampaign:
     """Campaign with plans and a locked folder, ready to run."""
 
     folder: CampaignFolder
-    campaign: Experiment  # campaign stored in the folder, with plans
+    campaign: Experiment  # campaign stored in the folder, with its flight plans
     manifest: Manifest
     requested: tuple[str, ...]  # names of the controllers to run
     files: FileHashes
 
     @property
     def plans(self) -> dict[str, Plan]:
-        """Plans by controller."""
+        """Flight plans by controller."""
         return {name: system.plan for name, system in self.campaign.systems.items()}
 
     @property
@@ -163,7 +163,7 @@ def _check_shard(request: Request, campaign: Experiment) -> None:
         return
     i, n = request.shard
     if not 1 <= i <= n <= campaign.runs:
-        problem = f"shard {i}/{n} of {campaign.runs} flights"
+        problem = f"shard {i}/{n} is not possible with {campaign.runs} flights"
         raise InputError("--shard", problem, f"i/n with 1 <= i <= n <= {campaign.runs}")
     if campaign.model.stop:
         problem = "a campaign that stops when proven cannot be divided into shards"

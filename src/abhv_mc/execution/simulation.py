@@ -48,9 +48,9 @@ def simulate(
 ) -> FlightBlock:
     """Simulate ``rows`` [flight, input] in SI units, with columns ``experiment.inputs``.
 
-    Other parameters are nominal. ``recording`` is a Recording, or the number of control ticks
-    between samples of all channels. ``executor`` runs the flights, by default in the calling
-    thread. ``margins`` adds stability margins if the experiment has plans with them.
+    Parameters without a column are nominal. ``recording`` is a Recording, or the number of control
+    ticks between samples of all channels. ``executor`` runs the flights, by default in the calling
+    thread. ``margins`` adds stability margins if the experiment has plans that compute margins.
     """
     ready = experiment.systems[system]
     plan = ready.with_margins or ready.plan if margins else ready.plan

@@ -67,7 +67,7 @@ def select_points(
     baseline_points = None
     if baseline is not None:
         scaled = 2.0 * (baseline.points - unknowns.low) / (unknowns.high - unknowns.low) - 1.0
-        scaled = np.round(scaled, 12)  # Corners and centre of the box stay exact.
+        scaled = np.round(scaled, 12)  # Rounding makes the corners and the centre of the box exact.
         baseline_points = scaled[np.all(np.abs(scaled) <= 1.0, axis=1)]
     chosen = choose_points(number, searches, baseline_points)
     return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches, size))

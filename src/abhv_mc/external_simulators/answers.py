@@ -20,12 +20,12 @@ class Answer(NamedTuple):
     outcome: int
     end_time: float
     metrics: list[float]
-    # [column, sample] time and channels; None if not declared
+    # [column, sample] time and channels, or None if the campaign declares no channels
     history: Floats | None
 
 
 def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
-    """Validate a reply. Raise ValueError if it does not match the campaign."""
+    """Validate a reply. Raise ValueError if the reply does not match the campaign."""
     if "error" in reply:
         raise ValueError(str(reply["error"]))
     code = reply.get("outcome", "ok")
@@ -65,7 +65,10 @@ def _read_number(value: Any, name: str) -> float:
 
 
 def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
-    """Return the time and channels [column, sample] of a history. Raise ValueError if invalid."""
+    """Return the time and channels [column, sample] of a history.
+
+    Raise ValueError if the history is invalid.
+    """
     columns = ["time", *(channel.name for channel in plan.channels)]
     if not isinstance(reply, dict) or reply.keys() != set(columns):
         contents = ", ".join(reply) if isinstance(reply, dict) else f"{reply!r:.80}"

@@ -33,18 +33,18 @@ _starting = threading.Lock()
 
 
 class LostFlightError(Exception):
-    """Error: the current flight and its process failed."""
+    """Error raised if a flight and its simulator process failed."""
 
 
 class OutOfStepError(Exception):
-    """Error: a process wrote an unrequested line, so that replies may be mismatched."""
+    """Error raised if a process wrote an unrequested line, so that replies may not match."""
 
 
 class Process:
     """Running simulator process with its own working folder."""
 
     def __init__(self, plan: UserPlan) -> None:
-        """Start the process. Raise OSError or LostFlightError if it fails to start."""
+        """Start the process. Raise OSError or LostFlightError if the start fails."""
         self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  the process writes to the file
         fcntl.fcntl(
             self._errors, fcntl.F_SETFL, os.O_APPEND
@@ -168,7 +168,7 @@ class Process:
         with contextlib.suppress(ValueError):
             if isinstance(answer := json.loads(line), dict):
                 return answer
-        self.end()  # Later replies might belong to any flight.
+        self.end()  # Later replies cannot be assigned to flights.
         text = line[:80].decode(errors="replace")
         problem = f"it replied '{text}', which is not a JSON object"
         raise LostFlightError(f"{problem} (messages belong on standard error)")
@@ -253,7 +253,10 @@ class Process:
         self._excerpt = text if is_short else text[:_EXCERPT] + b"\n...\n" + text[-_EXCERPT:]
 
     def end(self) -> None:
-        """End the process group and delete its folder; do so only once, because IDs are reused."""
+        """End the process group and delete its folder.
+
+        Later calls have no effect, because the system may reuse the ID of the process.
+        """
         if self._ended:
             return
         self._ended = True

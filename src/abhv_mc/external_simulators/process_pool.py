@@ -9,7 +9,7 @@ from abhv_mc.external_simulators.user_plan import UserPlan
 
 
 class StoppedError(Exception):
-    """Error: the campaign was stopped during a flight."""
+    """Error raised if the campaign is stopped during a flight."""
 
 
 class ProcessPool:

@@ -56,7 +56,10 @@ class ExternalSimulator:
         raise self.experiment.document.error((), problem, expected)
 
     def find_simulator(self) -> tuple[Simulator, Path]:
-        """Return the settings and folder of the simulator. Raise InputError if it is missing."""
+        """Return the settings and folder of the simulator.
+
+        Raise InputError if the campaign has no simulator.
+        """
         document = self.experiment.document
         if self.model.simulator is None:
             expected = "the key 'simulator', or `abhv-mc import flights TABLE` for existing results"
@@ -203,6 +206,6 @@ class ImportedTable(ExternalSimulator):
 
 
 def make_simulator(experiment: Experiment) -> ExternalSimulator:
-    """Return the simulator of a campaign: external, or an imported table."""
+    """Return the simulator of a campaign: a custom simulator, or an imported table."""
     model: Any = experiment.model
     return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)

@@ -26,7 +26,7 @@ _AHEAD = 1e-3  # computing time of a flight in s, below which requests are sent 
 _SLACK = 0.02  # time in s of a silence check in addition to twice the longest reply time
 _SHORT_PROOF = 0.25  # duration in s of a silence check after few flights
 _PROOF = 20  # number of flights of a process before its silence checks take the full time
-_RARE = 300  # average number of pieces between two surplus lines that the size of pieces aims at
+_RARE = 300  # intended average number of pieces between two surplus lines
 # limits on the start time: a multiple of earlier start times, and a time in s
 _START_TIMES, _START_SLACK = 10.0, 10.0
 
@@ -242,7 +242,7 @@ class _Flights:
         return 2.0 * (longest or process.first_time) + _SLACK
 
     def _prove(self, process: Process) -> None:
-        """Check that a process is silent. Raise OutOfStepError if it writes surplus output."""
+        """Check that a process is silent. Raise OutOfStepError if there is surplus output."""
         if not process.unproven:
             return
         full = self._full_proof(process)
@@ -298,14 +298,14 @@ class _Flights:
         self.events["surplus"] += 1
 
     def _keep(self, flight: int, answer: dict[str, Any]) -> None:
-        """Store the reply of a flight. Raise LostFlightError if it is invalid."""
+        """Store the reply of a flight. Raise LostFlightError if the reply is invalid."""
         try:
             outcome, end_time, metrics, history = read_answer(answer, self.plan)
         except ValueError as error:
             if self.plan.command and "error" not in answer:
                 raise LostFlightError(
                     str(error)
-                ) from None  # Later output may belong to any flight.
+                ) from None  # Later output cannot be assigned to flights.
             self._lose(flight, str(error))
             return
         self.outcome[flight], self.end_time[flight] = outcome, end_time

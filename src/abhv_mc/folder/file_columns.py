@@ -37,7 +37,7 @@ def _open(path: Path, expected: str) -> Iterator[pq.ParquetFile]:
 
 
 def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read columns of a Parquet file. Raise InputError if it is missing or invalid."""
+    """Read columns of a Parquet file. Raise InputError if the file is missing or invalid."""
     with _open(path, expected) as file:
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
@@ -71,7 +71,10 @@ class FileColumns(_Columns):
     """Columns [row] of a Parquet file; each access reads the file."""
 
     def __init__(self, path: Path, expected: str, without: Sequence[str]) -> None:
-        """Open the file without the columns ``without``. Raise InputError if it is invalid."""
+        """Open the file, ignoring the columns ``without``.
+
+        Raise InputError if the file is missing or invalid.
+        """
         self._path, self._expected = path, expected
         with _open(path, expected) as file:
             super().__init__(name for name in file.schema_arrow.names if name not in without)

@@ -39,7 +39,7 @@ _MODULUS = 1 << 256
 
 
 class DamagedFileError(Exception):
-    """Error: a block file is damaged or does not match its name; its flights are re-run."""
+    """Error raised if the file of a block is damaged or does not match its name."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class FlightRows:
     @property
     def cases(self) -> list[str]:
         """Failure case of each flight; see :mod:`abhv_mc.flight.failure_case`."""
-        if ENGINE_FAILED not in self.columns:  # This metric does not exist for custom simulators.
+        if ENGINE_FAILED not in self.columns:  # Custom simulators do not have this metric.
             return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)
         return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))

@@ -143,7 +143,7 @@ class EnvelopeTable:
     def columns(self, points: int) -> dict[str, Floats]:
         """Return the columns of the Parquet file.
 
-        The lower edge is used for quantiles up to the median, the upper edge for higher ones.
+        The lower edge is used for quantiles up to the median, the upper edge for higher quantiles.
         """
         middle = len(QUANTILES) // 2
         edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]

@@ -39,8 +39,8 @@ class FolderInputs:
     """
 
     document: Document
-    copies: dict[str, bytes]  # name -> content
-    hashes: dict[str, str]  # name -> SHA-256
+    copies: dict[str, bytes]  # content of each copied file by name
+    hashes: dict[str, str]  # SHA-256 of each input file by name
     executables: frozenset[str] = frozenset()  # names of the copies that are executable
 
     @property
@@ -67,8 +67,8 @@ class FolderInputs:
     def question(self) -> str:
         """Hash of the campaign without its seed and number of flights.
 
-        Campaigns with the same hash can be pooled. With unknown parameters the seed is included,
-        because it determines the points at which flights are simulated.
+        Campaigns with the same hash can be pooled. With unknown parameters, the seed is included
+        because the seed determines the points at which flights are simulated.
         """
         return self._hash_without(
             "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",))
@@ -227,12 +227,12 @@ def _value_text(value: Any) -> str:
 
 
 def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInputs:
-    """Return the inputs stored in a folder. Raise InputError if they are invalid."""
+    """Return the inputs stored in a folder. Raise InputError if the inputs are invalid."""
     return FolderInputs(read_document(folder.campaign), {}, dict(manifest.inputs))
 
 
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
-    """Return the campaign of a results folder. Raise InputError if it has none."""
+    """Return the campaign of a results folder. Raise InputError if there is no campaign."""
     return check_campaign(read_document(folder.campaign))
 
 

@@ -36,8 +36,8 @@ class ControllerCount:
 class RequirementVerdict:
     """Verdict on a requirement for one controller.
 
-    Flights that failed to run are included in ``failures``; ``failures_not_computed`` is their
-    number.
+    The number ``failures`` includes flights that failed to run; ``failures_not_computed`` is the
+    number of these flights.
     """
 
     metric: str
@@ -166,7 +166,7 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read a manifest. Raise InputError if it is missing, damaged or of another format."""
+    """Read a manifest. Raise InputError if the file is missing, damaged or of another format."""
     if not path.is_file():
         if path.parent.is_file():
             raise InputError(

@@ -29,7 +29,7 @@ def write_plan(path: Path, plan: Any) -> None:
 
 
 def read_stored_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read the arrays of a plan file. Raise InputError if it is missing or damaged."""
+    """Read the arrays of a plan file. Raise InputError if the file is missing or damaged."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)

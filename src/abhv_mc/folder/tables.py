@@ -92,7 +92,7 @@ def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
 def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]") -> T | None:
     """Return the converted result of an SQL statement, or None if it has no result.
 
-    Ctrl-C interrupts the statement. Raise InputError if it fails.
+    Ctrl-C interrupts the statement. Raise InputError if the statement fails.
     """
     import duckdb
 
