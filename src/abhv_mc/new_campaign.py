@@ -69,10 +69,10 @@ def write_new_campaign(
     an unknown name, a folder that is not empty, or an unsuitable vehicle.
     """
     if law is not None and law not in LAWS:
-        raise InputError("--law", f"'{law}'", one_of(LAWS, law))
+        raise InputError("--law", f"unknown language '{law}'", one_of(LAWS, law))
     campaigns = shipped_files("campaign")
     if name not in campaigns:
-        raise InputError("--from", f"'{name}'", one_of(campaigns, name))
+        raise InputError("--from", f"unknown campaign '{name}'", one_of(campaigns, name))
     refuse_filled(folder)
     source = campaigns[name]
     campaign = read_campaign(source).model
@@ -120,7 +120,7 @@ def _place(file: Path, vehicle: Path) -> Path:
             return below / file.relative_to(home)
     raise InputError(
         vehicle,
-        f"the vehicle refers to {file}",
+        f"the vehicle refers to {file}, which is not in its folder",
         "files in the folder of the vehicle, or in its subfolders",
     )
 
@@ -220,7 +220,7 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     file. Raise InputError for any other kind, or if the folder is not empty.
     """
     if kind not in SIMULATORS:
-        raise InputError("--simulator", f"'{kind}'", one_of(SIMULATORS, kind))
+        raise InputError("--simulator", f"unknown kind '{kind}'", one_of(SIMULATORS, kind))
     refuse_filled(folder)
     source = shipped_configs() / "simulator"
     folder.mkdir(parents=True, exist_ok=True)

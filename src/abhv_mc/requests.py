@@ -54,7 +54,9 @@ def check_count(value: int, least: int, name: str, most: int | None = None) -> i
 def _check_number(value: float | str, name: str, option: Option) -> float:
     number = float(value)
     if not option.low <= number <= option.high:
-        raise InputError(name, f"{number:g}", f"a number from {option.low:g} to {option.high:g}")
+        raise InputError(
+            name, f"{number:g} is out of range", f"a number from {option.low:g} to {option.high:g}"
+        )
     return number
 
 

@@ -196,7 +196,9 @@ def _read_times(text: str) -> "list[Time]":
         )
         if len(numbers) > 3 or step <= 0.0 or last < first or last - first > MOST_TIMES * step:
             raise InputError(
-                "--at", f"'{item}'", f"at most {MOST_TIMES} ascending times such as 0s:60s:1s"
+                "--at",
+                f"invalid times '{item}'",
+                f"at most {MOST_TIMES} ascending times such as 0s:60s:1s",
             )
         times += [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
     return times
@@ -242,7 +244,9 @@ def _find_flown(
         controller_files = {name: Path(file) for name, file in model.controllers.items()}
         for name in parse_names(controllers) or ():
             if name not in controller_files:
-                raise InputError("--controllers", f"'{name}'", one_of(controller_files, name))
+                raise InputError(
+                    "--controllers", f"unknown controller '{name}'", one_of(controller_files, name)
+                )
         files = {
             name: controller_files[name] for name in parse_names(controllers) or controller_files
         }
@@ -345,7 +349,11 @@ def linearize(
         check_format(out)
     times = _read_times(instants)
     if len(times) > 1 and "trim" in times:
-        raise InputError("--at", f"'{instants}'", "one operating point, or times such as 0s:60s:1s")
+        raise InputError(
+            "--at",
+            f"'{instants}' combines trim with other operating points",
+            "one operating point, or times such as 0s:60s:1s",
+        )
     vehicle_file, mission_file, files = _find_flown(vehicle, mission, controller, trust_code)
     if len(files) > 1:
         raise InputError("--controller", ", ".join(files), "one controller")

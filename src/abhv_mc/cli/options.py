@@ -194,7 +194,9 @@ def find_controllers(text: str | None) -> dict[str, Path]:
     """
     files = [find_input(name, "control") for name in parse_names(text) or ("tlc", "lqr")]
     if len({file.stem for file in files}) < len(files):
-        raise InputError("--controllers", f"'{text}'", "files with different names")
+        raise InputError(
+            "--controllers", f"files in '{text}' have the same name", "files with different names"
+        )
     return {file.stem: file for file in files}
 
 

@@ -50,7 +50,9 @@ def json_file(path: Path | None) -> Path | None:
     overwritten.
     """
     if path is not None and path.suffix in _INPUTS and path.exists():
-        raise InputError(path, f"the {path.suffix} file exists", "the name of a JSON file")
+        raise InputError(
+            path, f"an existing {path.suffix} file would be replaced", "the name of a JSON file"
+        )
     return output_file_or_stream(path)
 
 

@@ -161,7 +161,7 @@ def schemas(
         )
         return
     if kind not in makers:
-        raise InputError("list schemas", f"'{kind}'", one_of(makers, kind))
+        raise InputError("list schemas", f"unknown kind '{kind}'", one_of(makers, kind))
     show_result(makers[kind](), json or Path("-"), lambda: None)
 
 

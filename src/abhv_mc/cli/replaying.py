@@ -36,7 +36,9 @@ def replay(
     from abhv_mc.folder.inputs import first_controller
 
     if out is not None and out.suffix != ".parquet":
-        raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
+        raise InputError(
+            "--output", f"'{out.name}' is not a Parquet file", "a name that ends in .parquet"
+        )
     controller = controller or first_controller(folder)
     announce_compiling()
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))

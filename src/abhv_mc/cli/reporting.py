@@ -280,7 +280,9 @@ def _parse_noise(settings: list[str]) -> dict[str, float]:
         except ValueError:
             noise[channel] = -1.0
         if not 0.0 < noise[channel] < inf:
-            raise InputError("--measured", f"'{setting}'", "CHANNEL=SIGMA with a positive number")
+            raise InputError(
+                "--measured", f"invalid setting '{setting}'", "CHANNEL=SIGMA with a positive number"
+            )
     return noise
 
 

@@ -22,7 +22,9 @@ from abhv_mc.requests import Option, options_of
 def _parse_shard(text: str) -> tuple[int, int]:
     i, slash, n = text.partition("/")
     if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
-        raise InputError("--shard", f"'{text}'", "a shard and the number of shards, such as 3/8")
+        raise InputError(
+            "--shard", f"invalid shard '{text}'", "a shard and the number of shards, such as 3/8"
+        )
     return int(i), int(n)
 
 

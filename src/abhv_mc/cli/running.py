@@ -311,7 +311,7 @@ def merge(
 
     Shards are run with 'run --shard I/N'. Merged shards have the same digest, envelopes and
     histories as a campaign run in one piece. Flights of several seeds are renumbered and judged
-    together; flights for envelopes and histories are run again.
+    together; the flights that envelopes and histories need are run again.
     """
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.manifest import read_manifest

@@ -160,7 +160,7 @@ def validate(
     paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
     if (samples or out) and len(paths) != 1:
         raise InputError(
-            "--samples" if samples else "--output", f"{len(paths)} files", "one campaign"
+            "--samples" if samples else "--output", f"{len(paths)} files are given", "one campaign"
         )
     for file in paths:
         try:

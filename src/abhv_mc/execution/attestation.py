@@ -51,9 +51,9 @@ class Attestation:
         for flyer in block.flown_by:
             if self._engine.checked and flyer.code != self._engine.source:
                 raise UnusableError(
-                    f"the worker at {flyer.name} has another version of the program (source "
-                    f"{flyer.code}, the campaign's is {self._engine.source}): restart the worker "
-                    "with the version of the campaign"
+                    f"the worker at {flyer.name} has another version of the program (source hash "
+                    f"{flyer.code} instead of {self._engine.source}): restart the worker with the "
+                    "version of the campaign"
                 )
             with self._lock:
                 worker = flyer if self._every else flyer._replace(process=0)

@@ -58,7 +58,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     if len(paths) > 2:
         raise InputError(
             paths[2],
-            "a third table",
+            "this is the third table",
             "one table of flights, or a table of inputs and a table of results",
         )
     measured = [metric.name for metric in campaign.measured]
@@ -94,7 +94,9 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         numbers = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
         path = results.table.path
         raise InputError(
-            path, f"flights: {numbers}", "the same number of flights for each system, at least 1"
+            path,
+            f"the numbers of flights differ or are zero: {numbers}",
+            "the same number of flights for each system, at least 1",
         )
     nominal = {name: campaign.parameters[name].nominal for name in campaign.inputs}
     first = systems[campaign.controllers[0]]
@@ -146,7 +148,9 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
         texts = np.array(table.words(columns[name].position)) if name in columns else default
         for row in np.flatnonzero(~np.isin(texts, choices))[:1]:
             head = table.heads[columns[name].position]
-            raise rows.error(row, name, f"{head} '{texts[row]}'", one_of(choices, texts[row]))
+            raise rows.error(
+                row, name, f"unknown {head} '{texts[row]}'", one_of(choices, texts[row])
+            )
         rows.frame.insert(0, name, texts)
     for name in (*campaign.inputs, "flight"):
         for row in np.flatnonzero(~np.isfinite(frame.get(name, np.empty(0))))[:1]:

@@ -100,7 +100,9 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
     for folder, manifest in zip(folders, manifests, strict=True):
         if not manifest.complete or manifest.search:
             raise InputError(
-                folder.root, f"the campaign is {manifest.state}", "a complete campaign"
+                folder.root,
+                f"the folder contains a search or an incomplete campaign ({manifest.state})",
+                "a complete campaign",
             )
         require_same_entries(folder, manifest, folders[0], first, _SAME, expected=_ONE_QUESTION)
         questions = [
