@@ -85,7 +85,7 @@ def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
     if history.ndim != 2 or not history.size:
         raise ValueError("the columns of its history are not lists of numbers of equal length")
     if not np.isfinite(history[0]).all() or (np.diff(history[0]) < 0.0).any():
-        raise ValueError("the times of its history are not finite or not in ascending order")
+        raise ValueError("the column 'time' of its history is not finite or does not ascend")
     if ok and not np.isfinite(history).all():
         name = columns[int(np.argmin(np.isfinite(history).all(axis=1)))]
         raise ValueError(f"{name} in its history is not a finite number although the outcome is ok")
