@@ -173,7 +173,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
         ),
         (
             lambda file, out: abhv_mc.worst(file, out, METRIC, box=9),
-            "box: 9; expected a number from 0.1 to 8",
+            "box: 9 is out of range; expected a number from 0.1 to 8",
         ),
         (
             lambda file, out: abhv_mc.worst(file, out, METRIC, flights=0),
@@ -182,7 +182,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
         (lambda file, out: abhv_mc.worst(file, out, "speed"), "unknown metric 'speed'"),
         (
             lambda file, out: abhv_mc.rare(file, out, METRIC, target_cov="300 %"),
-            "target_cov: 3; expected",
+            "target_cov: 3 is out of range; expected",
         ),
         (
             lambda file, out: abhv_mc.rare(file, out, METRIC, flights=1.5),

@@ -100,7 +100,7 @@ class Campaign:
         Parameters
         ----------
         path
-            Campaign file, or the name of a shipped one.
+            Campaign file, or the name of a shipped campaign.
 
         Returns
         -------
@@ -109,7 +109,7 @@ class Campaign:
         Raises
         ------
         InputError
-            With all problems of the file.
+            If the file is invalid; the error lists all problems.
         """
         file = find_input(os.fspath(path), "campaign")
         return cls(file, read_campaign(file))
@@ -121,8 +121,9 @@ class Campaign:
         Parameters
         ----------
         data
-            Content of a campaign file. Vehicle, mission and controllers are shipped names, paths or
-            mappings, see :func:`abhv_mc.fly`; a gain sweep is a dict of controllers.
+            Content of a campaign file. Vehicle, mission and controllers are names of shipped files,
+            paths or mappings (see :func:`abhv_mc.fly`). For a gain sweep, pass a dict of several
+            controllers.
         overrides
             Entries that replace those of ``data``, such as ``runs=200``.
 
@@ -133,7 +134,7 @@ class Campaign:
         Raises
         ------
         InputError
-            With all problems of the content.
+            If the content is invalid; the error lists all problems.
 
         Examples
         --------
@@ -157,7 +158,7 @@ class Campaign:
             raise
         weakref.finalize(
             campaign, shutil.rmtree, folder, ignore_errors=True
-        )  # Results folders contain copies of the files in this temporary folder.
+        )  # The folder may be deleted, because results folders contain copies of its files.
         return campaign
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
@@ -171,7 +172,7 @@ class Campaign:
         Returns
         -------
         pandas.DataFrame
-            One row for each flight and one column for each parameter, SI.
+            One row for each flight and one column for each parameter, in SI units.
 
         Raises
         ------
@@ -239,7 +240,7 @@ def worst(request: WorstRequest) -> "WorstFound":
     Returns
     -------
     WorstFound
-        ``.numbers()`` returns the content of ``--json``.
+        ``.numbers()`` returns the numbers that the command writes with ``--json``.
 
     Raises
     ------
@@ -268,9 +269,9 @@ def rare(request: RareRequest) -> "RareFound":
     Returns
     -------
     RareFound
-        ``.numbers()`` returns the content of ``--json``. The probability is None if repetitions
-        contradict each other or the surrogate does not converge; ``.estimate.refusal`` gives the
-        reason.
+        ``.numbers()`` returns the numbers that the command writes with ``--json``. The probability
+        is None if repetitions contradict each other or the surrogate does not converge;
+        ``.estimate.refusal`` gives the reason.
 
     Raises
     ------
@@ -301,16 +302,16 @@ def simulate(
 ) -> "xr.Dataset":
     """Simulate a table of inputs with a campaign's controllers in memory.
 
-    No files are written. Needs the extra ``xarray``.
+    The function writes no files. It needs the optional dependency ``xarray``.
 
     Parameters
     ----------
     campaign
         Campaign with the vehicle, mission, controllers and metrics.
     inputs
-        One row for each flight and one column for each parameter, SI; parameters without a column
-        are nominal. The rows of :meth:`Campaign.draw_samples` give the campaign's flights, bit for
-        bit. The index numbers the flights.
+        One row for each flight and one column for each parameter, in SI units; parameters without a
+        column are nominal. The index contains the flight numbers. The rows of
+        :meth:`Campaign.draw_samples` reproduce the flights of the campaign bit for bit.
     controllers
         Controllers of the campaign; all by default.
     channels
@@ -319,8 +320,9 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        ``outcome``, ``end_time_s`` and each metric by controller and flight, and channels also by
-        time, NaN after a flight's end. ``attrs["units"]`` is the unit of each.
+        ``outcome``, ``end_time_s`` and each metric by controller and flight, and channels by
+        controller, flight and time (NaN after the end of a flight). ``attrs["units"]`` of a
+        variable is its unit.
 
     Raises
     ------
@@ -349,17 +351,19 @@ def compare(
 ) -> "Comparison":
     """Compare two campaigns.
 
-    Campaigns with the same samples are compared flight by flight, others by verdicts, failure
-    shares and quantiles.
+    Campaigns with the same samples are compared flight by flight, all other campaigns by verdicts,
+    failure shares and quantiles.
 
     Parameters
     ----------
     a, b
-        Results or folders.
+        Results, or results folders of campaigns.
     controllers
-        A controller of the first campaign and one of the second, to compare with each other.
+        Two names: a controller of the first campaign, and the controller of the second campaign
+        with which it is compared. By default, controllers with the same name are compared.
     fail_if_worse
-        Share by which `b` may be worse, by metric, such as ``{"altitude_error_max_m": "5 %"}``.
+        For each metric, the share by which `b` may be worse than `a`, such as
+        ``{"altitude_error_max_m": "5 %"}``.
     output
         Folder for the page; by default no page is written.
 
@@ -367,7 +371,7 @@ def compare(
     -------
     Comparison
         ``.table`` is a DataFrame of differences with intervals, ``.figure()`` the figure of the
-        page, and ``.numbers()`` the content of ``--json``.
+        page, and ``.numbers()`` returns the numbers that the command writes with ``--json``.
 
     Raises
     ------

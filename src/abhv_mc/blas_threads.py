@@ -1,4 +1,4 @@
-"""Limit on BLAS threads, which waste processor time on small matrices."""
+"""Limit on the number of BLAS threads, which waste processor time on small matrices."""
 
 import os
 import threading

@@ -8,7 +8,7 @@ from abhv_mc.array_types import Floats, Mask
 
 
 class Bounds(NamedTuple):
-    """Limits ``low`` < value < ``high`` in the unit of the value; at most one is None."""
+    """Limits ``low`` < value < ``high`` in the unit of the value; one limit may be None."""
 
     low: float | None = None
     high: float | None = None
@@ -45,7 +45,8 @@ class Bounds(NamedTuple):
     def worse(self, values: Floats) -> Floats:
         """Return values transformed so that larger means worse.
 
-        For one limit, the values with a sign; for two, the distance outside, negative inside.
+        For one limit, the result is the values multiplied by the sign of the limit. For two limits,
+        it is the distance beyond the nearer limit, which is negative between the limits.
         """
         if self.low is not None and self.high is not None:
             return np.maximum(self.low - values, values - self.high)
@@ -66,6 +67,9 @@ class Bounds(NamedTuple):
         )
 
     def failures(self, values: Floats, early: Mask | None = None) -> Mask:
-        """Return the mask of failed flights [flight]: limit violated, metric NaN, or in `early`."""
+        """Return the mask [flight] of failed flights.
+
+        A flight fails if its value violates a limit or is NaN, or if it is in the mask `early`.
+        """
         failed = ~(self.worse(values) < self.limit)
         return failed if early is None else failed | early

@@ -1,4 +1,4 @@
-"""Full check of input files of any kind, including the files that they name."""
+"""Full check of input files of any kind, including the files that they refer to."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class CheckedInput:
 
 
 def check_inputs(path: Path) -> list[CheckedInput]:
-    """Check a file and every file that it names, but no file twice.
+    """Check a file and all files that it refers to, each of them once.
 
     Raise InputErrors with the problems of all files.
     """
@@ -106,8 +106,9 @@ def _try_law(
 ) -> Iterator[str]:
     """Compile a controller, simulate its first ticks and yield warnings.
 
-    The vehicle and mission are named by the campaign, or shipped. Code in a results folder
-    that the user has not run before is skipped. Raise InputError if a tick fails.
+    ``flown`` contains the vehicle and mission of the campaign; if it is None, shipped files are
+    used. Code in a results folder is skipped if the user has not run it before. Raise InputError if
+    a tick fails.
     """
     location = law_place(controller)
     if is_in_a_folder(location) and not is_trusted(read_law_source(controller)):

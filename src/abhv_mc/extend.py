@@ -2,8 +2,8 @@
 
 A control law is a Python function that is called once per control tick of a flight. Its arguments
 are named tuples of floats in SI units and radians, passed by name. The functions of this module
-return identical bits in compiled code and in plain Python. ``docs/tutorials/own-controller.md`` is
-an introduction.
+return bit-identical results in compiled code and in plain Python. The page
+``docs/tutorials/own-controller.md`` is an introduction.
 
 ============================================= =====================================================
 ``controller``, ``measurement_filter``,       decorators for the function of a file
@@ -116,7 +116,7 @@ def controller(
     units
         Units of settings, by name; the YAML file must give these settings with a unit.
     compiled
-        If False, the law is called in plain Python: a thousand times slower, but it may use any
+        If False, the law runs in plain Python; it is then a thousand times slower, but may use any
         library.
     dispersable
         Settings that a campaign may disperse as ``law.NAME``.
@@ -175,8 +175,8 @@ def measurement_filter(function: F | None = None, *, units: dict[str, str] | Non
     Parameters
     ----------
     function
-        Filter; returns a :class:`Filtered`, and also the new ``Memory`` if the file has a class
-        ``Memory``.
+        Filter that returns a :class:`Filtered`, and also the new ``Memory`` if the file defines a
+        class ``Memory``.
     units
         Units of settings; see :func:`controller`.
 
@@ -205,7 +205,8 @@ def dynamics(function: F) -> F:
     Parameters
     ----------
     function
-        Function that returns an :class:`Effect`: rates of its states, and loads on the vehicle.
+        Function that returns an :class:`Effect`: the rates of the custom states, and the loads on
+        the vehicle.
 
     Returns
     -------

@@ -1,9 +1,10 @@
 """Origin of results: hash of the imported source and compilers, commit and machine.
 
-The hash covers every package except those that only present results (``_SHOWN``), and the packages
-that register executors, stores, control laws or blocks (:mod:`abhv_mc.entry_points`). A process
-whose source is edited still runs the old code: the hash is computed when this module is imported,
-and modules that are imported later are compared with it. Compiled code is cached by another
+The hash covers the subpackages of abhv_mc, except those that only present results (``_SHOWN``), and
+the packages that register executors, stores, control laws or blocks
+(:mod:`abhv_mc.entry_points`). If the source is edited while a process runs, the process still
+executes the old code. The hash is therefore computed when this module is imported, and the source
+of modules that are imported later is compared with it. The cache of compiled code uses a different
 hash (:mod:`abhv_mc.kernel.cache`).
 """
 
@@ -29,12 +30,12 @@ _LIBRARIES = ("numpy", *_COMPILERS, "scipy", "pyarrow", "joblib")
 
 
 class Flyer(NamedTuple):
-    """Process that computed a block."""
+    """Process that computed a block of flights, with its code and machine."""
 
     code: str  # result of code_hash()
     versions: str
     processor: str
-    features: str  # hash of the features of the processor
+    features: str  # hash of the processor's instruction set features
     host: str
     process: int
 
@@ -81,7 +82,8 @@ _lock = threading.Lock()
 def code_hash() -> str:
     """Return the hash of the code and of the compiler versions.
 
-    If source edited during the run was imported, no other process has the same hash.
+    If the process imported source that was edited after its start, its hash differs from the hash
+    of every other process.
     """
     with _lock:
         for name in [name for name in list(sys.modules) if name in _source and name not in _known]:
@@ -152,9 +154,9 @@ def find_compiler() -> str:
 
 
 def find_commit() -> str | None:
-    """Return the commit of the program's checkout, or None outside one.
+    """Return the Git commit of the program's source, or None if it is not in a Git repository.
 
-    ``+`` is appended if tracked source files have uncommitted changes.
+    A ``+`` is appended if tracked source files have uncommitted changes.
     """
     root = Path(abhv_mc.__file__).parents[2]
     if not (root / ".git").exists():

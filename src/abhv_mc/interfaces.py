@@ -1,8 +1,8 @@
 """Contracts at the package's boundaries: plans, simulators, executors and stores.
 
-Callers do not depend on the implementation. A feature that needs more than the contract checks a
-capability, or calls :meth:`Simulator.check`. The contract of a report section is
-:class:`abhv_mc.topics.Topic`.
+Callers do not depend on a particular implementation. A feature that needs more than its contract
+guarantees checks a capability, or calls :meth:`Simulator.check`. The contract of a report section
+is :class:`abhv_mc.topics.Topic`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.user_code.source import UserSource
 
-Recorded = Recording | int | None  # int: number of control ticks between samples
+Recorded = Recording | int | None  # an int is the number of control ticks between samples
 
 
 class Plan(Protocol):
@@ -55,14 +55,14 @@ Arrays = dict[str, NDArray[Any]]
 class StoredPlans(NamedTuple):
     """Plans stored in a results folder, which are read only when they are needed."""
 
-    root: Path  # folder with the input files of Simulator.pack
-    # Convert the stored arrays of a system by a function, which raises KeyError, ValueError or
-    # TypeError for damaged arrays. Raise InputError in that case.
+    root: Path  # folder that contains the input files copied by Simulator.pack
+    # Return the stored arrays of a system, converted by a function. Raise InputError if the
+    # function raises KeyError, ValueError or TypeError, which indicate damaged arrays.
     read: Callable[[str, Callable[[Arrays], Any]], Any]
     read_campaign: Callable[[], Any]  # return the campaign model, or raise InputError
 
 
-Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # arguments: Plan, rows [flight, parameter]
+Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # arguments: plan, rows of inputs, recording
 
 
 class Capabilities(NamedTuple):
@@ -81,14 +81,14 @@ class Engine:
     A flight depends only on its plan and its row of inputs, not on the other flights of a block.
     """
 
-    prepare: Any  # makes a plan from vehicle, mission and controller, or is None
+    prepare: Any  # function that makes a plan from vehicle, mission and controller files, or None
     fly: Fly
-    source: str  # hash of the code; all rows of a folder have the same hash
+    source: str  # hash of the code, which must be the same for all flights of a results folder
     # Return the content of margins.json for a campaign and its plans.
     find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
     is_stability_compiled: Callable[[], bool] = lambda: True
-    checked: bool = False  # ``source`` must equal identity.code_hash() in each worker
-    isolation: str = "threads"  # meaning of "auto"; "processes" needs an importable ``fly``
+    checked: bool = False  # whether identity.code_hash() must equal ``source`` in each worker
+    isolation: str = "threads"  # value that "auto" selects; "processes" needs an importable ``fly``
     # End the processes started by the engine.
     close: Callable[[], None] | None = None
 
@@ -101,10 +101,10 @@ class Simulator(Protocol):
     outcomes: Outcomes  # possible outcomes of flights
     channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
     capabilities: Capabilities
-    independent: bool | None  # declared independence; None: follows from the sampling
-    states_noise: bool  # Flights are declared to have noise that is not an input.
+    independent: bool | None  # declared independence; None if the sampling design determines it
+    states_noise: bool  # whether the flights are declared to have noise that is not an input
     origin: str  # source of flights computed elsewhere; '' if ``fly`` computes them
-    method: str  # sentence for the page about the method and its source, or ''
+    method: str  # sentence on the method and its source for the report page, or ''
 
     @property
     def engine(self) -> Engine:
@@ -119,8 +119,8 @@ class Simulator(Protocol):
     def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
         """Return the entries of the campaign file with paths inside a results folder.
 
-        ``take`` copies a file and the files that it names to a path; ``copies`` maps paths to
-        files.
+        ``take`` copies a file, and the files that it refers to, to a path in the folder. ``copies``
+        maps each path in the folder to the file that is copied there.
         """
 
     def make_plans(self, names: Sequence[str]) -> Mapping[str, Plan]:
@@ -129,46 +129,52 @@ class Simulator(Protocol):
     def restore_plans(
         self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
     ) -> Mapping[str, Plan]:
-        """Return the stored plans of the named systems. Raise InputError if they are invalid."""
+        """Return the stored plans of the named systems. Raise InputError if one is invalid."""
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
-        """Return the plans with the requested stability margins, empty if none are requested."""
+        """Return plans that also compute the requested margins; empty if none are requested."""
 
     def fit_plans(
         self, plans: Mapping[str, Any], names: Sequence[str], rows: Floats
     ) -> Mapping[str, Plan]:
-        """Return plans for ``rows`` of inputs ``names``. Raise InputError for invalid rows."""
+        """Return plans for ``rows`` [flight, input] of the inputs ``names``.
+
+        Raise InputError if a row is invalid.
+        """
 
     def find_stride(self, plan: Any, output: str) -> int:
-        """Return the ticks between samples of 'histories' or 'envelopes', or raise InputError."""
+        """Return the number of control ticks between samples of 'histories' or 'envelopes'.
+
+        Raise InputError if the requested rate is invalid.
+        """
 
     def find_warnings(self, plans: Mapping[str, Any]) -> list[str]:
-        """Return warnings about the mission and about unattainable parts of the campaign."""
+        """Return warnings about the mission, undecidable requirements, impossible dispersions."""
 
     def find_reference(self, plan: Any) -> dict[str, Floats]:
         """Return the reference trajectory as columns, at the rate of the histories."""
 
     def find_transients(self) -> tuple[tuple[float, float], ...]:
-        """Return the intervals (s) that metrics outside the transients exclude."""
+        """Return the time intervals (s) of transients, which some metrics exclude."""
 
     def time_of_flight(self, plans: Sequence[Any]) -> float | None:
         """Return the mean computing time of recent flights, s, which determines block sizes.
 
-        It is 0 before any flight, and None if blocks have a fixed number of flights.
+        The result is 0 before the first flight, and None if blocks have a fixed number of flights.
         """
 
     def prove(self, plan: Any, check: int = 0) -> Any:
         """Return a plan that checks after each block that the simulator sent no extra reply.
 
-        ``check`` is the number of separate processes for the flights; 0 uses the campaign's
-        processes.
+        ``check`` is the number of a separate process for the flights; 0 selects the processes of
+        the campaign.
         """
 
     def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
         """Return warnings about events in a system's flights (:attr:`FlightBlock.events`)."""
 
     def find_undeclared_reads(self, plan: Any, since: float) -> Iterable[str]:
-        """Return undeclared files that flights have read since the time ``since``, s."""
+        """Return undeclared files that flights have read since the time ``since`` (s)."""
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         """Return sentences that explain how the flight with inputs ``row`` [1, input] ended."""
@@ -177,7 +183,10 @@ class Simulator(Protocol):
         """Return errors for dispersions that have no effect in this simulator."""
 
     def try_out(self) -> Iterator[str]:
-        """Start the simulator without simulating; yield warnings. Raise InputError if it fails."""
+        """Start the simulator without simulating flights, and yield warnings.
+
+        Raise InputError if the start fails.
+        """
 
 
 class Executor(Protocol):
@@ -186,18 +195,20 @@ class Executor(Protocol):
     An executor must promise:
 
     - **Whole blocks.** :meth:`fly` returns every row of a block, in its order, as the simulator's
-      ``Engine.fly`` computes it, or raises. Each process signs the blocks that it computes with
-      :func:`abhv_mc.execution.attestation.sign`, so that a worker with other code is rejected by
-      name; :func:`abhv_mc.execution.worker.compute` does both.
+      ``Engine.fly`` computes it, or raises an exception. Each process signs the blocks that it
+      computes with :func:`abhv_mc.execution.attestation.sign`, so that a worker with other code is
+      rejected with an error that names the worker. The function
+      :func:`abhv_mc.execution.worker.compute` computes and signs a block.
     - **Threads.** Up to ``workers`` threads of the run call :meth:`fly` at the same time, with one
       block each. Blocks may finish in any order; no result depends on the order.
-    - **Crashes and hangs.** Flights that raise, end their process or exceed the time limit raise
-      ``FlightLostError``. The run then computes the block again in smaller pieces, and records a
-      flight that is lost alone as ``failed_to_run``. A lost worker is replaced by the executor.
+    - **Crashes and hangs.** If flights raise an exception, end their process or exceed the time
+      limit, :meth:`fly` raises ``FlightLostError``. The run then computes the block again in
+      smaller pieces, and records a flight that is lost on its own as ``failed_to_run``. The
+      executor replaces a lost worker.
     - **Failure of the machine.** If no flight can be computed, ``UnusableError`` is raised: the run
       stops, and completed flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
-    - **Interrupts.** :meth:`close` waits for no flight, leaves no process behind, and may be called
-      while other threads are in :meth:`fly`, which then raises.
+    - **Interrupts.** :meth:`close` does not wait for flights, leaves no process behind, and may be
+      called while other threads are in :meth:`fly`, which then raises an exception.
     - **Memory.** A returned block belongs to the caller; the run holds at most two blocks for each
       worker.
 
@@ -217,8 +228,8 @@ class Executor(Protocol):
 
 # Function that opens an executor for an engine and a time limit for 16 flights (s, or None).
 OpenExecutor = Callable[[Engine, float | None], Executor]
-# Function that connects to the scheduler at an address, or raises InputError, before any file is
-# written.
+# Function that connects to the scheduler at an address before any file is written; it raises
+# InputError if the connection fails.
 Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 
@@ -232,20 +243,22 @@ class Store(Protocol):
       lists the SHA-256 of the other files and is copied last, so that a reader never misses a
       listed file.
     - **One writer.** While one process is in :meth:`writing`, any other process, on any host, gets
-      an InputError that names the writer. The claim of a process that died expires, by the store's
-      clock if it has one; but on a file system without ``flock`` the lease of another host must
-      be removed by hand. A local folder is locked by the command that writes, not by the store.
+      an InputError that names the writer. The claim of a process that died expires, by the clock
+      of the store if it has one. On a file system without ``flock``, however, the lease of another
+      host must be removed by hand. A local folder is locked by the command that writes, not by the
+      store.
       A process whose claim was taken over is interrupted and writes nothing more.
-    - **No loss.** :meth:`writing` begins with the content of the store, so that a run resumes. When
-      it ends, even by an error or an interrupt, the content of the local folder is copied to the
-      store, or kept in a local folder that ``StorageFullError`` names. During a run new files are
-      copied every few seconds.
+    - **No loss.** :meth:`writing` begins with the content of the store, so that an interrupted run
+      can resume. When the context ends, even by an error or an interrupt, the content of the local
+      folder is copied to the store, or kept in a local folder that ``StorageFullError`` names.
+      During a run, new files are copied every few seconds.
     - **Safety.** File names that point outside the folder are rejected. No content of a folder is
       executed or unpickled.
 
-    The package adds the following to each store: readers check every hash and name a damaged file;
-    flights are evidence and are never replaced by flights of other code or inputs; all other files
-    (envelopes, histories, margins, pages) follow from the flights and are remade if missing.
+    For every store, abhv-mc adds the following guarantees. Readers check all hashes and name a
+    damaged file. Stored flights are never replaced by flights of other code or inputs. All other
+    files (envelopes, histories, margins, pages) are derived from the flights and are created again
+    if they are missing.
 
     A package registers the class for the scheme of its addresses in the group ``abhv_mc.stores``;
     the constructor takes an :class:`abhv_mc.io.address.Address`.

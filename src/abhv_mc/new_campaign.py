@@ -1,4 +1,4 @@
-"""Starter folders: a campaign with all its files, or a custom simulator."""
+"""Creation of starter folders for a campaign with all its files or a custom simulator."""
 
 import json
 import os
@@ -38,7 +38,7 @@ _TUNE = """
 # `abhv-mc tune campaign.yaml --controller tlc -o control/tlc_tuned.yaml` varies these parameters \
 of control/tlc.yaml.
 tune:
-  free: # from a fifth to five times the value in the file, or by the given factor
+  free: # varied from a fifth to five times the value in the file, or by the given factor
     - altitude.damping
     - {key: altitude.bandwidth, factor: 10}
   minimise: {metric: altitude_error_rms_m, quantile: 0.95}
@@ -50,7 +50,7 @@ tune:
   usage: {metric: elevator_travel_deg, quantile: 0.5} # second axis of the Pareto front
   flights: 32 # per candidate, with equal samples
   candidates: 64
-  validation: 400 # new flights of the result and of the start
+  validation: 400 # new flights with the tuned and the initial parameters
 """
 
 
@@ -69,10 +69,10 @@ def write_new_campaign(
     an unknown name, a folder that is not empty, or an unsuitable vehicle.
     """
     if law is not None and law not in LAWS:
-        raise InputError("--law", f"'{law}'", one_of(LAWS, law))
+        raise InputError("--law", f"unknown language '{law}'", one_of(LAWS, law))
     campaigns = shipped_files("campaign")
     if name not in campaigns:
-        raise InputError("--from", f"'{name}'", one_of(campaigns, name))
+        raise InputError("--from", f"unknown campaign '{name}'", one_of(campaigns, name))
     refuse_filled(folder)
     source = campaigns[name]
     campaign = read_campaign(source).model
@@ -108,9 +108,9 @@ def write_new_campaign(
 
 
 def _place(file: Path, vehicle: Path) -> Path:
-    """Return the path of a file in the folder of the campaign.
+    """Return the relative path of a file in the folder of the new campaign.
 
-    Raise InputError for a file outside the folder of the vehicle.
+    Raise InputError if the file is neither shipped nor in the folder of the vehicle.
     """
     for home, below in (
         (shipped_configs().resolve(), Path()),
@@ -120,7 +120,7 @@ def _place(file: Path, vehicle: Path) -> Path:
             return below / file.relative_to(home)
     raise InputError(
         vehicle,
-        f"the vehicle refers to {file}",
+        f"the vehicle refers to {file}, which is not in its folder",
         "files in the folder of the vehicle, or in its subfolders",
     )
 
@@ -153,13 +153,13 @@ def _replace_vehicle(
 def refuse_filled(folder: Path) -> None:
     """Raise InputError if the path is a file or a folder that is not empty."""
     if folder.exists() and not folder.is_dir():
-        raise InputError(folder, "a file", "a new or empty folder")
+        raise InputError(folder, "the path is a file", "a new or empty folder")
     if folder.is_dir() and any(folder.iterdir()):
-        raise InputError(folder, "a folder that is not empty", "a new or empty folder")
+        raise InputError(folder, "the folder is not empty", "a new or empty folder")
 
 
 def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS) -> list[Path]:
-    """Write JSON Schemas of ``kinds``, and refer to them in YAML files for editors."""
+    """Write the JSON Schemas of ``kinds``, and refer editors to them in comments of ``files``."""
     written = []
     (folder / _SCHEMAS).mkdir()
     for kind in kinds:
@@ -207,7 +207,7 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
     text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
     text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
-    text = re.sub(r"(?m)^asks:.*\n", "", text)  # The first controller has changed.
+    text = re.sub(r"(?m)^asks:.*\n", "", text)  # 'asks' names other controllers.
     campaign.write_text(text, encoding="utf-8")
     return files
 
@@ -215,12 +215,12 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
 def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     """Fill a new or empty folder with the shipped rocket simulator, and return the files.
 
-    ``kind`` is a Python function or a program in C. The campaign is the first file. With a C
-    compiler the program is built, and ``rocket`` is the last file. Raise InputError for another
-    kind, or if the folder is not empty.
+    ``kind`` is ``python`` for a Python function, or ``command`` for a C program. The campaign is
+    the first file. If a C compiler is available, the program is built, and ``rocket`` is the last
+    file. Raise InputError for any other kind, or if the folder is not empty.
     """
     if kind not in SIMULATORS:
-        raise InputError("--simulator", f"'{kind}'", one_of(SIMULATORS, kind))
+        raise InputError("--simulator", f"unknown kind '{kind}'", one_of(SIMULATORS, kind))
     refuse_filled(folder)
     source = shipped_configs() / "simulator"
     folder.mkdir(parents=True, exist_ok=True)
@@ -228,7 +228,7 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     text = (source / "campaign.yaml").read_text(encoding="utf-8")
     if kind == "command":
         called = (
-            "  command: [./rocket] # reads flights as lines of JSON and replies to each by a "
+            "  command: [./rocket] # reads each flight as a line of JSON and replies with a "
             "line; built from:\n"
         )
         text = re.sub(r"(?m)^  python:.*\n", f"{called}  files: [rocket.c, Makefile]\n", text)
@@ -241,5 +241,5 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
             subprocess.run(["make", "--quiet"], cwd=folder, capture_output=True, check=True)  # noqa: S607
             written.append(folder / "rocket")
         except (OSError, subprocess.CalledProcessError):
-            pass  # The caller prints how to build the program.
+            pass  # The caller prints instructions for building the program.
     return written

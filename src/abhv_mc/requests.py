@@ -1,7 +1,7 @@
 """Options of runs and searches, used as function arguments and command-line options.
 
-A field is declared once: :func:`takes` makes it an argument in Python, and
-:mod:`abhv_mc.cli.request_options` an option of the command line.
+Each option is declared once, as a field of a request: :func:`takes` makes it an argument of a
+Python function, and :mod:`abhv_mc.cli.request_options` makes it an option of a command.
 """
 
 import functools
@@ -27,8 +27,8 @@ class Option(NamedTuple):
     """Description of one field of a request, for Python and the command line."""
 
     help: str
-    kind: str  # kind of value in `abhv_mc.cli.request_options`; '' in Python only
-    default: str | None = None  # description of the default, if the value needs one
+    kind: str  # kind of value in `abhv_mc.cli.request_options`; '' for options only in Python
+    default: str | None = None  # description of the default value, if one is needed
     low: Any = None  # smallest and largest allowed number
     high: Any = None
 
@@ -39,7 +39,7 @@ def options_of(request: type) -> dict[str, Option]:
 
 
 def check_count(value: int, least: int, name: str, most: int | None = None) -> int:
-    """Return an integer. Raise InputError unless it is from `least` to `most`."""
+    """Return `value` as an int. Raise InputError unless `least` <= `value` <= `most`."""
     is_integer = isinstance(value, Integral) and not isinstance(value, bool)
     if not is_integer or value < least or (most is not None and value > most):
         expected = (
@@ -54,7 +54,9 @@ def check_count(value: int, least: int, name: str, most: int | None = None) -> i
 def _check_number(value: float | str, name: str, option: Option) -> float:
     number = float(value)
     if not option.low <= number <= option.high:
-        raise InputError(name, f"{number:g}", f"a number from {option.low:g} to {option.high:g}")
+        raise InputError(
+            name, f"{number:g} is out of range", f"a number from {option.low:g} to {option.high:g}"
+        )
     return number
 
 
@@ -75,7 +77,7 @@ def _check_side(value: object, name: str, _option: Option) -> object:
 
 _CHECKS: dict[
     str, Callable[[Any, str, Option], Any]
-] = {  # functions that check a value, by kind of option
+] = {  # functions that convert and check a value, by kind of option
     **dict.fromkeys(
         ("address", "file", "folder", "new file", "results"), lambda value, *_: Path(value)
     ),
@@ -87,17 +89,19 @@ _CHECKS: dict[
     "side": _check_side,
 }
 
-CampaignPath = Annotated[Paths, Option("Campaign file, or the name of a shipped one.", "campaign")]
-Controller = Annotated[str | None, Option("Controller to use.", "controller", "the first")]
+CampaignPath = Annotated[Paths, Option("Campaign file, or the name of a shipped file.", "campaign")]
+Controller = Annotated[
+    str | None, Option("Controller to use.", "controller", "the first controller")
+]
 Seed = Annotated[
-    int | None, Option("Seed of the random numbers.", "count", "the campaign's", low=0)
+    int | None, Option("Seed of the random numbers.", "count", "the campaign's seed", low=0)
 ]
 Workers = Annotated[
     int | None,
     Option(
         "Number of blocks of flights computed in parallel.",
         "count",
-        "cores",
+        "number of cores",
         low=1,
         high=MOST_WORKERS,
     ),
@@ -117,7 +121,7 @@ class CheckedRequest:
     """Base class of requests, whose values are converted and checked on construction."""
 
     def __post_init__(self) -> None:
-        """Convert and check each value. Raise InputError with the field name if it is invalid."""
+        """Convert and check each value. Raise InputError, with its field, for an invalid value."""
         for name, option in options_of(type(self)).items():
             value, check = getattr(self, name), _CHECKS.get(option.kind)
             if value is not None and check is not None:
@@ -137,12 +141,12 @@ class Request(CheckedRequest):
     ] = None
     runs: Annotated[
         int | None,
-        Option("Number of flights per controller.", "count", "the campaign's", low=1),
+        Option("Number of flights per controller.", "count", "the campaign's number", low=1),
     ] = None
     seed: Seed = None
     controllers: Annotated[
         Sequence[str] | None,
-        Option("Controllers of the campaign to simulate, instead of all.", "controllers"),
+        Option("Controllers to simulate, instead of all in the campaign file.", "controllers"),
     ] = None
     workers: Workers = None
     fresh: Fresh = False
@@ -156,7 +160,7 @@ class Request(CheckedRequest):
         Option(
             "Results folder whose stored flight plans are used, for bit-identical results.",
             "results",
-            "new",
+            "new plans",
         ),
     ] = None
     trust_code: Annotated[
@@ -235,7 +239,10 @@ class WorstRequest(SearchRequest):
     box: Annotated[
         float,
         Option(
-            "Range of unbounded distributions, in standard deviations.", "number", low=0.1, high=8.0
+            "Half-width of the range of unbounded distributions, in standard deviations.",
+            "number",
+            low=0.1,
+            high=8.0,
         ),
     ] = 3.0
 
@@ -245,7 +252,7 @@ class RareRequest(SearchRequest):
     """Options of an estimate of a failure probability."""
 
     requirement: Annotated[
-        str, Option("ID or metric of the requirement whose violation is estimated.", "requirement")
+        str, Option("ID or metric of the requirement that flights may violate.", "requirement")
     ]
     _: KW_ONLY
     target_cov: Annotated[
@@ -259,13 +266,13 @@ class RareRequest(SearchRequest):
     ] = 0.2
     flights: Annotated[
         int | None,
-        Option("Maximum number of flights.", "count", "20000, with a surrogate 400", low=1),
+        Option("Maximum number of flights.", "count", "20000, or 400 with a surrogate", low=1),
     ] = None
     surrogate: Annotated[
         bool,
         Option(
-            "Use a Gaussian-process surrogate of the metric: for slow simulators and at most 10 "
-            "smooth dispersions.",
+            "Use a Gaussian-process surrogate of the metric, for slow simulators with at most 10 "
+            "dispersions that affect the metric smoothly.",
             "flag",
         ),
     ] = False
@@ -287,7 +294,7 @@ def takes(
     """Return a decorator that makes the fields of a request the arguments of a function.
 
     The decorator also sets the signature and docstring. For a method, ``method_of`` is the field
-    that takes the object.
+    that receives the object (``self``).
     """
 
     def decorate(function: Callable[[R], T]) -> Callable[P, T]:

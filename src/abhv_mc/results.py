@@ -39,9 +39,9 @@ class Results:
     Parameters
     ----------
     folder
-        Folder of the campaign; :func:`abhv_mc.open_results` opens it.
+        Results folder of the campaign; see :func:`abhv_mc.open_results`.
     requirements
-        Requirements that replace those of the folder; see :meth:`judge`.
+        Requirements that replace the requirements in the folder; see :meth:`judge`.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Results:
 
     @property
     def complete(self) -> bool:
-        """Whether all flights were run."""
+        """Whether all flights have been run."""
         return self.manifest.complete
 
     @property
@@ -83,7 +83,7 @@ class Results:
 
     @cached_property
     def flights(self) -> "pd.DataFrame":
-        """Table with outcome, dispersions and metrics in one row per flight and controller."""
+        """Table of outcomes, dispersed values and metrics, one row per flight and controller."""
         table = self._read("flights")
         order = {name: i for i, name in enumerate(self.controllers)}
         return table.sort_values(
@@ -134,7 +134,7 @@ class Results:
         return judge_campaign(self._models)
 
     def judge(self, requirements: "RequirementSource") -> "Results":
-        """Judge the stored flights by other requirements; no flight is run, no file written.
+        """Judge the stored flights against other requirements; nothing is run or written.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Results:
         ['FAIL', 'FAIL']
         """
         judged = Results(self.folder, requirements)
-        judged._results  # noqa: B018  # requirements that do not fit are rejected here
+        judged._results  # noqa: B018  # raises InputError for requirements that do not fit
         return judged
 
     @property
@@ -223,12 +223,12 @@ class Results:
     def to_xarray(
         self, table: Literal["histories", "envelopes", "nominal", "reference"] = "histories"
     ) -> "xr.Dataset":
-        """Return a table over time as an xarray Dataset (needs the extra ``xarray``).
+        """Return a table over time as an xarray Dataset; requires xarray.
 
-        Each column is a variable with ``units`` in its attrs. The axes are controller, flight and
-        time for histories (NaN for flights without a history or after their end), controller,
-        channel and time for envelopes, controller and time for nominal flights, and time for the
-        reference. Raise InputError for other tables.
+        Each column is a variable with ``units`` in its attrs. Histories have the axes controller,
+        flight and time, and are NaN for flights without a history and after the end of a flight.
+        Envelopes have the axes controller, channel and time, nominal flights controller and time,
+        and the reference time. Raise InputError for other tables.
         """
         if table not in _AXES:
             raise InputError("table", describe(table), one_of(_AXES))
@@ -253,7 +253,7 @@ class Results:
 
         refuse_changes(self._paths, self.manifest)
         if self._requirements is not None:
-            problem = "results judged by requirements other than those of the folder"
+            problem = "these results are judged against requirements that are not in the folder"
             raise InputError(
                 "make_report", problem, "`abhv-mc report DIR --requirements FILE -o OUT`"
             )
@@ -274,10 +274,10 @@ class Results:
         return pd.DataFrame() if table is None else table
 
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
-        """Re-run one flight and return its channels at full rate.
+        """Re-run one flight and return its channels at the full sampling rate.
 
         The first controller is the default. Raise RuntimeError if any bit differs from the stored
-        flight, for instance because another version computed it.
+        flight, for instance because another version of the program computed it.
         """
         import pandas as pd
 
@@ -287,7 +287,7 @@ class Results:
         refuse_changes(self._paths, self.manifest)
         if again.differences:
             raise RuntimeError(
-                f"flight {flight} differs from the stored one: {'; '.join(again.differences)}"
+                f"flight {flight} differs from the stored flight: {'; '.join(again.differences)}"
             )
         channels = [channel.name for channel in again.channels]
         table = pd.DataFrame(again.block.history[0], columns=channels).dropna(how="all")
@@ -299,7 +299,7 @@ class Results:
     ) -> "Explanation":
         """Return the smallest set of dispersions that makes a flight fail.
 
-        See ``abhv-mc explain``.
+        The command ``abhv-mc explain`` prints the same result.
         """
         from abhv_mc.analysis.explain import explain_flight
 
@@ -309,13 +309,13 @@ class Results:
 
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
-        """Return a figure of a failed flight, a flight with only its causes, and the nominal."""
+        """Return a figure of a failed flight, its causes alone, and the nominal flight."""
         from abhv_mc.report.pages.single_flights import make_explained_figure
 
         return _on_white(make_explained_figure(explanation), dpi)
 
     def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
-        """Return quantiles for the simulated dispersions, and re-weighted for other dispersions.
+        """Return quantiles for the simulated and, by re-weighting, for other dispersions.
 
         An example of `settings` is ``{"aero.drag.half_width": "12 %"}``. The effective numbers of
         flights are in the table's ``attrs``. Raise InputError if the flights do not cover the new
@@ -376,7 +376,7 @@ class Results:
             if topic.name == name:
                 return self._models[topic]
         raise AttributeError(
-            f"no topic '{name}': {', '.join(topic.name for topic in all_topics())}"
+            f"no topic '{name}'; the topics are {', '.join(topic.name for topic in all_topics())}"
         )
 
     def _read(self, name: str) -> "pd.DataFrame":
@@ -391,7 +391,7 @@ class Results:
         ]
         refuse_changes(self._paths, self.manifest)
         arrow_table = pa.concat_tables(tables, promote_options="default")
-        # The pandas metadata of a file may rename columns.
+        # Ignore the pandas metadata of a file, which may rename columns.
         table = arrow_table.to_pandas(ignore_metadata=True)
         units = {
             field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")

@@ -38,8 +38,8 @@ def shipped_campaigns() -> Path:
 def shipped_files(kind: str) -> dict[str, Path]:
     """Return the shipped files of one kind, by name.
 
-    The kind is ``campaign``, ``vehicle``, ``mission`` or ``control``. Controllers made for one
-    vehicle are in a folder with its name.
+    The kind is ``campaign``, ``vehicle``, ``mission`` or ``control``. Controllers designed for one
+    vehicle are in a folder named after this vehicle.
     """
     folder = shipped_campaigns() if kind == "campaign" else shipped_configs() / kind
     folders = [folder]
@@ -52,7 +52,7 @@ def shipped_files(kind: str) -> dict[str, Path]:
 def find_input(name: str | Path, *kinds: str) -> Path:
     """Return the path ``name``, or a shipped file of that name; earlier kinds have priority.
 
-    Folders are ignored, because a campaign's results may have the name of the shipped campaign.
+    Folders are ignored, because the results folder of a shipped campaign may have its name.
     Raise :class:`abhv_mc.io.input_error.InputError` for an unknown name.
     """
     text = str(name)

@@ -390,7 +390,7 @@ def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> Non
     ("row", "pattern"),
     [
         ("60,1,0", r"\b60\b.*inputs\.csv"),
-        ("7,1,-99", r"\bb -99\b.*inputs\.csv"),
+        ("7,1,-99", r"\bb is -99\b.*inputs\.csv"),
         ("8,1,0", r"\b8\b.*'system'.*\btwice\b"),
     ],
 )

@@ -68,7 +68,7 @@ def test_other_parameters_are_nominal_and_the_index_numbers_flights(tmp_path):
         ({"aero.lift": ["1.1 m"]}, {}, "not numbers"),
         ({"aero.lift": []}, {}, "is empty"),
         ({"aero.lift": [1.0]}, {"controllers": ["three"]}, "'three'"),
-        ({"aero.lift": [1.0]}, {"controllers": ["one", "one"]}, "'one' twice"),
+        ({"aero.lift": [1.0]}, {"controllers": ["one", "one"]}, "'one' appears twice"),
         ({"aero.lift": [1.0]}, {"channels": ["height"]}, "'height'"),
     ],
 )

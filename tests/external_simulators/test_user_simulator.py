@@ -50,7 +50,7 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and a patt
     18.0: ("found | {'flight': 1}", "'flight'"),
 }
 WRONG_HISTORIES = {  # what is done to the history, and a pattern of the reason
-    2.0: ("history.pop('time')", r"\baltitude, sink_rate; .* time, altitude, sink_rate$"),
+    2.0: ("history.pop('time')", r"\baltitude, sink_rate, but .* time, altitude, sink_rate$"),
     3.0: ("history['altitude'].pop()", r"\bcolumns\b"),
     4.0: ("history['time'].reverse()", r"\btime\b"),
     5.0: ("history['altitude'].append(math.nan)", r"\bcolumns\b"),

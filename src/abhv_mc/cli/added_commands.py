@@ -1,9 +1,10 @@
 """Commands that packages register as entry points of the group ``abhv_mc.commands``.
 
-The name of an entry point is the name of the command, with the name of its group and a dot for a
-subcommand: ``explore``, ``verify.nesc``. Its object is a function with annotations for typer, or a
-``typer.Typer``. A package is imported when one of its commands is run or listed. If the import
-fails, a warning is printed and the commands of the package are omitted.
+An entry point has the name of its command, such as ``explore``; for a subcommand, the name of the
+group and a dot come first, as in ``verify.nesc``. The entry point refers to a function with
+annotations for typer, or to a ``typer.Typer``. A package is imported when one of its commands is
+run or listed. If the import fails, a warning is printed and the commands of the package are
+omitted.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping

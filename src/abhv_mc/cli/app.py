@@ -1,9 +1,9 @@
 """Command-line application: commands, their order in the help, and exit codes.
 
 A command is a function, or a ``typer.Typer`` if it has subcommands; related commands share a file.
-All files are imported at every start, so modules that load slowly are imported inside the
-functions. Commands of packages (:mod:`abhv_mc.cli.added_commands`) are listed in the panels by
-name.
+All command modules are imported at every start; modules that load slowly are therefore imported
+inside functions. Commands that packages add (:mod:`abhv_mc.cli.added_commands`) are listed in the
+panels of the help by name.
 """
 
 import gc
@@ -38,7 +38,7 @@ _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
-    """Mixin for help that shows short type names for options and no type names for flags."""
+    """Mixin for help texts with short type names of options and no type names of flags."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the command's parameters; options get the short type names of ``_SHORT``."""
@@ -51,7 +51,7 @@ class _Short:
                 and not parameter.type_descriptor.is_choice
             ):
                 parameter.metavar = _SHORT.get(parameter.bare_type())
-                # A range in the help would truncate the name of the option.
+                # A printed range would truncate the name of the option in the help.
                 parameter._get_number_range_help_str = lambda: None
         return parameters
 
@@ -62,7 +62,7 @@ class Command(_Short, TyperCommand):
     def __init__(self, *args: Any, **options: Any) -> None:
         paragraphs = cleandoc(options.get("help") or "").split("\n\n")
         text = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-        text = text.replace("[", r"\[")  # Units in brackets are not markup.
+        text = text.replace("[", r"\[")  # Escape units in brackets, which would be read as markup.
         super().__init__(*args, **options | {"help": text})
 
 
@@ -89,7 +89,7 @@ _EXAMPLES = {  # examples printed after the options
     ),
     "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
 }
-_PANELS: dict[str, tuple[Any, ...]] = {  # Commands of packages are listed by name.
+_PANELS: dict[str, tuple[Any, ...]] = {  # Commands that packages add are listed by name.
     "First day": (
         *(starting.new, starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
@@ -157,7 +157,7 @@ def _add_command(
 
 
 def _make_command(name: str, command: Any, panel: str | None) -> Any:
-    """Convert a function of a package to a command."""
+    """Convert a function that a package registers to a command."""
     parent = typer.Typer(cls=TyperGroup)
     _add_command(parent, name, command, panel)
     return typer.main.get_group(parent).commands[name]
@@ -231,7 +231,7 @@ for _hidden_name, _command in _HIDDEN.items():
 
 def main() -> None:
     """Run the command line and exit with its exit code."""
-    # Set before numpy is loaded: BLAS threads only slow down operations on small matrices.
+    # Set this variable before numpy is loaded: BLAS threads slow down operations on small matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Fewer garbage collections during imports reduce the start time by a tenth.
     gc.set_threshold(100_000, 10, 10)
@@ -245,5 +245,5 @@ def main() -> None:
         ) as error:  # Also catch SystemExit, so that every exit has a documented code.
             code = flush_output(exit_code_of(error))
             if "duckdb" not in sys.modules:  # duckdb would report frozen objects as leaks.
-                gc.freeze()  # skip the last garbage collection
+                gc.freeze()  # skip the garbage collection at exit
             sys.exit(code)

@@ -20,7 +20,7 @@ class ExitCode(IntEnum):
     FAILED = 1  # a requirement or a verification failed
     BAD_INPUT = 2
     INCOMPLETE = 3  # interrupted or incomplete run; completed flights are kept
-    DEFECT = 70  # defect; Python's exit code 1 would mean a failed requirement
+    DEFECT = 70  # defect of abhv-mc; Python's default code 1 would mean a failed requirement
 
 
 _TYPER_INTERRUPTED = 130
@@ -29,7 +29,7 @@ _TYPER_INTERRUPTED = 130
 def exit_code_of(error: BaseException) -> int | str | None:
     """Print an error to standard error and return the exit code."""
     if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
-        # The process reading the output has ended; typer would exit with code 1.
+        # The process that reads the output has ended; typer would exit with code 1.
         return ExitCode.INCOMPLETE
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code
@@ -38,9 +38,9 @@ def exit_code_of(error: BaseException) -> int | str | None:
     code, message = ExitCode.INCOMPLETE, str(error)
     is_interrupt = isinstance(error, (SystemExit, KeyboardInterrupt))
     if is_interrupt or message == "Query interrupted":
-        # DuckDB raises an error with this message if it is interrupted.
-        # After an interrupt in exec(), Python would terminate itself with SIGINT; eval() clears the
-        # flag that causes this.
+        # An interrupted DuckDB statement raises an error with the message "Query interrupted".
+        # After an interrupt in exec(), Python would terminate itself with SIGINT at its exit; a
+        # call of eval() clears the flag that causes this behaviour.
         eval("0")  # noqa: S307
         message = "interrupted: completed flights are kept; run the same command to resume"
     elif isinstance(error, MemoryError):
@@ -54,13 +54,13 @@ def exit_code_of(error: BaseException) -> int | str | None:
         )
     elif (
         type(error).__module__.partition(".")[0] == "distributed"
-    ):  # distributed raises many types of exceptions.
+    ):  # The library distributed raises many types of exceptions.
         reason = message.partition("\n")[0] or type(error).__name__
         message = f"the cluster does not respond ({reason}): completed flights are kept"
     elif isinstance(error, (InputError, Refusal)):
         code = ExitCode.BAD_INPUT
     elif type(error).__name__ == "UnusableError":
-        # Importing the exception class would take a second.
+        # Compare the name of the class, because importing the class would take a second.
         pass
     elif not isinstance(error, StorageFullError):
         with contextlib.suppress(OSError):
@@ -72,15 +72,16 @@ def exit_code_of(error: BaseException) -> int | str | None:
 
 
 def open_streams() -> None:
-    """Open the null device for closed standard streams, so that no file gets their numbers.
+    """Replace closed standard streams with the null device.
 
-    Characters that the terminal cannot encode are printed as escape sequences.
+    Otherwise the next opened file would get the descriptor of a standard stream. Characters that
+    the terminal cannot encode are printed as escape sequences.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            # open() uses the lowest free descriptor, which the stream had
+            # os.open() returns the lowest free descriptor, which is that of the closed stream.
             os.open(os.devnull, os.O_RDWR)
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115

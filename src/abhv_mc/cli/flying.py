@@ -38,7 +38,7 @@ def fly(
     vehicle: Vehicle = None,
     controllers: ControllerFiles = None,
     out: Annotated[
-        Path | None, output(output_folder, "DIR", "Folder for the histories and figures.")
+        Path | None, output(output_folder, "DIR", "Folder for the time histories and figures.")
     ] = None,
     json: Json = None,
 ) -> None:
@@ -93,7 +93,7 @@ def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
         say(f"{name}: {flight.sentence}")
 
 
-# Rows of the table: (JSON key, label, unit, divisor, digits).
+# Rows of the printed table of trims: (JSON key, label, unit, divisor, decimal places).
 _TRIM_ROWS = (
     ("angle_of_attack_deg", "angle of attack", "deg", 1.0, 3),
     ("flight_path_angle_deg", "flight path angle", "deg", 1.0, 3),
@@ -139,7 +139,7 @@ def trim(
         str | None, typer.Option(help="Flight path angle in deg.", show_default=_START)
     ] = None,
     mass: Annotated[
-        str | None, typer.Option(help="Mass in kg or with a unit.", show_default="at the start")
+        str | None, typer.Option(help="Mass in kg or with a unit.", show_default="initial mass")
     ] = None,
     latitude: Annotated[
         str | None, typer.Option(help="Geodetic latitude in deg.", show_default=_START)
@@ -208,9 +208,9 @@ _LEVEL |= {"latitude": math.radians(29.3), "heading": math.radians(90.0)}
 
 
 def _find_start(start_file: Path, vehicle: Path | None) -> tuple[Path, dict[str, float]]:
-    """Return the vehicle and the initial flight condition (SI) of a mission or campaign.
+    """Return the vehicle and the initial flight condition (SI units) of a mission or campaign.
 
-    For a vehicle file the flight condition is level flight.
+    For a vehicle file, the flight condition is the level flight in ``_LEVEL``.
     """
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.control.mission import read_mission
@@ -225,7 +225,9 @@ def _find_start(start_file: Path, vehicle: Path | None) -> tuple[Path, dict[str,
         campaign.simulator.check("a trim")
         vehicle, start_file = vehicle or Path(campaign.model.vehicle), Path(campaign.model.mission)
     elif kind != "mission":
-        raise InputError(start_file, f"a {kind} file", "a mission, campaign or vehicle file")
+        raise InputError(
+            start_file, f"this is a {kind} file", "a mission, campaign or vehicle file"
+        )
     start = read_mission(start_file).start
     return (
         vehicle or find_input(DEFAULT_VEHICLE, "vehicle"),

@@ -64,8 +64,8 @@ def margins(
         typer.Option(
             metavar="STATES",
             help=(
-                "Quantities to hold constant (altitude, speed, heading), separated by commas, if "
-                "the controller does not control them."
+                "Quantities (altitude, speed, heading; separated by commas) that are held constant "
+                "if the controller does not control them."
             ),
         ),
     ] = None,
@@ -86,15 +86,15 @@ def margins(
 
     Each loop is broken at its actuator while all other loops are closed; the disk margin is for
     simultaneous perturbations of all loops. Margins at a time of the flight are computed with a
-    frozen reference and are only indicative. With --worst a search finds small margins; smaller
-    margins may exist.
+    frozen reference and are only indicative. With --worst, a search looks for the smallest margins
+    within the dispersions; margins smaller than those found may exist.
     """
     if worst:
         if vehicle is not None or instants != "trim" or bank != "0" or hold or out is not None:
             raise InputError(
                 "--worst",
-                "the option excludes --vehicle, --at, --bank, --hold and --output",
-                "a campaign together with --worst",
+                "the option cannot be combined with --vehicle, --at, --bank, --hold or --output",
+                "a campaign and none of these options",
             )
         _show_worst(mission, controllers, json, trust_code)
         return
@@ -168,8 +168,8 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
             )
         print_table(table)
         say(
-            f"Linear analysis at the trim point with {MARGIN_EVALUATIONS} points per margin; the "
-            "true minimum may be smaller."
+            "Each margin is the smallest that linear analysis at the trim point found at "
+            f"{MARGIN_EVALUATIONS} points of the dispersions; the true minimum may be smaller."
         )
 
     show_result({"rows": results}, json, print_text)
@@ -179,7 +179,7 @@ MOST_TIMES = 10_000  # maximum number of times in the option --at
 
 
 def _read_times(text: str) -> "list[Time]":
-    """Return the operating points of the option --at: times, s, or "trim".
+    """Return the operating points of the option --at: times in s, or "trim".
 
     Times may have the form first:last:step. Raise InputError if the option is invalid.
     """
@@ -196,7 +196,9 @@ def _read_times(text: str) -> "list[Time]":
         )
         if len(numbers) > 3 or step <= 0.0 or last < first or last - first > MOST_TIMES * step:
             raise InputError(
-                "--at", f"'{item}'", f"at most {MOST_TIMES} ascending times such as 0s:60s:1s"
+                "--at",
+                f"invalid times '{item}'",
+                f"at most {MOST_TIMES} ascending times such as 0s:60s:1s",
             )
         times += [first + i * step for i in range(int((last - first) / step + 1e-9) + 1)]
     return times
@@ -207,7 +209,8 @@ def _take(
 ) -> "Place":
     """Return an operating point of the nominal flight, and print warnings about it.
 
-    The bank angle applies only to the trim; at a time of the flight, the flight determines it.
+    The option --bank applies only to the trim point; at a time of the flight, the simulated flight
+    determines the bank angle.
     """
     from abhv_mc.io.units import ANGLE
     from abhv_mc.one_flight.linear_models import take_point
@@ -241,7 +244,9 @@ def _find_flown(
         controller_files = {name: Path(file) for name, file in model.controllers.items()}
         for name in parse_names(controllers) or ():
             if name not in controller_files:
-                raise InputError("--controllers", f"'{name}'", one_of(controller_files, name))
+                raise InputError(
+                    "--controllers", f"unknown controller '{name}'", one_of(controller_files, name)
+                )
         files = {
             name: controller_files[name] for name in parse_names(controllers) or controller_files
         }
@@ -301,14 +306,10 @@ def linearize(
     mission: MissionOrCampaign,
     out: Annotated[
         Path | None,
-        output(
-            output_file, "FILE", "File for the model; ends in .npz, .mat or .json.", default=False
-        ),
+        output(output_file, "FILE", "File for the model: .npz, .mat or .json.", default=False),
     ] = None,
     vehicle: Vehicle = None,
-    controller: Annotated[
-        str, controller_option("Controller to linearize: file or shipped name.")
-    ] = "tlc",
+    controller: Annotated[str, controller_option("Controller to linearize: file or name.")] = "tlc",
     instants: Annotated[
         str,
         typer.Option(
@@ -336,9 +337,10 @@ def linearize(
 ) -> None:
     """Write linear models of the plant, controller, open loop and closed loop, or the gains.
 
-    The models use path coordinates, second-order actuators and an exact zero-order hold; the file
-    contains names and units. For several times (first:last:step) each matrix is an array [time,
-    row, column], with time_s.
+    The models use path coordinates, second-order actuators and an exact zero-order hold. The file
+    contains the names and units of states, inputs and outputs. For several times
+    (first:last:step), each matrix is an array [time, row, column], and the file contains the array
+    time_s.
     """
     from abhv_mc.stability.linearize import linearize
     from abhv_mc.stability.model_file import check_format, make_model, stack_models, write_model
@@ -347,7 +349,11 @@ def linearize(
         check_format(out)
     times = _read_times(instants)
     if len(times) > 1 and "trim" in times:
-        raise InputError("--at", f"'{instants}'", "one operating point, or times such as 0s:60s:1s")
+        raise InputError(
+            "--at",
+            f"'{instants}' combines trim with other operating points",
+            "one operating point, or times such as 0s:60s:1s",
+        )
     vehicle_file, mission_file, files = _find_flown(vehicle, mission, controller, trust_code)
     if len(files) > 1:
         raise InputError("--controller", ", ".join(files), "one controller")
@@ -363,7 +369,7 @@ def linearize(
             return
     if out is None:
         raise InputError(
-            "--output", "no file", "-o FILE that ends in .npz, .mat or .json, or --gains FILE"
+            "--output", "no file is given", "-o FILE (.npz, .mat or .json) or --gains FILE"
         )
     models = []
     for time in times:

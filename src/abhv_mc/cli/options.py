@@ -1,6 +1,6 @@
 """Arguments and options shared by several commands.
 
-A campaign, mission, vehicle or controller is a path or the name of a shipped file.
+A campaign, mission, vehicle or controller is given by a path, or by the name of a shipped file.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 def _of_kinds(*kinds: str) -> dict[str, Any]:
     """Return the parser, completion and help for an argument that accepts certain file kinds.
 
-    Shells complete the names of shipped files and paths.
+    Shells complete paths and the names of shipped files.
     """
 
     def complete(incomplete: str) -> list[str]:
@@ -33,7 +33,7 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
         return path
 
     text = f"{', '.join(kinds[:-1])}{' or ' * (len(kinds) > 1)}{kinds[-1]}".capitalize()
-    text = f"{text} file, or the name of a shipped one."
+    text = f"{text} file, or the name of a shipped file."
     return {"parser": find, "autocompletion": complete, "help": text}
 
 
@@ -84,23 +84,25 @@ MissionOrCampaign = Annotated[
 FlownFile = Annotated[
     Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign", "vehicle"))
 ]
-_DEFAULT = f"{DEFAULT_VEHICLE}, or the campaign's"
+_DEFAULT = f"{DEFAULT_VEHICLE}, or the campaign's vehicle"
 Vehicle = Annotated[
     Path | None, typer.Option(metavar="V", show_default=_DEFAULT, **_of_kinds("vehicle"))
 ]
 NewVehicle = Annotated[
     Path | None,
-    typer.Option("--vehicle", metavar="V", show_default="the campaign's", **_of_kinds("vehicle")),
+    typer.Option(
+        "--vehicle", metavar="V", show_default="the campaign's vehicle", **_of_kinds("vehicle")
+    ),
 ]
 ControllerFiles = Annotated[
     str | None,
     controllers_option(
-        "Controllers to simulate: files or shipped names.",
-        show_default="tlc,lqr, or the campaign's",
+        "Controllers to simulate: files, or names of shipped controllers.",
+        show_default="tlc,lqr, or the campaign's controllers",
     ),
 ]
 Controller = Annotated[
-    str | None, controller_option("Controller to use.", "NAME", show_default="the first")
+    str | None, controller_option("Controller to use.", "NAME", show_default="the first controller")
 ]
 
 
@@ -112,7 +114,9 @@ def folder_argument(purpose: str = "Results folder of a campaign.", metavar: str
 Folder = Annotated[Path, folder_argument()]
 Runs = Annotated[
     int | None,
-    typer.Option(min=1, help="Number of flights per controller.", show_default="the campaign's"),
+    typer.Option(
+        min=1, help="Number of flights per controller.", show_default="the campaign's number"
+    ),
 ]
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Delete an existing campaign in the folder and start again.")
@@ -143,7 +147,7 @@ Json = Annotated[
         "--json",
         callback=json_file,
         metavar="FILE",
-        help="Write the results as JSON; - for standard output.",
+        help="Write the results as JSON to FILE, or to standard output if FILE is -.",
     ),
 ]
 
@@ -156,7 +160,7 @@ Requirements = Annotated[
             "Requirements for the assessment: a campaign file, a file with 'requirements', or a "
             "CSV file."
         ),
-        show_default="the folder's",
+        show_default="the campaign's requirements",
     ),
 ]
 Junit = Annotated[
@@ -186,16 +190,18 @@ def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, .
 def find_controllers(text: str | None) -> dict[str, Path]:
     """Return controller files by name; by default, the files of tlc and lqr.
 
-    Raise InputError if a file is missing or two have the same name.
+    Raise InputError if a file is missing or two files have the same name.
     """
     files = [find_input(name, "control") for name in parse_names(text) or ("tlc", "lqr")]
     if len({file.stem for file in files}) < len(files):
-        raise InputError("--controllers", f"'{text}'", "files with different names")
+        raise InputError(
+            "--controllers", f"files in '{text}' have the same name", "files with different names"
+        )
     return {file.stem: file for file in files}
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:
-    """Return an option's value in SI; numbers without a unit are in ``bare_unit``.
+    """Return an option's value in SI units; ``bare_unit`` is the unit of plain numbers.
 
     Raise InputError if the value is invalid.
     """

@@ -26,7 +26,7 @@ def output(
 
 
 def output_file(path: Path | None) -> Path | None:
-    """Return the path of an output file. Raise InputError if it cannot be written."""
+    """Return the path of an output file. Raise InputError if the file cannot be written."""
     if path is None:
         return None
     # Writing as root to /dev/null would replace the device.
@@ -50,17 +50,25 @@ def json_file(path: Path | None) -> Path | None:
     overwritten.
     """
     if path is not None and path.suffix in _INPUTS and path.exists():
-        raise InputError(path, f"the {path.suffix} file exists", "the name of a JSON file")
+        raise InputError(
+            path, f"an existing {path.suffix} file would be replaced", "the name of a JSON file"
+        )
     return output_file_or_stream(path)
 
 
 def output_folder(path: Path | None) -> Path | None:
-    """Return the path of an output folder. Raise InputError if it belongs to a campaign."""
+    """Return the path of an output folder.
+
+    Raise InputError if the path belongs to the results folder of a campaign.
+    """
     return None if path is None else _check_folder(path)
 
 
 def campaign_folder(path: Path | None) -> Path | None:
-    """Return the path of a new or existing results folder. Raise InputError if invalid."""
+    """Return the path of a new or existing results folder.
+
+    Raise InputError if the path cannot be used as a results folder.
+    """
     return None if path is None else _check_folder(path, campaign=True)
 
 
@@ -94,4 +102,4 @@ def _check(path: Path, folder: Path, campaign: bool = False) -> Path:
 
 
 def _is_address(path: Path) -> bool:
-    return read_address(f"{path}/") is not None  # Path("s3://") is "s3:"
+    return read_address(f"{path}/") is not None  # Path("s3://") drops the slashes.

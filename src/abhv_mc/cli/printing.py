@@ -27,8 +27,8 @@ _COLORS = {
     "FAIL": 31,
     "NOT SHOWN": 33,
     "warning:": 33,
-}  # ANSI colours of words on a terminal
-_TIMES = "compiled.json"  # cache file with the compilation times of this machine, s
+}  # ANSI colour codes of highlighted words
+_TIMES = "compiled.json"  # cache file with the compilation times of kernels on this machine, in s
 _KERNELS = {
     "flight": "the flight",
     "stability": "the stability margins",
@@ -110,8 +110,8 @@ def new_table(
 def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
     """Print a table; if it is too wide for the terminal, print its first column as headings.
 
-    If it is still too wide, wrap its text or split its columns. Numbers are never truncated. The
-    first ``keys`` columns are repeated in each piece.
+    A table that is still too wide is wrapped or split into several tables, each of which repeats
+    the first ``keys`` columns. Numbers are never truncated.
     """
     import io
 
@@ -146,10 +146,11 @@ def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
 
 
 def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
-    """Return the lines of a table whose first column is printed above the others.
+    """Return the lines of a table whose first column is printed as headings above the rows.
 
-    The other columns are split into pieces that fit; each piece repeats the first ``keys``
-    columns. The list is empty if the first column is short or a row would not fit on a line.
+    The remaining columns are split into groups that fit the terminal; each group repeats the first
+    ``keys`` columns. The list is empty if the entries of the first column are short, or if a row
+    does not fit on a line.
     """
     columns = [[str(cell) for cell in column.cells] for column in table.columns]
     longest = max(map(len, columns[0]), default=0) if columns else 0
@@ -191,9 +192,9 @@ def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
 
 
 def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Table", int]]:
-    """Yield wrapped tables with their widths, split into pieces if still too wide.
+    """Yield a wrapped table and its width, or several narrower tables if it is too wide.
 
-    Each piece repeats the first ``keys`` columns.
+    Each of the narrower tables repeats the first ``keys`` columns.
     """
     from dataclasses import replace
 
@@ -233,7 +234,7 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
 
 
 def print_section_table(table: "SectionTable") -> None:
-    """Print a table of a section without its columns of commands, which are too wide."""
+    """Print a table of a report section without its columns of commands, which are wide."""
     rows = table.plain_rows()
     visible = [
         k
@@ -249,7 +250,7 @@ def print_section_table(table: "SectionTable") -> None:
             if any(cell.columns > 1 for cell in cells):
                 notes.append(": ".join(dict.fromkeys(row)))
                 continue
-            # A cell that spans several rows is printed only in the first row.
+            # A cell that spans several rows is printed only in the first of these rows.
             spans = [cell.rows for cell in group[0]]
             spans += [1] * (len(table.heads) - len(spans))
             printed_table.add_row(
@@ -261,7 +262,7 @@ def print_section_table(table: "SectionTable") -> None:
 
 
 def print_section(section: "Section") -> None:
-    """Print the sentences and tables of a section, without collapsed content."""
+    """Print the sentences and tables of a report section, without collapsed content."""
     from abhv_mc.topics.section import Bullets, Lead, Table
 
     for item in section.items:
@@ -272,13 +273,11 @@ def print_section(section: "Section") -> None:
 
 
 def announce_compiling() -> None:
-    """Announce the compilation of kernels on standard error from now on."""
+    """Enable messages on standard error about kernels that are being compiled."""
     from abhv_mc.kernel.jit import PLAIN, set_compile_listener
 
     if PLAIN:
-        message = (
-            "NUMBA_DISABLE_JIT is set: flights are not compiled and are a thousand times slower"
-        )
+        message = "NUMBA_DISABLE_JIT is set: flights run uncompiled, a thousand times more slowly"
         say(f"warning: {message}", file=sys.stderr, flush=True)
     set_compile_listener(_tell)
 

@@ -20,8 +20,8 @@ verify = typer.Typer(
 def campaign(folder: Folder) -> None:
     """Check the hashes of all files of a campaign and all numbers of its report.
 
-    Numbers are recomputed from the stored flights; no flight is run ('replay' re-runs one). The
-    exit code is 1 if any difference is found.
+    The numbers are recomputed from the stored flights, which are not run again (use 'replay' to
+    re-run a flight). The exit code is 1 if any difference is found.
     """
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.stores import open_store

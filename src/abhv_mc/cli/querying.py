@@ -75,13 +75,13 @@ def parameters(
         str | None,
         typer.Argument(
             metavar="VEHICLE",
-            help="Vehicle file or shipped name, to include its settings and custom states.",
+            help="Vehicle (file or name) whose settings and custom states are also listed.",
             show_default=False,
         ),
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the parameters that a campaign may disperse; the unit - denotes a plain number."""
+    """List the parameters that a campaign may disperse; the unit - means dimensionless."""
     from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
     from abhv_mc.plant.parameters import OURS
 
@@ -113,11 +113,11 @@ def metrics(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the metrics of a flight with unit, worse side, group, definition and meaning.
+    """List the metrics of a flight with unit, worse direction, group, definition and meaning.
 
-    Stability margins, computed only if a campaign requests them, are listed last. The definition is
-    the source or expression, statistic, limit and window with which a campaign could declare the
-    same metric.
+    Stability margins, which are computed only if a campaign requests them, are listed last. The
+    definition states the source or expression, statistic, limit and window that would declare the
+    same metric in a campaign file.
     """
     from abhv_mc.flight.metrics import BUILT_IN, MARGINS
 
@@ -161,7 +161,7 @@ def schemas(
         )
         return
     if kind not in makers:
-        raise InputError("list schemas", f"'{kind}'", one_of(makers, kind))
+        raise InputError("list schemas", f"unknown kind '{kind}'", one_of(makers, kind))
     show_result(makers[kind](), json or Path("-"), lambda: None)
 
 
@@ -195,16 +195,16 @@ def query(
         typer.Option(
             "--csv",
             metavar="PATH",
-            help="Write the result as CSV to a file, or - for standard output; without SQL, write "
-            "all tables to a folder.",
+            help="Write the result as CSV to the file PATH, or to standard output if PATH is -. "
+            "Without SQL, write all tables to the folder PATH.",
         ),
     ] = None,
 ) -> None:
     """Query the tables of a campaign with SQL (duckdb), or export them as CSV.
 
-    The tables are flights, samples, histories, envelopes, nominal and reference. Names of
-    parameters have a dot and need double quotes, as in select "aero.lift" from samples. Numbers in
-    CSV files are exact.
+    The tables are flights, samples, histories, envelopes, nominal and reference. Parameter names
+    contain a dot and must be enclosed in double quotes, as in: select "aero.lift" from samples.
+    Numbers are written to CSV files with full precision.
     """
     from abhv_mc.folder.stores import open_store
     from abhv_mc.folder.tables import export_csv, run_query

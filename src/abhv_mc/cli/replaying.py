@@ -21,7 +21,7 @@ def replay(
     controller: Controller = None,
     out: Annotated[
         Path | None,
-        output(output_file, "FILE.parquet", "File for the time history at the full rate."),
+        output(output_file, "FILE.parquet", "File for the time history at the full sampling rate."),
     ] = None,
     json: Json = None,
     trust_code: TrustCode = False,
@@ -36,13 +36,17 @@ def replay(
     from abhv_mc.folder.inputs import first_controller
 
     if out is not None and out.suffix != ".parquet":
-        raise InputError("--output", f"'{out.name}'", "a name that ends in .parquet")
+        raise InputError(
+            "--output", f"'{out.name}' is not a Parquet file", "a name that ends in .parquet"
+        )
     controller = controller or first_controller(folder)
     announce_compiling()
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))
     block = replay.block
     if out is not None and not block.history.size:
-        raise InputError("--output", "the flight has no time history", "no --output")
+        raise InputError(
+            "--output", "the flight has no time history", "the command without this option"
+        )
     if out is not None:
         names = [channel.name for channel in replay.channels]
         write_histories(
@@ -99,8 +103,8 @@ def explain(
     requirement: Annotated[
         str | None,
         metric_option(
-            "Metric of the missed requirement that the explanation is for.",
-            show_default="the missed requirement",
+            "Metric of the requirement whose failure is explained.",
+            show_default="the requirement that the flight missed",
         ),
     ] = None,
     out: Annotated[
@@ -109,13 +113,14 @@ def explain(
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
-    """Find the smallest set of dispersions that makes a flight fail if all others are nominal.
+    """Find the smallest set of dispersions that suffices to make a flight fail.
 
-    A flight failed if it terminated early or missed a requirement. With --all, the failed flights
-    of every controller are grouped by these sets, and 'abhv-mc report' shows the groups.
+    All other dispersions are set to their nominal values. A flight failed if it terminated early
+    or missed a requirement. With --all, the failed flights of every controller are grouped by
+    these sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
-        problem = "--all excludes --flight, --requirement and --output" if every else "no flight"
+        problem = "--all excludes --flight, --requirement and --output" if every else "no number"
         raise InputError("--flight", problem, "either --flight NUMBER, or --all alone")
     announce_compiling()
     if flight is None:
@@ -167,6 +172,6 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
 
     def print_text() -> None:
         print_section_table(table)
-        say(f"map       {path}; 'abhv-mc report {folder}' shows it")
+        say(f"map       {path}; 'abhv-mc report {folder}' includes this map")
 
     show_result(failure_map.controllers, json, print_text)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from abhv_mc.report.numbers.whatif import Whatif
 
 _REPORTS = Path("reports")
-_TEXT_WIDTH = 100  # line width of sentences, in columns
+_TEXT_WIDTH = 100  # maximum line width of printed sentences, in columns
 
 
 def report(
@@ -73,8 +73,8 @@ def report(
 ) -> None:
     """Create the report page, figures and report.json from the stored results of a campaign.
 
-    No flight is run. With --requirements the stored flights are judged by other requirements; the
-    exit code is then 1 if any requirement fails.
+    No flight is run. With --requirements, the stored flights are judged against the requirements
+    in FILE, and the exit code is 1 if any of them fails.
     """
     import json
 
@@ -86,7 +86,9 @@ def report(
 
     if requirements is not None and out is None:
         raise InputError(
-            "--requirements", "no folder for the report", "-o OUT, because DIR keeps its own report"
+            "--requirements",
+            "no folder for the new report is given",
+            "-o OUT, because the report in DIR is kept",
         )
     browser = find_browser() if pdf or letter or brief else None
 
@@ -127,8 +129,8 @@ def show(
 ) -> None:
     """Print the sentences and tables of a report topic, or its numbers with --json.
 
-    Topics: verdicts, comparison, metrics, flights, failure_cases, failures, drivers, envelopes,
-    margins, simulator, convergence, provenance, and topics of installed packages.
+    The topics are verdicts, comparison, metrics, flights, failure_cases, failures, drivers,
+    envelopes, margins, simulator, convergence, provenance, and topics of installed packages.
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.json_data import json_data
@@ -169,8 +171,8 @@ def compare(
         typer.Option(
             metavar="METRIC=5%",
             help=(
-                "Exit with code 1 unless B is shown to be at most this much worse than A in the "
-                "metric; repeatable."
+                "Exit with code 1 unless B is shown to be worse than A by at most this percentage "
+                "in the metric; repeatable."
             ),
         ),
     ] = None,
@@ -188,8 +190,8 @@ def compare(
 ) -> None:
     """Compare two campaigns, flight by flight if their samples are the same.
 
-    Otherwise verdicts, failure shares and quantiles are compared. Without --controllers, each
-    controller of both campaigns is compared with itself.
+    If the samples differ, verdicts, failure shares and quantiles are compared. Without
+    --controllers, each controller of A is compared with the controller of the same name of B.
 
     --fail-if-worse METRIC=5% accepts B only if it is shown to be at most 5 % worse on more than
     half of the flights. B also fails if its 95 % or 99.73 % quantile is shown to be worse by more
@@ -230,8 +232,8 @@ def place(
         list[Path],
         typer.Argument(
             metavar="FLIGHT.csv",
-            help="Test flights: time histories with columns time (s) and channels, or rows of "
-            "metrics.",
+            help="Test flights: time histories with the column time (s) and columns of channels, "
+            "or tables with a row of metrics for each flight.",
         ),
     ],
     folder: Annotated[Path, folder_argument("Results folder of a campaign with random sampling.")],
@@ -240,8 +242,8 @@ def place(
         list[str] | None,
         typer.Option(
             metavar="CHANNEL=SIGMA",
-            help="Standard deviation of the measurement noise of a channel, in its unit; "
-            "repeatable.",
+            help="Standard deviation of the measurement noise of a channel, in the unit of the "
+            "channel; repeatable.",
         ),
     ] = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Folder for a report page.")] = None,
@@ -249,9 +251,9 @@ def place(
 ) -> None:
     """Compare test flights with a campaign, to check whether the dispersed model covers them.
 
-    Print the rank of each metric among the simulated flights, the joint p-value of all metrics,
-    and where a history first leaves the simultaneous 95 % band. For several test flights a joint
-    test is also printed.
+    Print the rank of each metric among the simulated flights, the joint p-value of all metrics, and
+    the channel and time at which a history first leaves the simultaneous 95 % band. For several
+    test flights, the result of a joint test is also printed.
     """
     from abhv_mc.analysis.place import place_flights
     from abhv_mc.report.pages.page import write_answer
@@ -269,7 +271,7 @@ def place(
 
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:
-    """Parse the standard deviation of each channel. Raise InputError if one is not positive."""
+    """Parse the noise of each channel. Raise InputError unless all values are positive."""
     noise: dict[str, float] = {}
     for setting in settings:
         channel, _, number = setting.partition("=")
@@ -278,7 +280,9 @@ def _parse_noise(settings: list[str]) -> dict[str, float]:
         except ValueError:
             noise[channel] = -1.0
         if not 0.0 < noise[channel] < inf:
-            raise InputError("--measured", f"'{setting}'", "CHANNEL=SIGMA with a positive number")
+            raise InputError(
+                "--measured", f"invalid setting '{setting}'", "CHANNEL=SIGMA with a positive number"
+            )
     return noise
 
 
@@ -320,7 +324,10 @@ def _print_whatif(estimates: "Whatif") -> None:
         ]
         say(f"{name}: {', '.join(changes)}")
     if estimates.stopped_when_proven:
-        say("The campaign stopped when proven; the intervals do not account for early stopping.")
+        say(
+            "The campaign stopped once its requirements were proven; the intervals do not account "
+            "for early stopping."
+        )
     for name, controller in estimates.controllers.items():
         worth = significant(controller.effective_flights)
         title = (
@@ -359,8 +366,8 @@ def runs(
 ) -> None:
     """List the campaigns in a folder with their results, and write a page that compares them.
 
-    For one results folder, show its progress, running processes and current verdicts. Only
-    manifests and report.json are read.
+    For one results folder, show its progress, running processes and current verdicts. The command
+    reads only the files manifest.json and report.json.
     """
     from abhv_mc.folder.status import read_status
     from abhv_mc.folder.stores import open_store

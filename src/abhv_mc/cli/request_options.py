@@ -22,11 +22,13 @@ from abhv_mc.requests import Option, options_of
 def _parse_shard(text: str) -> tuple[int, int]:
     i, slash, n = text.partition("/")
     if not (text.isascii() and slash and i.isdecimal() and n.isdecimal()):
-        raise InputError("--shard", f"'{text}'", "shard and number of shards, such as 3/8")
+        raise InputError(
+            "--shard", f"invalid shard '{text}'", "a shard and the number of shards, such as 3/8"
+        )
     return int(i), int(n)
 
 
-# Kind of an option -> (type, declaration for typer); other kinds are flags.
+# Type and typer declaration of each kind of option; options of all other kinds are flags.
 _KINDS: dict[str, tuple[Any, Callable[[Option], Any]]] = {
     "address": (Path, lambda o: output(campaign_folder_or_address, "DIR", o.help, o.default or "")),
     "campaign": (Path, lambda _: get_args(CampaignFile)[1]),
@@ -59,7 +61,7 @@ def _option(option: Option, *names: str, **settings: Any) -> Any:
 def takes_options(request: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds the fields of a request as options of a command.
 
-    The decorated function receives the request and further options.
+    The decorated function receives the request and the values of its remaining options.
     """
     options = options_of(request)
 

@@ -56,14 +56,14 @@ def run(
             callback=output_folder,
             metavar="DIR",
             help="Folder for the local copy of the results if the output is an address.",
-            show_default="temporary",
+            show_default="a temporary folder",
         ),
     ] = None,
 ) -> None:
     """Run or resume a campaign, and create its report.
 
-    Ctrl-C keeps completed flights; run the same command to resume. The exit code is 1 if a
-    requirement failed, and 3 if flights are missing or failed to run.
+    After Ctrl-C, completed flights are kept; run the same command to resume. The exit code is 1 if
+    a requirement failed, and 3 if flights are missing or failed to run.
     """
     announce_compiling()
     from abhv_mc.execution.runner import run_campaign
@@ -75,7 +75,7 @@ def run(
         from abhv_mc.report.numbers.compare import check_baseline
 
         if no_report or request.shard is not None:
-            raise Refusal("--baseline needs a report", "--baseline without --no-report or --shard")
+            raise Refusal("--baseline needs a report", "the option without --no-report and --shard")
         campaign = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(campaign, baseline)
     out = None if request.output is None else Path(request.output)
@@ -179,7 +179,7 @@ def describe_outcomes(count: "ControllerCount") -> str:
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """Print the verdicts as a table of requirements and controllers, and the advice.
+    """Print the verdicts by requirement and controller, followed by advice on them.
 
     Lines have at most 80 columns.
     """
@@ -220,13 +220,13 @@ def print_requirements(manifest: "Manifest") -> None:
             say(requirement)
             say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in group).rstrip())
     for sentence, number in Counter(advice).items():
-        text = f"{number} of {len(entries)} {sentence}"
+        text = f"{number} of {len(entries)} verdicts are {sentence}"
         say(fill(text, _WIDTH, subsequent_indent="  ", break_on_hyphens=False))
     say()
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
-    """Return the numbers of verdicts by controller, and the decisive controllers, as text.
+    """Return a text with the verdict counts of each controller and the decisive controllers.
 
     Example: 'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code depends on tlc (3 verdicts).'
     """
@@ -253,8 +253,8 @@ def flights(
         typer.Argument(
             metavar="TABLE...",
             help=(
-                "Table of flights, or tables of inputs and of results (CSV, JSON lines, Parquet "
-                "or Excel)."
+                "One table of flights, or a table of inputs and a table of results (CSV, JSON "
+                "lines, Parquet or Excel)."
             ),
         ),
     ],
@@ -279,10 +279,10 @@ def flights(
 
     TABLE has one row per flight, one column for each dispersed input and metric, and optional
     columns system, outcome and flight. Headers may give units, as in 'altitude_min [ft]'. Inputs
-    (see 'validate --samples') and results may be two tables, paired by flight number; a flight
-    without results failed to run. Verdicts require 'independent: true' in FILE and rows that pass
-    tests of independent draws. After an interruption, run the same command to resume. The exit
-    codes are those of 'run'.
+    (see 'validate --samples') and results may be in two tables, which are paired by flight number;
+    flights without results count as failed to run. Verdicts require 'independent: true' in FILE,
+    and inputs that pass statistical tests for independent draws. After an interruption, run the
+    same command to resume. The exit codes are those of 'run'.
     """
     from abhv_mc.execution.table_import import import_tables
 
@@ -311,7 +311,7 @@ def merge(
 
     Shards are run with 'run --shard I/N'. Merged shards have the same digest, envelopes and
     histories as a campaign run in one piece. Flights of several seeds are renumbered and judged
-    together; flights for envelopes and histories are run again.
+    together; the flights that envelopes and histories need are run again.
     """
     from abhv_mc.execution.merge import merge_campaign
     from abhv_mc.folder.manifest import read_manifest

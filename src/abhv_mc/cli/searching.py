@@ -16,10 +16,11 @@ from abhv_mc.requests import RareRequest, WorstRequest
 def worst(request: WorstRequest, json: Json = None) -> None:
     """Search the ranges of the dispersions for the worst value of a metric.
 
-    Bounded distributions span their range, unbounded ones --box standard deviations. The search
-    evaluates the corners, then uses CMA-ES and a local search, followed by random flights in the
-    same box for comparison. The result shows what can happen, not how often. Ctrl-C keeps completed
-    flights; run the same command to resume.
+    A bounded distribution is searched over its range, an unbounded distribution over --box standard
+    deviations about its mean. The search evaluates the corners of this box, then uses CMA-ES and a
+    local search; random flights in the same box follow for comparison. The result shows which
+    values are possible, not how probable these values are. After Ctrl-C, completed flights are
+    kept; run the same command to resume.
     """
     announce_compiling()
     from abhv_mc.api import worst
@@ -28,7 +29,7 @@ def worst(request: WorstRequest, json: Json = None) -> None:
 
     if request.metric in MARGIN_NAMES:
         hint = f"'abhv-mc margins {request.campaign} --worst' searches margins at the trim point"
-        say(f"{hint} without flights", file=sys.stderr)
+        say(f"{hint} without running flights", file=sys.stderr)
     result, folder = worst(**vars(request)), Path(request.output)
     show_result(
         result.numbers(), json, lambda: print_section(make_worst_answer(result, folder).section)
@@ -42,10 +43,10 @@ def worst(request: WorstRequest, json: Json = None) -> None:
 def rare(request: RareRequest, json: Json = None) -> None:
     """Estimate the probability (1e-2 to 1e-7) that a flight violates a requirement.
 
-    The method is subset simulation, or a surrogate of the metric. The result is an estimate;
-    verdicts need a random campaign. The exit code is 1 if no estimate can be trusted: independent
-    repetitions contradict each other, or the surrogate does not converge. Ctrl-C keeps completed
-    flights; run the same command to resume.
+    The method is subset simulation or, with --surrogate, a surrogate of the metric. The result is
+    an estimate; verdicts need a campaign with random sampling. The exit code is 1 if the estimate
+    cannot be trusted because independent repetitions contradict each other or the surrogate does
+    not converge. After Ctrl-C, completed flights are kept; run the same command to resume.
     """
     from abhv_mc.api import rare
     from abhv_mc.report.pages.rare_page import make_rare_answer

@@ -36,7 +36,7 @@ def new(
         typer.Option(
             "--from",
             metavar="NAME",
-            help="Shipped campaign to start from, such as wide or failures.",
+            help="Shipped campaign to start from, such as 'wide' or 'failures'.",
         ),
     ] = "s_manoeuvre",
     law: Annotated[
@@ -52,14 +52,15 @@ def new(
     ] = None,
     vehicle: NewVehicle = None,
     tune: Annotated[
-        bool, typer.Option("--tune", help="Add the block of free parameters for 'abhv-mc tune'.")
+        bool, typer.Option("--tune", help="Add a list of parameters that 'abhv-mc tune' may vary.")
     ] = False,
     simulator: Annotated[
         str | None,
         typer.Option(
             "--simulator",
             metavar="KIND",
-            help="Use a custom simulator instead of the built-in simulator: python or command.",
+            help="Use a custom simulator, a Python function (python) or a program (command), "
+            "instead of the built-in simulator.",
         ),
     ] = None,
 ) -> None:
@@ -70,7 +71,7 @@ def new(
         if law or tune or vehicle is not None:
             raise InputError(
                 "--simulator",
-                "--simulator excludes --law, --vehicle and --tune, which are for built-in vehicles",
+                "the option excludes --law, --vehicle and --tune (for the built-in simulator)",
                 "either --simulator or these options",
             )
         _begin_simulator(folder, simulator)
@@ -123,8 +124,8 @@ def validate(
         typer.Option(
             "--dry-run",
             help=(
-                "Run a few flights of each campaign, and print the required time, disk space and "
-                "number of flights."
+                "Run a few flights of each campaign, and print the time, disk space and number of "
+                "flights that it needs."
             ),
         ),
     ] = False,
@@ -135,20 +136,21 @@ def validate(
             "--samples",
             callback=output_file,
             metavar="FILE.csv",
-            help="Write the inputs of the campaign's flights, for another simulator.",
+            help="Write a table of the inputs of all flights, for use in another simulator.",
         ),
     ] = None,
     out: Annotated[
-        Path | None, output(output_folder, "DIR", "Folder for plan.png, with --dry-run.")
+        Path | None, output(output_folder, "DIR", "Folder for the figure plan.png of --dry-run.")
     ] = None,
     json: Json = None,
 ) -> None:
-    """Check input files, including the files that they name, without running flights.
+    """Check input files and the files that they refer to, without running the campaign.
 
-    With --dry-run the cost of a campaign is estimated: time, disk space, the number of flights that
-    each requirement needs, and the chance of PASS with the planned number. --samples writes one row
-    per flight with the flight number (from 0) and all inputs, with units in the header; pass the
-    file to 'import flights' together with the results.
+    With --dry-run, the cost of a campaign is estimated: time, disk space, the number of flights
+    that each requirement needs, and the chance of PASS with the planned number. With --samples, a
+    table is written with one row per flight that contains the flight number (from 0) and all
+    inputs; the header gives the units. Pass this table to 'import flights' together with the
+    results.
     """
     from abhv_mc.check_inputs import check_inputs
     from abhv_mc.io.documents import InputError, InputErrors
@@ -158,7 +160,7 @@ def validate(
     paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
     if (samples or out) and len(paths) != 1:
         raise InputError(
-            "--samples" if samples else "--output", f"{len(paths)} files", "one campaign"
+            "--samples" if samples else "--output", f"{len(paths)} files are given", "one campaign"
         )
     for file in paths:
         try:
@@ -184,7 +186,7 @@ def samples(
     out: Annotated[Path, output(output_file, "FILE.csv", "File to write.")],
     runs: Runs = None,
 ) -> None:
-    """Write the inputs of flights for another simulator, as 'validate --samples' does."""
+    """Write the inputs of flights to a table for another simulator, like 'validate --samples'."""
     say(_write_samples(campaign, runs, out))
 
 
@@ -243,12 +245,13 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
 
 def _print_cost(file: str, cost: "Estimate") -> None:
     say(
-        f"{file}: {cost.flights} flights of {cost.controllers} {cost.kind}s, blocks of {cost.batch}"
+        f"{file}: {cost.flights} flights with each of {cost.controllers} {cost.kind}s, in blocks "
+        f"of {cost.batch}"
     )
     if cost.searched:
         say(
             f"  search  {cost.searched} flights of each {cost.kind} to find the worst values of "
-            "the unknowns, "
+            "the unknown parameters, "
             f"{cost.search_s:.0f} s (fewer if --runs is below 256)"
         )
     rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core"
@@ -256,7 +259,7 @@ def _print_cost(file: str, cost: "Estimate") -> None:
     histories = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}"
     envelopes = f"envelopes during the run {cost.envelope_bytes / 1e6:.1f}"
     say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most:", end="")
-    say(f" rows {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
+    say(f" flights table {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
 
 
 def _print_plan(planned: "Planned") -> None:
@@ -272,7 +275,7 @@ def _print_plan(planned: "Planned") -> None:
         return f"{percent(chance.at_some_flight[index], 1)} ({percent(chance.at_runs[index], 1)})"
 
     chances = [f"PASS by {entry.runs} *" for entry in planned.together]
-    title = f"{planned.name}: flights needed for PASS with 0 to 3 failures, and chance of PASS"
+    title = f"{planned.name}: number of flights for PASS with 0 to 3 failures, and chance of PASS"
     table = new_table(("requirement",), ("0", "1", "2", "3", *chances), title)
     for entry in planned.requirements:
         table.add_row(
@@ -282,8 +285,8 @@ def _print_plan(planned: "Planned") -> None:
         )
     print_table(table)
     say(
-        "*  chance if the true failure probability is a fifth of the allowed probability, within "
-        "this number of flights (and at exactly this number)"
+        "*  chance of PASS within this number of flights (in parentheses: at exactly this number) "
+        "if the true failure probability is a fifth of the allowed probability"
     )
     if len(planned.requirements) > 1:
         low, high = (
@@ -296,9 +299,10 @@ def _print_plan(planned: "Planned") -> None:
     if planned.most_points > 1:
         say(
             f"Each controller is simulated in {planned.runs} flights at each of at most "
-            f"{planned.most_points} values of the unknowns, {planned.runs * planned.most_points} "
-            f"flights in total, after {planned.search_flights} flights of all controllers that "
-            "search for the worst values. The chances apply to one value."
+            f"{planned.most_points} values of the unknown parameters, which makes "
+            f"{planned.runs * planned.most_points} flights in total. Before these flights, "
+            f"{planned.search_flights} flights of all controllers search for the worst values. "
+            "The chances apply to one value."
         )
     if planned.family_risk:
         say(
@@ -307,6 +311,6 @@ def _print_plan(planned: "Planned") -> None:
         )
     if not planned.independent_flights:
         say(
-            "The flights of this design are not independent, so that the campaign yields estimates "
-            "and no verdicts. The numbers above are for sampling: random."
+            "The flights of this sampling design are not independent, so the campaign yields "
+            "estimates but no verdicts. The numbers above apply to 'sampling: random'."
         )

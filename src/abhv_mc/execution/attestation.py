@@ -1,4 +1,4 @@
-"""Signatures of blocks by the process that computed them, and checks of its code."""
+"""Signatures of the processes that compute blocks of flights, and checks of their code."""
 
 import sys
 import threading
@@ -13,7 +13,7 @@ from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import Flyer, this_flyer
 
-if TYPE_CHECKING:  # Worker processes do not import these modules.
+if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Engine
 
 Check = Callable[[FlightPlan, Floats, FlightBlock], FlightBlock]
@@ -30,8 +30,8 @@ class Attestation:
     def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
         """Prepare the check of all workers.
 
-        One flight from each host with another kind of processor (or of each worker if
-        ``every_worker``) is computed again in this process.
+        One flight of each host whose kind of processor differs from that of this machine is
+        computed again in this process; with ``every_worker``, one flight of each worker.
         """
         self._engine, self._every = engine, every_worker
         self._seen: set[Any] = set()
@@ -51,9 +51,9 @@ class Attestation:
         for flyer in block.flown_by:
             if self._engine.checked and flyer.code != self._engine.source:
                 raise UnusableError(
-                    f"the worker at {flyer.name} has another version of the program (source "
-                    f"{flyer.code}, the campaign's is {self._engine.source}): restart the worker "
-                    "with the version of the campaign"
+                    f"the worker at {flyer.name} has another version of the program (source hash "
+                    f"{flyer.code} instead of {self._engine.source}): restart the worker with the "
+                    "version of the campaign"
                 )
             with self._lock:
                 worker = flyer if self._every else flyer._replace(process=0)
@@ -79,7 +79,7 @@ class Attestation:
                     f"from those of this machine ({name} of one flight of {plan.controller})"
                 )
         print(
-            f"worker at {flyer.name}: a flight computed on this machine is bit-identical",
+            f"worker at {flyer.name}: one flight, computed again on this machine, is bit-identical",
             file=sys.stderr,
             flush=True,
         )

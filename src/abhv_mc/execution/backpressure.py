@@ -13,9 +13,9 @@ def work_ahead(
 ) -> Generator[T, None, None]:
     """Yield the result of ``work`` for each of ``calls``, in order of completion.
 
-    At most two results per worker are being computed or waiting. Without this limit, workers that
-    are faster than the disk would fill the memory with finished blocks. Closing the generator ends
-    all waiting workers.
+    At any time, at most two results per worker are being computed or wait to be consumed. Without
+    this limit, workers that are faster than the disk would fill the memory with finished blocks.
+    Closing the generator ends all waiting workers.
     """
     from joblib import Parallel, delayed
 

@@ -1,4 +1,4 @@
-"""Simulation of a block in batches that fill the lanes of the kernel."""
+"""Simulation of a block of flights in batches that fill the vector lanes of the kernel."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 
-if TYPE_CHECKING:  # Worker processes do not import these modules.
+if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Fly, Recorded
 
-# flights per call: enough to fill all lanes, but few enough that a crash loses little work
+# number of flights per call: large enough to fill all lanes, small enough to lose little in a crash
 BATCH_FLIGHTS = 256
 
 

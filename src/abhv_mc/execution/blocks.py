@@ -9,9 +9,9 @@ from abhv_mc.array_types import Mask
 from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.kernel.flight.interface import LANES
 
-_WORK = 10.0  # computing time in s of a block of a custom simulator
-# Maximum number of flights in a block without histories: ten seconds of work, which is lost if the
-# worker is killed.
+_WORK = 10.0  # intended computing time in s of a block of flights of a custom simulator
+# Maximum number of flights in a block without histories. Such a block takes about ten seconds, and
+# this work is lost if the worker is killed.
 _MOST_FLIGHTS = 8192
 
 
@@ -37,7 +37,7 @@ def choose_batch(flights: int, workers: int) -> int:
 
 
 def choose_unrecorded(flights: int, workers: int, batch: int) -> int:
-    """Return the block size for unrecorded flights: full batches, four blocks per worker."""
+    """Return the block size for flights without histories: full batches, four per worker."""
     share = -(-flights // (4 * workers))
     return batch * max(1, min(_MOST_FLIGHTS, share) // batch)
 
@@ -61,8 +61,8 @@ def cut_blocks(
 
     ``missing`` gives, by controller, the masks [flight] of missing rows and missing envelope
     contributions. Blocks end at multiples of ``size``, and all flights of a block lack the same
-    data. No block contains flights on both sides of ``cut``. ``unrecorded`` is the first flight
-    that is not recorded, and the block size from there on.
+    data. No block contains flights on both sides of ``cut``. ``unrecorded`` contains the number of
+    the first flight whose history is not recorded, and the block size from that flight on.
     """
     ranges = {
         name: list(_uniform_ranges(rows, envelope, size, cut, unrecorded))

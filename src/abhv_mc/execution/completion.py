@@ -28,7 +28,7 @@ class Completion:
         self.done = {name: np.zeros(campaign.runs, bool) for name in self.all_counts}
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
-        """Count the flights of a block."""
+        """Add the flights of a block to the counts."""
         self.all_counts[rows.controller].add(rows, digest)
         self.done[rows.controller][rows.first : rows.stop] = True
 
@@ -36,7 +36,8 @@ class Completion:
         """Return the number of flights to run.
 
         A campaign that stops when proven needs only the flights up to its verdicts. The numbers of
-        flights at which it is assessed depend only on its flights, not on workers or interruptions.
+        flights at which verdicts are assessed depend only on the flights themselves, not on workers
+        or interruptions.
         """
         if self.campaign.model.stop is None:
             return self.stop
@@ -60,14 +61,15 @@ class Completion:
         return goal
 
     def is_complete(self) -> bool:
-        """Return whether all flights up to the goal are stored."""
+        """Return whether all flights up to the number returned by :meth:`goal` are stored."""
         goal = self.goal()
         return all(mask[self.first : goal].all() for mask in self.done.values())
 
     def find_missing(self, collectors: dict[str, Collector]) -> dict[str, tuple[Mask, Mask]]:
         """Return masks [flight] of missing rows and envelope contributions, by controller.
 
-        Only flights up to the goal count. Return an empty dictionary if no data is missing.
+        Only flights up to the number returned by :meth:`goal` are considered. The result is an
+        empty dictionary if no data is missing.
         """
         missing = {}
         numbers = np.arange(self.campaign.runs)

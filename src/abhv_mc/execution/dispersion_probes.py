@@ -1,7 +1,8 @@
-"""Trial flights before a campaign: the nominal flight and the effect of each dispersion.
+"""Trial flights before a campaign: the nominal flight, and tests of each dispersion.
 
-A dispersion that enters no equation changes no bit of a flight; it is rejected with an error before
-the campaign, like a metric of a quantity that the vehicle does not have.
+A dispersion that enters no equation of the simulation leaves all bits of a flight unchanged. Such a
+dispersion is rejected with an error before the campaign, as is a metric that is not finite in the
+nominal flight.
 """
 
 import math
@@ -26,9 +27,9 @@ _COMPILING = 1800.0  # time in s allowed for compilation on a busy machine
 def make_trials(campaign: Experiment) -> Floats:
     """Return rows [trial, input]: the nominal flight and three trials per dispersion.
 
-    The trials have the nominal value of the dispersion and both ends of its range. All other
-    dispersions are slightly above their medians, because the start time of a gust has an effect
-    only with a gust, and the median of a symmetric gust is zero.
+    In its trials, a dispersion has its nominal value and the values at both ends of its range. All
+    other dispersions are slightly above their medians: the start time of a gust, for example, has
+    an effect only if there is a gust, and the median speed of a symmetric gust is zero.
     """
     names = campaign.dimensions
     nominal = campaign.parameters.nominal_of(names)
@@ -91,12 +92,12 @@ def _fly_temporary(
 ) -> FlightBlock:
     """Simulate trials without storing them.
 
-    Raise InputError if they take longer than ``limit`` seconds.
+    Raise InputError if the trials take longer than ``limit`` seconds.
     """
     try:
         return run_in_thread(lambda: simulate(campaign, name, trials, every), limit)
     except TimeoutError:
-        problem = f"the first flights of '{name}' did not end in {limit:g} s"
+        problem = f"the first flights of '{name}' did not end within {limit:g} s"
         expected = "a control law without endless loops, or a longer 'flight_time_limit'"
         raise InputError("controllers", problem, expected) from None
 

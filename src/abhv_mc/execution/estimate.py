@@ -38,8 +38,8 @@ class Estimate:
     rows_bytes: int
     histories_bytes: int
     searched: int  # number of flights per controller in the search over the unknowns
-    # number of flights per controller whose histories are stored, without those selected by
-    # 'failed'
+    # number of flights per controller whose histories are stored, not counting failed flights that
+    # are selected by 'failed'
     kept: int
     envelope_bytes: int  # disk space of envelope data during the run
     warnings: tuple[str, ...]  # warnings about the mission

@@ -1,8 +1,8 @@
 """Executors of blocks: worker processes, this process, or executors from packages.
 
-Worker processes are the default, because a crash in compiled code ends its process. Threads start
-one second faster but tolerate only flights that raise an exception. ``--scheduler`` selects the
-executor of an installed package.
+Worker processes are the default, because a crash in compiled code ends the whole process. Threads
+start one second faster, but a campaign then survives only flights that raise an exception. The
+option ``--scheduler`` selects the executor of an installed package.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ from abhv_mc.io.input_error import InputError, one_of
 class FlightRunner:
     """Executor with retries of lost flights and checks of blocks."""
 
-    fly: Fly  # thread-safe; flights that cannot be computed get ``failed_to_run``
+    fly: Fly  # thread-safe; flights that cannot be computed get the outcome ``failed_to_run``
     workers: int  # number of simultaneous calls of ``fly``
 
     def fly_parallel(
@@ -48,7 +48,7 @@ class FlightRunner:
 def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
     """Yield a thread pool that does not wait for its flights after an interrupt.
 
-    The executor ends these flights.
+    The executor of the flights ends the flights in progress.
     """
     threads = ThreadPoolExecutor(number)
     try:
@@ -63,7 +63,8 @@ def open_threads(number: int) -> Iterator[ThreadPoolExecutor]:
 def connect(address: str | None) -> Iterator[OpenExecutor | None]:
     """Yield the function that opens executors on a scheduler, or None if no address is given.
 
-    The scheme of the address selects the package. Raise InputError if no package is installed.
+    The scheme of the address selects the package that connects to the scheduler. Raise InputError
+    if no installed package supports the scheme.
     """
     if address is None:
         yield None

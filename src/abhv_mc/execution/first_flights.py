@@ -1,4 +1,4 @@
-"""First flights of a custom simulator, to test its speed and repeatability.
+"""Simulation of the first flights of a custom simulator to test its repeatability.
 
 The flights are simulated in two new processes in parallel, and repeated in each process.
 """
@@ -31,7 +31,7 @@ _PAIRS = 4  # maximum number of pairs of processes
 
 
 class FirstFlights(NamedTuple):
-    """Results of the first flights of a campaign."""
+    """Warnings and repeatability found by the first flights of a campaign."""
 
     warnings: tuple[str, ...] = ()
     repeatability: Repeatability | None = None
@@ -58,7 +58,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
     """
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
     with open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor:
-        _end_processes(campaign)  # The check needs new processes.
+        _end_processes(campaign)  # The check of repeatability needs new processes.
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
             blocks = [process.first for process in repeats[name]]
@@ -93,7 +93,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
                 f"'{name}' from {low:g} to {high:g} has no effect on any flight"
                 for name, low, high in find_ineffective(campaign, trials, flown)
                 if name
-                in campaign.names  # Three values cannot prove that an unknown has no effect.
+                in campaign.names  # Three values do not prove that an unknown has no effect.
             ]
             for name, block in zip(campaign.systems, flown, strict=True):
                 events[name].update(block.events)
@@ -124,8 +124,8 @@ def _fly_twice(
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
     """Simulate each row in two new processes; several pairs of processes run in parallel.
 
-    Return the flights by system, with adjacent processes of a pair, and warnings about undeclared
-    files that native code reads.
+    Return the flights by system and process, with the two processes of a pair next to each other,
+    and warnings about undeclared files that native code reads.
     """
     pairs = max(1, min(executor.workers // 2, _PAIRS, len(rows)))
     total, started = 2 * len(rows) * len(campaign.systems), time.time()

@@ -1,4 +1,4 @@
-"""Counts of the outcomes and requirement failures of flights, and their digest."""
+"""Counts of outcomes and requirement failures, and the digest of the counted flights."""
 
 from array import array
 from collections import Counter
@@ -45,7 +45,7 @@ class RequirementCount:
 
 @dataclass
 class FlightCounts:
-    """All counts of one controller."""
+    """Counts of outcomes and missed requirements of one controller."""
 
     controller: str
     requirements: list[RequirementCount]
@@ -56,7 +56,7 @@ class FlightCounts:
     failed: "array[int]" = field(default_factory=lambda: array("q"))
 
     def add(self, rows: FlightRows, digest: Digest) -> None:
-        """Count the flights of a block."""
+        """Add the flights of a block to the counts."""
         self.digest += digest
         self.outcomes.update(rows.outcome)
         outcome = np.array(rows.outcome)
@@ -76,7 +76,7 @@ class FlightCounts:
 
 
 def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
-    """Return empty counts for each controller."""
+    """Return counts of zero flights for each controller."""
     all_counts, points = {}, len(campaign.unknowns.points)
     for name in campaign.controllers:
         counts = [
@@ -102,7 +102,8 @@ def count_flights(
 ) -> tuple[Manifest, int]:
     """Return the manifest with the counts of the flights ``done`` [flight].
 
-    Also return the number of consecutive first flights that all controllers have.
+    The second result is the number of consecutive flights, from flight 0 on, that are stored for
+    all controllers.
     """
     failed = max((counts.outcomes[_FAILED] for counts in all_counts.values()), default=0)
     common = np.logical_and.reduce(list(done.values()))
@@ -127,10 +128,10 @@ def count_flights(
 def judge_counts(
     all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
 ) -> list[tuple[FlightCounts, RequirementCount, Verdict, int]]:
-    """Return verdicts and points of unknowns, by controller and requirement.
+    """Return the verdict for each controller and requirement, and its point of the unknowns.
 
-    ``flights`` restricts the assessment to the first flights. All pairs of requirement and
-    controller form one family.
+    ``flights`` restricts the assessment to this number of first flights. All pairs of requirement
+    and controller form one family of tests.
     """
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
     points, groups = len(campaign.unknowns.points), []

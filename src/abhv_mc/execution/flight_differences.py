@@ -10,7 +10,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import relative_difference
 
-ESTIMATES = "requirements get estimates instead of verdicts"  # last clause of warnings
+ESTIMATES = "requirements get estimates instead of verdicts"  # end of warnings on differences
 
 
 class Difference(NamedTuple):
@@ -25,7 +25,8 @@ def find_difference(
 ) -> Difference:
     """Return the largest difference, which is infinite if outcomes differ.
 
-    Each pair is a row of inputs and the values of its two flights in the system ``name``.
+    Each of ``pairs`` contains a row of inputs, and the values of two flights of the system ``name``
+    with these inputs.
     """
     largest, labels = Difference(), ("outcome", *(metric.name for metric in campaign.measured))
     for row, a, b in pairs:

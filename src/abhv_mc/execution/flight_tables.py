@@ -1,4 +1,4 @@
-"""Reading of tables of flights that another simulator computed."""
+"""Functions that read tables of flights computed by another simulator."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _ROWS = 65536  # number of rows per block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings of exported tables
 _ROW, _LINE = "#row", "#line"  # names of added columns, which no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
-_ECHO = 1e-4  # tolerance for repeated inputs, relative to the largest value
+_ECHO = 1e-4  # tolerance for inputs repeated in a table of results, relative to the largest value
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     if len(paths) > 2:
         raise InputError(
             paths[2],
-            "a third table",
+            "this is the third table",
             "one table of flights, or a table of inputs and a table of results",
         )
     measured = [metric.name for metric in campaign.measured]
@@ -70,7 +70,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     model: Any = campaign.model
     for name, head in model.columns.items():
         if not any(name in rows.columns for rows in (inputs, results)):
-            expected = f"the column of '{name}' named by 'columns' in the campaign file"
+            expected = f"the column that 'columns' in the campaign file names for '{name}'"
             raise results.table.error(None, None, f"no column '{head}'", expected)
     for name in (*campaign.marginals, *measured):
         if not any(name in rows.columns for rows in (inputs, results)):
@@ -94,7 +94,9 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         numbers = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
         path = results.table.path
         raise InputError(
-            path, f"flights: {numbers}", "the same number of flights for each system, at least 1"
+            path,
+            f"the numbers of flights differ or are zero: {numbers}",
+            "the same number of flights for each system, at least 1",
         )
     nominal = {name: campaign.parameters[name].nominal for name in campaign.inputs}
     first = systems[campaign.controllers[0]]
@@ -146,7 +148,9 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
         texts = np.array(table.words(columns[name].position)) if name in columns else default
         for row in np.flatnonzero(~np.isin(texts, choices))[:1]:
             head = table.heads[columns[name].position]
-            raise rows.error(row, name, f"{head} '{texts[row]}'", one_of(choices, texts[row]))
+            raise rows.error(
+                row, name, f"unknown {head} '{texts[row]}'", one_of(choices, texts[row])
+            )
         rows.frame.insert(0, name, texts)
     for name in (*campaign.inputs, "flight"):
         for row in np.flatnonzero(~np.isfinite(frame.get(name, np.empty(0))))[:1]:
@@ -161,7 +165,7 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
 def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
     """Join inputs and results by flight number; flights without results failed to run.
 
-    Raise InputError if a result has no inputs, or contains other values of its inputs.
+    Raise InputError if a row of results has no inputs, or repeats inputs with other values.
     """
     for rows in (inputs, results):
         if "flight" not in rows.columns:
@@ -178,7 +182,9 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
         if (repeated := joined.get(f"{quantity}_repeated")) is not None:
             errors = (repeated - joined[quantity]).abs()
             for row in np.flatnonzero(errors > _ECHO * joined[quantity].abs().max())[:1]:
-                problem = f"{quantity} {repeated[row]:g}, but {joined[quantity][row]:g} in {name}"
+                problem = (
+                    f"{quantity} is {repeated[row]:g}, but {joined[quantity][row]:g} in {name}"
+                )
                 raise results.error(row, quantity, problem, "the same inputs in both tables")
     own = {system: joined[joined.system == system] for system in campaign.controllers}
     without_results = [
@@ -193,7 +199,7 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
 
 
 def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":
-    """Return the flights of a system in order. Raise InputError if a flight is missing.
+    """Return a system's flights in ascending order. Raise InputError if a flight is missing.
 
     Flight numbers start at 0 or 1.
     """
@@ -203,7 +209,7 @@ def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":
     own = own.sort_values("flight", kind="stable")
     first = 1.0 if frame.flight.min() == 1.0 else 0.0
     for number in np.flatnonzero(own.flight != np.arange(len(own)) + first)[:1]:
-        problem = f"no flight {number + first:g} of '{system}'"
+        problem = f"flight {number + first:g} of '{system}' is missing"
         expected = "all flights, numbered from 0 or 1, with an outcome for those that failed"
         raise rows.error(own[_ROW].iloc[number], "flight", problem, expected)
     return own

@@ -1,4 +1,4 @@
-"""Experiments read from results folders, whose flights can be re-run."""
+"""Function that reads the experiment of a results folder, whose flights can be re-run."""
 
 from collections.abc import Iterable
 from dataclasses import replace

@@ -34,7 +34,7 @@ def interrupts_deferred() -> Iterator[None]:
         number: signal.signal(number, lambda received, frame: arrived.append(received))
         for number in (signal.SIGINT, signal.SIGTERM)
         if signal.getsignal(number)
-        is not signal.SIG_IGN  # The background jobs of a shell ignore Ctrl-C.
+        is not signal.SIG_IGN  # Background jobs of a shell must continue to ignore Ctrl-C.
     }
     try:
         yield

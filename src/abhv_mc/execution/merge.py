@@ -29,9 +29,9 @@ def merge_campaign(
 
     The envelopes, histories and verdicts of all flights are created too. The same call resumes an
     interrupted merge. ``trust_code`` permits running custom code of the folders that the user has
-    not run before. ``requirements`` is the requirement set for all flights, needed if the parts
-    have different requirement sets. Raise InputError, before files are created, if the parts belong
-    to different campaigns, were run with different code or plans, or share flights.
+    not run before. ``requirements`` contains the requirements for all flights; it must be given if
+    the parts have different requirements. Raise InputError, before files are created, if the parts
+    belong to different campaigns, were run with different code or plans, or share flights.
     """
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_poolable(parts)
@@ -41,7 +41,7 @@ def merge_campaign(
     else:
         campaign = judge_by(campaign, requirements)
     check_source(folders[0], read_manifest(folders[0].manifest), campaign.simulator)
-    check_user_code(campaign, trust_code)  # Flights whose histories are stored are run again.
+    check_user_code(campaign, trust_code)  # A merge re-runs the flights whose histories are stored.
     target = CampaignFolder(out)
     with hold_lock(target.lock):
         (join_shards if sharded else pool_campaigns)(folders, out)

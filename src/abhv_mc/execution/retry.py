@@ -20,19 +20,19 @@ from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
 from abhv_mc.vehicle_simulator.margin_plans import count_metrics
 
-if TYPE_CHECKING:  # Worker processes do not import these modules.
+if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Recorded
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # number of flights in each first piece of a divided block, and per time limit
+PIECE = 16  # flights in a piece of a block that is divided once; time limits are for this number
 _reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)
 
 
 class FlightLostError(Exception):
-    """Error: flights were lost due to an exception, the time limit (``hung``) or a crash."""
+    """Error raised if flights are lost by an exception, a crash or the time limit (``hung``)."""
 
     def __init__(self, message: str, process: bool = False, hung: bool = False) -> None:
         super().__init__(message)
@@ -40,11 +40,14 @@ class FlightLostError(Exception):
 
 
 class UnusableError(Exception):
-    """Error: no flight can be computed; the campaign stops and records no failures."""
+    """Error raised if no flight can be computed; the campaign stops without more failures."""
 
 
 def time_limit(flights: int, piece_limit: float) -> float:
-    """Return the time limit (s) for ``flights`` flights; ``piece_limit`` is for up to PIECE."""
+    """Return the time limit (s) for ``flights`` flights.
+
+    ``piece_limit`` is the time limit (s) for up to PIECE flights.
+    """
     return piece_limit * math.ceil(flights / PIECE)
 
 
@@ -54,8 +57,8 @@ def fly_with_retries(
     """Compute the flights of ``parameters`` with ``attempt``, and retry lost flights.
 
     After a loss, the block is computed in smaller pieces. Flights that are lost on their own have
-    the outcome ``failed_to_run``. Raise UnusableError if none of PIECE or more flights can be
-    computed.
+    the outcome ``failed_to_run``. Raise UnusableError if there are PIECE or more flights, none of
+    which can be computed.
     """
     if len(parameters) > BATCH_FLIGHTS:
         try:

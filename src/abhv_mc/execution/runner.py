@@ -70,7 +70,7 @@ class RunResult:
 
 
 def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
-    """Run a campaign, or the flights missing in its folder.
+    """Run a campaign, or the flights that are missing from its folder.
 
     After an interrupt the result is incomplete; completed flights are kept. ``engine`` replaces the
     compiled simulator of the vehicle. Raise InputError, before files are created, if the request is
@@ -145,7 +145,7 @@ class _Run:
         is_complete = self.manifest.complete and self.completion.is_complete()
         adds_flights = not is_complete
         if is_complete and (self._has_products() or self._keeps_products()):
-            if self._judge() != self.manifest:  # The order of controllers may have changed.
+            if self._judge() != self.manifest:  # The controllers may have been reordered.
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)
@@ -170,20 +170,20 @@ class _Run:
     def _keeps_products(self) -> bool:
         """Return whether stored histories are kept although requirements select other flights.
 
-        One version of the program cannot add histories to flights of another version.
+        A version of the program cannot add histories to flights of another version.
         """
         is_other = self.manifest.source_hash != self.simulator.engine.source
         return is_other and self._has_margins() and self._has_envelopes()
 
     def _has_products(self) -> bool:
-        """Return whether histories, margins and envelopes are current (always for shards)."""
+        """Return whether histories, margins and envelopes are current; true for all shards."""
         if self.sharded:
             return True
         histories = all(file.product.is_current(self.files) for file in self._list_histories())
         return histories and self._has_margins() and self._has_envelopes()
 
     def _has_margins(self) -> bool:
-        """Return whether trim margins are current or not available."""
+        """Return whether trim margins are current or cannot be computed."""
         no_margins = self.simulator.engine.find_stability is None
         return no_margins or self.products.margins.is_current(self.files)
 
@@ -325,7 +325,7 @@ class _Run:
         warnings = list(self.manifest.warnings)
         if size > ROUNDING:
             observed = Repeatability.NOISE
-            warnings.append(f"re-run stored flights: {description}; {ESTIMATES}")
+            warnings.append(f"re-run flights differ: {description}; {ESTIMATES}")
         state = weakest([self.campaign.repeatability, observed])
         self.campaign = replace(self.campaign, repeatability=state)
         self.manifest = replace(self.manifest, repeatable=state, warnings=tuple(warnings))
@@ -411,7 +411,8 @@ class _Run:
             print(f"{problem}; run the same command to try again", file=sys.stderr)
         self._write_stability()
         for name, collector in self.collectors.items():
-            # The values are needed to re-run failed flights and to extend slow simulations.
+            # Otherwise the stored values are needed to re-run failed flights and to extend slow
+            # simulations.
             if (
                 self.simulator.capabilities.is_repeatable
                 and not self.completion.all_counts[name].uncomputed.any()

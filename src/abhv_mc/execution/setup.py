@@ -52,14 +52,14 @@ class OpenCampaign:
     """Campaign with plans and a locked folder, ready to run."""
 
     folder: CampaignFolder
-    campaign: Experiment  # campaign stored in the folder, with plans
+    campaign: Experiment  # campaign stored in the folder, with its flight plans
     manifest: Manifest
     requested: tuple[str, ...]  # names of the controllers to run
     files: FileHashes
 
     @property
     def plans(self) -> dict[str, Plan]:
-        """Plans by controller."""
+        """Flight plans by controller."""
         return {name: system.plan for name, system in self.campaign.systems.items()}
 
     @property
@@ -82,7 +82,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     simulator = requested.simulator
     folder = CampaignFolder(Path(request.output or Path("reports") / requested.model.name))
     for source in check_user_code(requested, request.trust_code):
-        trust(source)  # The user explicitly runs this file.
+        trust(source)  # The user explicitly runs the campaign with this code.
     _check_shard(request, requested)
     inputs = collect_inputs(requested)
     flown = open_folder(folder, request.fresh, stack)
@@ -163,11 +163,11 @@ def _check_shard(request: Request, campaign: Experiment) -> None:
         return
     i, n = request.shard
     if not 1 <= i <= n <= campaign.runs:
-        problem = f"shard {i}/{n} of {campaign.runs} flights"
+        problem = f"shard {i}/{n} is not possible with {campaign.runs} flights"
         raise InputError("--shard", problem, f"i/n with 1 <= i <= n <= {campaign.runs}")
     if campaign.model.stop:
-        problem = "shards of a campaign that stops when proven"
-        expected = "no 'stop', because a shard does not know the flights of other shards"
+        problem = "a campaign that stops when proven cannot be divided into shards"
+        expected = "no key 'stop', because a shard does not know the flights of other shards"
         raise InputError("--shard", problem, expected)
 
 
@@ -277,7 +277,7 @@ def _check_same(
     if shard and requested.runs_at_point > before.data["runs"]:
         raise InputError(
             root,
-            "a shard of fewer flights",
+            "the folder contains a shard of fewer flights",
             "another folder (-o DIR), because shards cannot be extended",
         )
 

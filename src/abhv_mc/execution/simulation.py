@@ -13,7 +13,7 @@ from abhv_mc.io.documents import InputError
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
-    """Raise InputError if the flights of a folder were computed by another version."""
+    """Raise InputError if other code than the present code computed the flights of a folder."""
     flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
         problem = f"the flights are from another version of the program (source {flown}, now {now})"
@@ -46,11 +46,11 @@ def simulate(
     *,
     margins: bool = False,
 ) -> FlightBlock:
-    """Simulate ``rows`` [flight, input] in SI, with the columns ``experiment.inputs``.
+    """Simulate ``rows`` [flight, input] in SI units, with columns ``experiment.inputs``.
 
-    Other parameters are nominal. ``recording`` is a Recording, or the number of control ticks
-    between samples of all channels. ``executor`` runs the flights, by default in the calling
-    thread. ``margins`` adds stability margins if the experiment has plans with them.
+    Parameters without a column are nominal. ``recording`` is a Recording, or the number of control
+    ticks between samples of all channels. ``executor`` runs the flights, by default in the calling
+    thread. ``margins`` adds stability margins if the experiment has plans that compute margins.
     """
     ready = experiment.systems[system]
     plan = ready.with_margins or ready.plan if margins else ready.plan

@@ -1,7 +1,7 @@
 """Check of the stored flights of a custom simulator: some flights are re-run.
 
-The first flights reveal noise of a simulator, but not files that change later or workers that
-disturb each other. Re-running stored flights at the end of a run reveals these changes.
+The first flights of a campaign reveal only the noise of a simulator. Re-running stored flights at
+the end of a run also reveals files that changed later and workers that disturbed each other.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ _LEAST, _MOST, _SHARE = 4, 64, 50
 
 
 class StoredFlights:
-    """Rows of the flights of each system that this check re-runs."""
+    """Inputs and values of the flights of each system that the check re-runs."""
 
     def __init__(self, campaign: Experiment, shard: tuple[int, int]) -> None:
         """Choose random flights of a shard; extending a campaign changes the choice."""

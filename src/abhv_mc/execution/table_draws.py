@@ -18,12 +18,12 @@ _MISSING = "rows of failed flights may be missing"
 def check_draws(
     path: Path, campaign: Experiment, samples: Floats, factors: Floats, lines: Ints
 ) -> tuple[str, ...]:
-    """Return sentences that say why the rows of a table are not independent draws.
+    """Return sentences that state why the rows of a table are not independent draws.
 
     ``samples`` [flight, input] are in the units of the campaign, ``factors`` [input] convert from
-    the units of the table, and ``lines`` [flight] are lines of the table. Raise InputErrors if a
-    value lies outside its distribution, or if a table of stated independent draws contradicts the
-    stated dispersions.
+    the units of the table, and ``lines`` [flight] are line numbers in the table. Raise InputErrors
+    if a value lies outside its distribution, or if a table whose draws are declared independent
+    contradicts the declared dispersions.
     """
     columns = []
     for name, marginal in campaign.marginals.items():
@@ -114,7 +114,7 @@ def _contradictions(
         first, second = (int(lines[row]) for row in equal.example)
         explained = f"{equal.explained:.2g}" if equal.explained > 0.01 else "none"
         problem = (
-            f"{equal.pairs} pairs of rows with the same inputs, such as lines {first} and {second},"
-            f" of which rounding explains {explained}"
+            f"{equal.pairs} pairs of rows have the same inputs, such as lines {first} and {second};"
+            f" rounding explains {explained} of these pairs"
         )
         yield problem, f"different inputs in all flights, or {_ESTIMATES}", second

@@ -40,7 +40,7 @@ def simulate_table(
     channel_index = {
         channel.name: i
         for i, channel in enumerate(experiment.channels)
-        if simulator.capabilities.has_mission  # The histories of all flights have the same times.
+        if simulator.capabilities.has_mission  # All flights then have the same sample times.
     }
     systems = experiment.controllers if controllers is None else tuple(controllers)
     for kind, requested, choices in (
@@ -51,7 +51,7 @@ def simulate_table(
         for name in requested:
             if name not in choices or list(requested).count(name) > 1:
                 raise InputError(
-                    kind, f"'{name}'" + " twice" * (name in choices), one_of(choices, name)
+                    kind, f"'{name}'" + " appears twice" * (name in choices), one_of(choices, name)
                 )
     try:
         rows = inputs.to_numpy(np.float64)
@@ -59,7 +59,7 @@ def simulate_table(
         raise InputError(
             "inputs",
             "the table has entries that are not numbers",
-            "numbers in SI, or in the units of the inputs",
+            "numbers in SI units, or in the units of the inputs",
         ) from None
     if np.isnan(rows).any() or not (rows.size or len(rows)) or not systems:
         raise InputError(

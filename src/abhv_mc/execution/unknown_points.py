@@ -1,4 +1,4 @@
-"""Selection of the points of the unknowns at which requirements are judged."""
+"""Selection of the values of unknown parameters at which requirements are judged."""
 
 import sys
 from collections.abc import Mapping
@@ -36,8 +36,9 @@ def select_points(
 ) -> Experiment:
     """Search for the worst points of each controller; return the campaign with the points.
 
-    Points of a baseline within the bounds are added. A campaign without unknowns, or with points in
-    its file, is returned unchanged. The flights of the search are not judged.
+    A point is a set of values of the unknown parameters. Points of ``baseline`` that lie within the
+    bounds are added. A campaign without unknown parameters, or with points in its file, is returned
+    unchanged. The flights of the search are not judged.
     """
     unknowns = campaign.unknowns
     if not unknowns.names or campaign.model.points is not None:
@@ -66,7 +67,7 @@ def select_points(
     baseline_points = None
     if baseline is not None:
         scaled = 2.0 * (baseline.points - unknowns.low) / (unknowns.high - unknowns.low) - 1.0
-        scaled = np.round(scaled, 12)  # Corners and centre of the box stay exact.
+        scaled = np.round(scaled, 12)  # Rounding makes the corners and the centre of the box exact.
         baseline_points = scaled[np.all(np.abs(scaled) <= 1.0, axis=1)]
     chosen = choose_points(number, searches, baseline_points)
     return with_points(campaign, points_entry(unknowns, chosen, tuple(plans), searches, size))
@@ -75,7 +76,7 @@ def select_points(
 def with_points(campaign: Experiment, points: object) -> Experiment:
     """Return the campaign with the ``points`` of a stored campaign file.
 
-    Return the campaign unchanged without ``points``, or if its own file has points.
+    The campaign is returned unchanged if ``points`` is None, or if its own file contains points.
     """
     if points is None or campaign.model.points is not None:
         return campaign

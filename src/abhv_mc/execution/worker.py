@@ -17,7 +17,7 @@ from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
-if TYPE_CHECKING:  # Worker processes do not import these modules.
+if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Fly, Recorded
 
 _LEAST = 30.0  # minimum time limit in s for 16 flights
@@ -28,9 +28,9 @@ def serve(connection: Connection, fly: "Fly") -> None:
     """Process jobs until the parent closes the connection.
 
     A job is (key of the plan, plan if new, parameters, recording, time limit). At the start of each
-    batch the worker sends its limit on processor time (s), after which SIGPROF ends the process.
-    The last message is the block, or the error as text. The time limit is for 16 flights; None
-    derives the limit from the nominal flight.
+    batch, the worker sends its limit on processor time (s), after which SIGPROF ends the process.
+    The last message is the block, or the error as text. The time limit of a job is for 16 flights;
+    if it is None, the worker derives the limit from the nominal flight.
     """
     allow_here()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)

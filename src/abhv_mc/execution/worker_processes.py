@@ -1,7 +1,7 @@
-"""Pool of worker processes that replaces processes that hang or end.
+"""Pool of worker processes, which replaces processes that hang or end.
 
 A thread of the parent waits for each process. Each process has a separate pipe, so that a process
-killed while it sends a result does not disturb the others.
+that is killed while it sends a result does not disturb the other processes.
 """
 
 import contextlib
@@ -40,7 +40,7 @@ _start_lock = threading.Lock()
 
 
 class _NotBegunError(Exception):
-    """Error: a worker process did not start, or ended before its flights began."""
+    """Error raised if a worker process did not start, or ended before its flights began."""
 
 
 def start_fork_server(fly: Fly) -> None:
@@ -57,7 +57,10 @@ def start_fork_server(fly: Fly) -> None:
 
 
 class _Worker:
-    """Worker process with its pipe; raises OSError or EOFError if it cannot be started."""
+    """Worker process with its pipe.
+
+    The constructor raises OSError or EOFError if the process cannot be started.
+    """
 
     def __init__(self, fly: Fly) -> None:
         context = multiprocessing.get_context("forkserver")
@@ -203,7 +206,7 @@ class WorkerPool:
             if self._failed_starts >= self._most_failed_starts:
                 raise UnusableError(
                     f"worker processes end before their first flight ({self._last_end});"
-                    " 'isolation: threads' runs without them"
+                    " the setting 'isolation: threads' runs flights without worker processes"
                 )
             time.sleep(_PAUSE * self._failed_starts)
             try:
@@ -246,9 +249,10 @@ class WorkerPool:
 def _starting_processes() -> Iterator[None]:
     """Make new multiprocessing workers ignore Ctrl-C and use the parent's sys.path.
 
-    Ctrl-C reaches all processes of the terminal, and the parent handles it. The script of the
-    caller is not run again. The fork server and its helper are started with ``python -c``, which
-    would import from the working directory first; environment variables prevent this.
+    Ctrl-C reaches all processes of the terminal, and the parent handles the interrupt. The workers
+    do not run the script of the caller again. The fork server and its helper are started with
+    ``python -c``, which would import modules from the working directory first; environment
+    variables prevent such imports.
     """
     import_path = os.pathsep.join(map(os.path.abspath, sys.path))
     with _start_lock:

@@ -20,12 +20,12 @@ class Answer(NamedTuple):
     outcome: int
     end_time: float
     metrics: list[float]
-    # [column, sample] time and channels; None if not declared
+    # [column, sample] time and channels, or None if the campaign declares no channels
     history: Floats | None
 
 
 def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
-    """Validate a reply. Raise ValueError if it does not match the campaign."""
+    """Validate a reply. Raise ValueError if the reply does not match the campaign."""
     if "error" in reply:
         raise ValueError(str(reply["error"]))
     code = reply.get("outcome", "ok")
@@ -58,19 +58,23 @@ def _read_number(value: Any, name: str) -> float:
         return value
     if type(value) is int and abs(value) < _LARGEST:
         return float(value)
-    hint = "too large" if type(value) is int else "no number"
+    hint = "too large" if type(value) is int else "not a number"
     if isinstance(value, bool):
-        hint += f" (return {int(value)} for it)"
+        hint += f" (return {int(value)} instead)"
     raise ValueError(f"it returned {json.dumps(value):.40} for {name}, which is {hint}")
 
 
 def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
-    """Return the time and channels [column, sample] of a history. Raise ValueError if invalid."""
+    """Return the time and channels [column, sample] of a history.
+
+    Raise ValueError if the history is invalid.
+    """
     columns = ["time", *(channel.name for channel in plan.channels)]
     if not isinstance(reply, dict) or reply.keys() != set(columns):
         contents = ", ".join(reply) if isinstance(reply, dict) else f"{reply!r:.80}"
         raise ValueError(
-            f"its history contains {contents or 'nothing'}; declared are {', '.join(columns)}"
+            f"its history contains {contents or 'nothing'}, but the campaign declares "
+            f"{', '.join(columns)}"
         )
     try:
         lists = [np.array(reply[name]) for name in columns]
@@ -81,7 +85,7 @@ def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
     if history.ndim != 2 or not history.size:
         raise ValueError("the columns of its history are not lists of numbers of equal length")
     if not np.isfinite(history[0]).all() or (np.diff(history[0]) < 0.0).any():
-        raise ValueError("the time of its history does not increase")
+        raise ValueError("the column 'time' of its history is not finite or does not ascend")
     if ok and not np.isfinite(history).all():
         name = columns[int(np.argmin(np.isfinite(history).all(axis=1)))]
         raise ValueError(f"{name} in its history is not a finite number although the outcome is ok")
@@ -131,7 +135,7 @@ def find_extremes(
         at_times[1:-1] = extreme.reduce(sampled, axis=0)
         between = np.full(
             (times.size + 1, sampled.shape[2]), np.nan, np.float32
-        )  # number of samples up to each time
+        )  # extremes of the returned samples in each interval between neighbouring times
         for (interval, first), columns in placed:
             between[interval] = extreme(
                 between[interval], extreme.reduceat(columns, first, axis=1).T

@@ -1,4 +1,4 @@
-"""Detection of files read by native code, which audit hooks miss (Linux only)."""
+"""Detection of files that native code reads unnoticed by Python audit hooks (Linux only)."""
 
 import contextlib
 import os
@@ -14,9 +14,9 @@ _PACKAGES = {"site-packages", "dist-packages"}
 def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) -> list[str]:
     """Return undeclared files that ``processes`` and their children map or keep open.
 
-    Files created after ``started`` (s since the epoch) belong to the processes. For programs other
-    than Python functions, only files in the folders of the simulator and the campaign are returned,
-    because the ownership of other files is unknown.
+    Files created after ``started`` (s since the epoch) are omitted, because the processes probably
+    created them. For programs other than Python functions, only files in the folders of the
+    simulator and the campaign are returned, because the ownership of other files is unknown.
     """
     paths = set[str]()
     for process in {member for first in processes for member in _family(first)}:

@@ -33,19 +33,19 @@ _starting = threading.Lock()
 
 
 class LostFlightError(Exception):
-    """Error: the current flight and its process failed."""
+    """Error raised if a flight and its simulator process failed."""
 
 
 class OutOfStepError(Exception):
-    """Error: a process wrote an unrequested line, so that replies may be mismatched."""
+    """Error raised if a process wrote an unrequested line, so that replies may not match."""
 
 
 class Process:
     """Running simulator process with its own working folder."""
 
     def __init__(self, plan: UserPlan) -> None:
-        """Start the process. Raise OSError or LostFlightError if it fails to start."""
-        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  the file lives as long as the process
+        """Start the process. Raise OSError or LostFlightError if the start fails."""
+        self._errors: Any = tempfile.TemporaryFile()  # noqa: SIM115  the process writes to the file
         fcntl.fcntl(
             self._errors, fcntl.F_SETFL, os.O_APPEND
         )  # The file may be truncated while it is written.
@@ -80,7 +80,7 @@ class Process:
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
         self.flights = 0  # number of completed flights
-        # replies since the last check that do not repeat the string of their request
+        # number of replies since the last check that do not repeat the string of their request
         self.unproven = 0
         self.first_time = 0.0  # time in s from the start to the first reply
         self.longest = 0.0  # longest time in s to any later reply
@@ -103,7 +103,7 @@ class Process:
         for first in range(0, len(requests), step):
             batch = requests[first : first + step]
             texts = [self._make_text() for _ in batch]
-            with contextlib.suppress(BrokenPipeError):  # The end of the process is detected next.
+            with contextlib.suppress(BrokenPipeError):  # The next read detects the process's end.
                 self._process.stdin.write(
                     b"".join(
                         b'%s"%s"}\n' % (request, text.encode())
@@ -143,7 +143,8 @@ class Process:
     def is_silent(self, seconds: float, is_last: bool = False) -> bool:
         """Return whether the process writes nothing further for ``seconds``.
 
-        If ``is_last``, no request follows, and closing the input lets the process end sooner.
+        If ``is_last`` is true, no request follows, and the input is closed so that the process ends
+        sooner.
         """
         if is_last:
             self._process.stdin.close()
@@ -151,7 +152,7 @@ class Process:
             return self._ended
         if not self._poll.poll(1e3 * seconds):
             return True
-        return not os.read(self._process.stdout.fileno(), _READ)  # The process ended.
+        return not os.read(self._process.stdout.fileno(), _READ)  # empty if the process has ended
 
     def has_ended(self) -> bool:
         """Return whether the process has ended."""
@@ -167,7 +168,7 @@ class Process:
         with contextlib.suppress(ValueError):
             if isinstance(answer := json.loads(line), dict):
                 return answer
-        self.end()  # Later replies might belong to any flight.
+        self.end()  # Later replies cannot be assigned to flights.
         text = line[:80].decode(errors="replace")
         problem = f"it replied '{text}', which is not a JSON object"
         raise LostFlightError(f"{problem} (messages belong on standard error)")
@@ -252,7 +253,10 @@ class Process:
         self._excerpt = text if is_short else text[:_EXCERPT] + b"\n...\n" + text[-_EXCERPT:]
 
     def end(self) -> None:
-        """End the process group and delete its folder; do so only once, because IDs are reused."""
+        """End the process group and delete its folder.
+
+        Later calls have no effect, because the system may reuse the ID of the process.
+        """
         if self._ended:
             return
         self._ended = True

@@ -9,7 +9,7 @@ from abhv_mc.external_simulators.user_plan import UserPlan
 
 
 class StoppedError(Exception):
-    """Error: the campaign was stopped during a flight."""
+    """Error raised if the campaign is stopped during a flight."""
 
 
 class ProcessPool:
@@ -62,7 +62,7 @@ def current_pool() -> ProcessPool:
 
 
 def end_processes() -> None:
-    """End all idle and busy processes; later flights start new ones."""
+    """End all idle and busy processes; later flights start new processes."""
     global _pool
     ended, _pool = _pool, ProcessPool()
     ended.close()

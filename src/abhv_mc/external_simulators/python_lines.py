@@ -1,7 +1,7 @@
 """Host program of custom Python simulators, which exchange JSON lines.
 
-The program loads only the read guard of this package, by path. The guard rejects files that the
-campaign does not list, because changes to such files would not be detected.
+The program imports nothing of abhv-mc except the read guard, which it loads by path. The guard
+rejects files that the campaign does not list, because changes to such files would not be detected.
 """
 
 import importlib.util
@@ -71,7 +71,7 @@ def _plain(value: Any) -> Any:
 
 
 def _words(error: BaseException, python: str) -> str:
-    """Return the message of an exception, and the last line reached in the simulator's file."""
+    """Return the message of an exception and the number of the last line reached in the file."""
     location, trace = "", error.__traceback__
     while trace is not None:
         if Path(trace.tb_frame.f_code.co_filename).name == Path(python).name:

@@ -51,18 +51,19 @@ class ExternalSimulator:
         return Engine(None, fly_user_simulator, code_hash(), checked=True, close=end_processes)
 
     def check(self, feature: str) -> None:
-        problem = f"a custom simulator, which does not support {feature}"
+        problem = f"this campaign has a custom simulator, which does not support {feature}"
         expected = "a campaign with vehicle, mission and controllers"
         raise self.experiment.document.error((), problem, expected)
 
     def find_simulator(self) -> tuple[Simulator, Path]:
-        """Return the settings and folder of the simulator. Raise InputError if it is missing."""
+        """Return the settings and folder of the simulator.
+
+        Raise InputError if the campaign has no simulator.
+        """
         document = self.experiment.document
         if self.model.simulator is None:
-            expected = "the key 'simulator'; use abhv-mc import flights TABLE for existing results"
-            raise document.error(
-                (), "a campaign without a simulator, which cannot be run", expected
-            )
+            expected = "the key 'simulator', or `abhv-mc import flights TABLE` for existing results"
+            raise document.error((), "this campaign has no simulator and cannot be run", expected)
         return self.model.simulator, document.path.parent / self.model.simulator.folder
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
@@ -81,7 +82,7 @@ class ExternalSimulator:
             copies[f"{target}/{name}"] = path
         written = self.experiment.document.entries
         data = {**written["simulator"], "folder": target}
-        if folders := simulator.find_folders(base):  # Results folders contain only files.
+        if folders := simulator.find_folders(base):  # Results folders contain no empty folders.
             data["files"] = [
                 f"{entry.rstrip('/')}/" if entry in folders else entry for entry in simulator.files
             ]
@@ -205,6 +206,6 @@ class ImportedTable(ExternalSimulator):
 
 
 def make_simulator(experiment: Experiment) -> ExternalSimulator:
-    """Return the simulator of a campaign: external, or an imported table."""
+    """Return the simulator of a campaign: a custom simulator, or an imported table."""
     model: Any = experiment.model
     return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)

@@ -1,6 +1,7 @@
 """Flights of a custom simulator; a crash or hang affects only the current flight.
 
-A reply is accepted only if it belongs to its request.
+Each reply must belong to its request. A silence check waits for surplus output, which no request
+explains.
 """
 
 import sys
@@ -25,7 +26,7 @@ _AHEAD = 1e-3  # computing time of a flight in s, below which requests are sent 
 _SLACK = 0.02  # time in s of a silence check in addition to twice the longest reply time
 _SHORT_PROOF = 0.25  # duration in s of a silence check after few flights
 _PROOF = 20  # number of flights of a process before its silence checks take the full time
-_RARE = 300  # minimum number of pieces between two surplus lines, on average
+_RARE = 300  # intended average number of pieces between two surplus lines
 # limits on the start time: a multiple of earlier start times, and a time in s
 _START_TIMES, _START_SLACK = 10.0, 10.0
 
@@ -70,7 +71,7 @@ def fly_user_simulator(
     """Simulate ``parameters`` [flight, input] in the units of the inputs.
 
     Flights that cannot be computed get the outcome ``failed_to_run``. ``recorded`` is a Recording
-    for envelopes, or the factor between the sampling intervals of kept histories.
+    for envelopes, or the factor by which the sampling rate of stored histories is reduced.
     """
     for_bands = isinstance(recorded, Recording)
     rate = plan.band_rate if isinstance(recorded, Recording) else plan.rate / (recorded or 1)
@@ -96,10 +97,10 @@ def fly_user_simulator(
 class _Flights:
     """Flights of one call with their results.
 
-    Replies without the text of the request are matched by order, so that one surplus line would
-    give every later flight the numbers of another flight. Surplus lines are detected only when the
-    process is idle, so flights are accepted if the process is silent afterwards, and computed again
-    otherwise.
+    Replies that do not repeat the text of their request are matched by order. One surplus line
+    would therefore assign the results of another flight to every later flight. Surplus lines are
+    detected only when the process is idle: flights are accepted if the process is silent
+    afterwards, and are computed again otherwise.
     """
 
     def __init__(self, plan: UserPlan, parameters: Floats, with_histories: bool) -> None:
@@ -171,7 +172,7 @@ class _Flights:
                 done = stop_again
             except (LostFlightError, OSError) as lost:
                 if is_exhausted(lost):
-                    raise  # No flight is the cause.
+                    raise  # No flight caused this error.
                 unproven = process.unproven if process else 0
                 self._end(process)
                 if not unproven:
@@ -241,7 +242,7 @@ class _Flights:
         return 2.0 * (longest or process.first_time) + _SLACK
 
     def _prove(self, process: Process) -> None:
-        """Check that a process is silent. Raise OutOfStepError if it writes surplus output."""
+        """Check that a process is silent. Raise OutOfStepError if there is surplus output."""
         if not process.unproven:
             return
         full = self._full_proof(process)
@@ -297,14 +298,14 @@ class _Flights:
         self.events["surplus"] += 1
 
     def _keep(self, flight: int, answer: dict[str, Any]) -> None:
-        """Store the reply of a flight. Raise LostFlightError if it is invalid."""
+        """Store the reply of a flight. Raise LostFlightError if the reply is invalid."""
         try:
             outcome, end_time, metrics, history = read_answer(answer, self.plan)
         except ValueError as error:
             if self.plan.command and "error" not in answer:
                 raise LostFlightError(
                     str(error)
-                ) from None  # Later output may belong to any flight.
+                ) from None  # Later output cannot be assigned to flights.
             self._lose(flight, str(error))
             return
         self.outcome[flight], self.end_time[flight] = outcome, end_time

@@ -33,10 +33,10 @@ class UserPlan:
     outcomes: dict[str, int]  # numbers of the outcome codes
     time_limit: float  # limit in s on the elapsed time of a flight
     channels: tuple[Signal, ...] = ()  # channels of the returned history
-    rate: float = 10.0  # sampling rate of histories and envelopes in Hz
-    band_rate: float = 5.0
+    rate: float = 10.0  # sampling rate of stored histories in Hz
+    band_rate: float = 5.0  # sampling rate of envelopes in Hz
 
-    timing: ClassVar = None  # None: each flight has its own times
+    timing: ClassVar = None  # None, because each flight has its own times
     sources: ClassVar[tuple[UserSource, ...]] = ()
     folders: tuple[str, ...] = ()  # required empty folders
     start_limit: float = 600.0  # time limit in s for the start

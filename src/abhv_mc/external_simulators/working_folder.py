@@ -90,7 +90,7 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
 
 @functools.lru_cache(maxsize=256)
 def _hash_file(path: Path, *_signature: int) -> str:
-    """Return the SHA-256 of a file; ``signature`` changes with the file."""
+    """Return the SHA-256 of a file; ``_signature`` changes whenever the file changes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -33,7 +33,7 @@ class ControllerFlights:
 
     flight: NDArray[np.int64]  # [flight]
     outcome: NDArray[np.uint8]  # [flight] codes of `Outcome`
-    metrics: Mapping[str, Floats]  # name -> [flight]; each access returns a copy
+    metrics: Mapping[str, Floats]  # [flight] values by name of the metric; an access returns a copy
     absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
     records: Mapping[str, Metric] = field(
         default_factory=lambda: BUILT_IN
@@ -97,7 +97,7 @@ def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
 
 
 class _Collector:
-    """Collector of the flights of one controller from its blocks."""
+    """Collector of the flights of one controller, which are added block by block."""
 
     def __init__(self, metrics: list[str]) -> None:
         self.flight: list[NDArray[np.int64]] = []
@@ -139,10 +139,11 @@ def read_flights(
     columns: Collection[str] | None = None,
     ends: Outcomes = OUTCOMES,
 ) -> dict[str, ControllerFlights]:
-    """Read the flights of all controllers, or of the ``allowed`` controllers, from a folder.
+    """Read the flights of all controllers from the files in a folder.
 
-    Controllers without a computed flight are omitted. ``records`` are the metrics of the campaign;
-    ``columns`` are the values to read, by default all. Raise InputError if there is no flight.
+    Controllers without a computed flight are omitted. If ``allowed`` is not None, only these files
+    are read. ``records`` are the metrics of the campaign; ``columns`` are the metrics to read, by
+    default all. Raise InputError if there is no flight.
     """
     files = [
         path for path in sorted(folder.glob("*.parquet")) if allowed is None or path in allowed
@@ -178,12 +179,12 @@ def read_flights(
     flights = {name: collector.finish(records, ends) for name, collector in collectors.items()}
     flights = {name: computed for name, computed in flights.items() if computed.flight.size}
     if not flights:
-        raise missing_file(folder, "at least one flight that did not fail to run")
+        raise missing_file(folder, "at least one computed flight")
     return flights
 
 
 def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Return the names of metric columns: floats, not inputs, no dot in the name."""
+    """Return the names of metric columns: columns of floats without a dot, except inputs."""
     floats = [
         field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
     ]
@@ -200,18 +201,18 @@ class Ranking:
     controllers: tuple[str, ...]
     controller: NDArray[np.intp]  # [rank] index of the controller
     row: NDArray[np.intp]  # [rank] row among the controller's flights
-    # controller -> [row] largest relative exceedance; inf if terminated early
+    # [row] largest relative exceedance by controller; infinite for early terminations
     beyond: Mapping[str, Floats]
     criterion_index: Mapping[
         str, NDArray[np.intp]
-    ]  # controller -> [row] index of the exceeded criterion
+    ]  # [row] index of the most exceeded criterion by controller
 
     def rows_of(self, name: str) -> NDArray[np.intp]:
         """Return the rows [flight] of a controller, worst first."""
         return self.row[self.controller == self.controllers.index(name)]
 
     def ranks_of(self, name: str) -> NDArray[np.intp]:
-        """Return each row's rank among the flights of all controllers, for one controller."""
+        """Return the rank of each row of a controller among the flights of all controllers."""
         return np.flatnonzero(self.controller == self.controllers.index(name))[
             np.argsort(self.rows_of(name))
         ]

@@ -26,8 +26,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.statistics.bands import QUANTILES, band_quantiles
 
 ENVELOPE_FLIGHTS = 4096
-_SLAB = 4_000_000  # number of values sorted together
-_EXTRA_ROWS = 4  # rows of a block's file after the rows of flights
+_SLAB = 4_000_000  # number of values that are sorted at once
+_EXTRA_ROWS = 4  # number of rows that follow the rows of flights in the file of a block
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Cells:
     """Channels and times of envelopes; a cell is one channel at one time."""
 
     channels: tuple[str, ...]
-    columns: tuple[int, ...]  # columns of the plan's channels
-    every: int  # control ticks between recorded times
-    times: Floats | None = None  # times of all blocks; None: each block ends with its last flight
+    columns: tuple[int, ...]  # indices of these channels among the channels of the plan
+    every: int  # number of control ticks between recorded times
+    times: Floats | None = None  # times of all blocks, or None if each block has its own times
     points: int = 1  # number of points of the unknowns; flight k uses point k % points
 
     @property
@@ -54,12 +54,12 @@ class Collector:
     """
 
     def __init__(self, folder: Path, controller: str, flown: Mask, cells: Cells) -> None:
-        """Find the stored blocks; ``flown`` [flight] is true for flights with a stored row."""
+        """Find the stored blocks; ``flown`` is the mask [flight] of the stored flights."""
         self._folder, self._controller, self._cells = folder / "blocks", controller, cells
         self.recorded = cells.recording
         # [flight] true if values are stored or not needed
         self.covered = np.arange(len(flown)) >= ENVELOPE_FLIGHTS
-        # file of each intact block -> (first flight, stop, times)
+        # (first flight, stop, times) of each intact block, by its file
         self._blocks: dict[Path, tuple[int, int, Floats]] = {}
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError):
@@ -119,7 +119,7 @@ class Collector:
                 raise InputError(
                     path,
                     "the file was damaged or deleted during the run",
-                    "a repeated run of the command, which computes the file again",
+                    "the same command again, which creates a new file",
                 )
             values, ends = block[:-_EXTRA_ROWS], block[-_EXTRA_ROWS:-2]
             begin = shape[1] * int(np.searchsorted(times, clock[0]))
@@ -162,7 +162,7 @@ class Collector:
 
 
 def _times_of(block: Singles, channels: int) -> Floats:
-    """Return the times [time] of a block's file, s."""
+    """Return the times [time] in s that are stored in the file of a block."""
     return np.ascontiguousarray(block[-2:]).reshape(-1).view(np.float64)[::channels]
 
 

@@ -1,4 +1,4 @@
-"""Tables of which one column is read at a time, to save memory in large campaigns."""
+"""Tables whose columns are read one at a time, to save memory in large campaigns."""
 
 import os
 import tempfile
@@ -17,7 +17,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.io.parquet_columns import column_values
 
 _IN_MEMORY = 32 * 2**20  # maximum size of a table in memory, bytes
-_CHUNK = 16_384  # number of rows written together
+_CHUNK = 16_384  # number of rows that are written at once
 
 
 def missing_file(path: Path, expected: str) -> InputError:
@@ -37,7 +37,7 @@ def _open(path: Path, expected: str) -> Iterator[pq.ParquetFile]:
 
 
 def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read columns of a Parquet file. Raise InputError if it is missing or invalid."""
+    """Read columns of a Parquet file. Raise InputError if the file is missing or invalid."""
     with _open(path, expected) as file:
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
@@ -71,7 +71,10 @@ class FileColumns(_Columns):
     """Columns [row] of a Parquet file; each access reads the file."""
 
     def __init__(self, path: Path, expected: str, without: Sequence[str]) -> None:
-        """Open the file without the columns ``without``. Raise InputError if it is invalid."""
+        """Open the file, ignoring the columns ``without``.
+
+        Raise InputError if the file is missing or invalid.
+        """
         self._path, self._expected = path, expected
         with _open(path, expected) as file:
             super().__init__(name for name in file.schema_arrow.names if name not in without)

@@ -39,12 +39,12 @@ _MODULUS = 1 << 256
 
 
 class DamagedFileError(Exception):
-    """Error: a block file is damaged or does not match its name; its flights are re-run."""
+    """Error raised if the file of a block is damaged or does not match its name."""
 
 
 @dataclass(frozen=True)
 class Digest:
-    """Sum of row hashes."""
+    """Digest of flights: the sum of the hashes of their rows."""
 
     value: int = 0
 
@@ -87,7 +87,7 @@ def digest_rows(
 
 @dataclass(frozen=True)
 class FlightRows:
-    """Rows of one block of one controller, for consecutive flights."""
+    """Block of rows for consecutive flights of one controller."""
 
     controller: str
     first: int
@@ -101,7 +101,7 @@ class FlightRows:
 
     @property
     def stop(self) -> int:
-        """Number that follows the number of the last flight."""
+        """Number of the last flight plus one."""
         return self.first + len(self.outcome)
 
     @property
@@ -121,7 +121,7 @@ class FlightRows:
     @property
     def cases(self) -> list[str]:
         """Failure case of each flight; see :mod:`abhv_mc.flight.failure_case`."""
-        if ENGINE_FAILED not in self.columns:  # This metric does not exist for custom simulators.
+        if ENGINE_FAILED not in self.columns:  # Custom simulators do not have this metric.
             return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)
         return failure_cases(self.names, self.samples, ends, self.column(ENGINE_FAILED))
@@ -145,7 +145,7 @@ def make_input_field(parameter: Parameter) -> pa.Field:
 
 
 def _value_field(signal: Signal) -> pa.Field:
-    """Return the Arrow field of a metric, with label, worse side and group, or of a signal."""
+    """Return the Arrow field of a signal; metrics also have label, worse direction and group."""
     metadata = (
         {"label": signal.label, "bad": signal.bad, "group": signal.group}
         if isinstance(signal, Metric)
@@ -189,8 +189,8 @@ def write_parquet(
 ) -> None:
     """Write a Parquet file.
 
-    Floats are byte-stream split and only repeated texts have dictionaries, which halves the file
-    size of the Parquet defaults.
+    Floats are byte-stream split, and only columns of repeated texts have dictionaries. Files are
+    half as large as with the default settings of Parquet.
     """
     write_pieces(path, table.schema, [table], float_columns, dictionary_columns, **options)
 

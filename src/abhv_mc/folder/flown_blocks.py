@@ -42,10 +42,10 @@ def read_flown_blocks(
 ) -> Iterator[tuple[FlightRows, Digest]]:
     """Yield the valid blocks of each controller, with their digests.
 
-    Invalid blocks are deleted, and their flights are run again: damaged blocks, blocks of other
-    samples or metrics, overlapping blocks, and (unless ``keep_failed_to_run``) blocks with a flight
-    that failed to run. Files that the manifest lists come first, because a killed run may leave a
-    merged file next to its sources.
+    Invalid blocks are deleted, and their flights are run again. Invalid are damaged blocks, blocks
+    of other samples or metrics, overlapping blocks, and (unless ``keep_failed_to_run``) blocks with
+    a flight that failed to run. Files that the manifest lists are read first, because a killed run
+    may leave a merged file next to the files that were merged.
     """
     masks = {name: np.zeros(number, bool) for name, number in runs.items()}
     listed = [path for path in files.paths() if path.parent == folder.flights]

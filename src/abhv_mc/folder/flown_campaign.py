@@ -38,7 +38,7 @@ class Envelope:
 
     time: Floats  # [time], s
     count: NDArray[np.int64]  # [time] number of flights that have not ended
-    bands: dict[str, Floats]  # name of a band -> [time]
+    bands: dict[str, Floats]  # [time] values by name of the band
 
     @property
     def median(self) -> Floats:
@@ -55,13 +55,13 @@ class FlownCampaign:
     folder: Path
     campaign: Experiment
     manifest: Manifest
-    samples: Mapping[str, Floats]  # parameter -> [flight]; each access reads the column
+    samples: Mapping[str, Floats]  # [flight] values by parameter; each access reads the column
     flights: dict[str, ControllerFlights]
-    envelopes: dict[tuple[str, str], Envelope]  # by (controller, channel)
-    reference: dict[str, Floats]  # "time" and REFERENCE_CHANNELS -> [time]
-    nominal: dict[str, dict[str, Floats]]  # controller -> "time" and CHANNELS -> [time]
+    envelopes: dict[tuple[str, str], Envelope]  # envelopes by (controller, channel)
+    reference: dict[str, Floats]  # [time] values of "time" and REFERENCE_CHANNELS
+    nominal: dict[str, dict[str, Floats]]  # [time] values of "time" and CHANNELS, by controller
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
-    # changes that were made after results had been seen
+    # changes of requirements that were made after results had been seen
     requirement_changes: tuple[RequirementChange, ...] = ()
 
     def refuse_changes(self) -> None:
@@ -114,7 +114,7 @@ class FlownCampaign:
 
     @property
     def _excluded(self) -> tuple[str, ...]:
-        """Columns other than metrics; also margins, unless all flights have margins.
+        """Stored columns that are not metrics, and margins unless all flights have margins.
 
         Margins computed for only some flights are shown only in the section on stability.
         """

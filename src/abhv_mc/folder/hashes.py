@@ -55,7 +55,7 @@ class FileHashes:
         return dict(sorted(self._known.items()))
 
     def forget(self, *paths: Path) -> None:
-        """Remove from the list files that the run has deleted or will replace."""
+        """Remove files from the list that the run has deleted or will replace."""
         for path in paths:
             self._known.pop(self._name(path), None)
 
@@ -65,7 +65,7 @@ class FileHashes:
 
 @contextlib.contextmanager
 def record_hashes(folder: CampaignFolder, hashes: Mapping[str, str]) -> Iterator[FileHashes]:
-    """Collect known hashes, and hashes of all files written to the folder in the context."""
+    """Yield known hashes, to which those of all files written in the context are added."""
     recorder = FileHashes(folder, hashes)
     with recording(recorder.note):
         yield recorder
@@ -108,7 +108,7 @@ def refuse_changes(folder: CampaignFolder, manifest: Manifest) -> None:
 def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator[None]:
     """Call :func:`refuse_changes` at the end of the context, also after an error.
 
-    If there was an error, such changes explain it.
+    After an error, changes are reported instead of the error, because they probably caused it.
     """
     try:
         yield

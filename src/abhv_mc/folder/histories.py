@@ -51,8 +51,8 @@ def write_histories(
 ) -> None:
     """Write ``channels`` of ``history[flight, time, channel]`` to a Parquet file.
 
-    ``recorded`` is the last axis of ``history``. A flight that terminated early has rows while the
-    first channel is not NaN.
+    ``recorded`` lists the channels along the last axis of ``history``. A flight that terminated
+    early has rows as long as its first channel is not NaN.
     """
     rows = ~np.isnan(history[:, :, 0])
     number, time = np.nonzero(rows)
@@ -143,7 +143,7 @@ class EnvelopeTable:
     def columns(self, points: int) -> dict[str, Floats]:
         """Return the columns of the Parquet file.
 
-        The lower edge is used for quantiles up to the median, the upper edge for higher ones.
+        The lower edge is used for quantiles up to the median, the upper edge for higher quantiles.
         """
         middle = len(QUANTILES) // 2
         edges = [*self.least[: middle + 1], *self.most[middle + 1 :]]
@@ -175,7 +175,8 @@ def write_envelopes(
 ) -> None:
     """Write the envelopes of all controllers over their first ``flights`` flights.
 
-    ``channels`` is the last axis of the tables; ``points`` is the number of points of the unknowns.
+    ``channels`` lists the channels along the last axis of the tables; ``points`` is the number of
+    points of the unknown parameters.
     """
     shape = (len(channels), len(times))
     columns: dict[str, list[Floats]] = {}

@@ -39,8 +39,8 @@ class FolderInputs:
     """
 
     document: Document
-    copies: dict[str, bytes]  # name -> content
-    hashes: dict[str, str]  # name -> SHA-256
+    copies: dict[str, bytes]  # content of each copied file by name
+    hashes: dict[str, str]  # SHA-256 of each input file by name
     executables: frozenset[str] = frozenset()  # names of the copies that are executable
 
     @property
@@ -58,7 +58,8 @@ class FolderInputs:
     def identity(self) -> str:
         """Hash of all inputs on which flights depend.
 
-        The hash covers the campaign file, without requirements and labels, and all named files.
+        The hash covers the campaign file, without requirements and labels, and all files that the
+        campaign file refers to.
         """
         return self._hash_without()
 
@@ -66,8 +67,8 @@ class FolderInputs:
     def question(self) -> str:
         """Hash of the campaign without its seed and number of flights.
 
-        Campaigns with the same hash can be pooled. With unknown parameters the seed is included,
-        because it determines the points at which flights are simulated.
+        Campaigns with the same hash can be pooled. With unknown parameters, the seed is included
+        because the seed determines the points at which flights are simulated.
         """
         return self._hash_without(
             "runs", "pooled", *(() if self.data.get("unknowns") else ("seed",))
@@ -125,7 +126,7 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
 
 
 def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
-    """Add ``path`` and the files to which it refers to the copies below ``location``.
+    """Add ``path``, and the files that it refers to, to ``copies`` under ``location``.
 
     Relative paths are preserved. Return the name of ``path`` in the folder.
     """
@@ -179,8 +180,8 @@ def merge_inputs(
 ) -> FolderInputs:
     """Return ``requested`` with additional controllers and requirements of ``stored``.
 
-    Requirements without controllers apply to the first controller: that of ``requested``, or that
-    of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.
+    Requirements without controllers apply to the first controller of ``requested``, or to the first
+    controller of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.
     """
     first, second = (stored, requested) if selected else (requested, stored)
     controllers = {**first.systems, **second.systems, **requested.systems}
@@ -189,7 +190,7 @@ def merge_inputs(
     retained = [entry for entry in select_requirements(old, absent) if entry.get("controllers")]
     requirements = join_requirements(new, retained, controllers)
     if sorted(map(_order, requirements)) == sorted(map(_order, old)):
-        requirements = old  # The order of requirements is unchanged.
+        requirements = old  # Keep the stored list if only the order differs.
     asks = {"asks": stored.data["asks"]} if selected and "asks" in stored.data else {}
     changed = {**requested.data, **asks, "requirements": requirements}
     points = {"points": stored.data["points"]} if "points" in stored.data else {}
@@ -226,12 +227,12 @@ def _value_text(value: Any) -> str:
 
 
 def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInputs:
-    """Return the inputs stored in a folder. Raise InputError if they are invalid."""
+    """Return the inputs stored in a folder. Raise InputError if the inputs are invalid."""
     return FolderInputs(read_document(folder.campaign), {}, dict(manifest.inputs))
 
 
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
-    """Return the campaign of a results folder. Raise InputError if it has none."""
+    """Return the campaign of a results folder. Raise InputError if there is no campaign."""
     return check_campaign(read_document(folder.campaign))
 
 

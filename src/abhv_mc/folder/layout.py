@@ -15,7 +15,7 @@ _FULL = (
     errno.ENOSPC,
     errno.EDQUOT,
     errno.EFBIG,
-)  # EFBIG is due to a limit on file sizes (ulimit -f).
+)  # The cause of EFBIG is a limit on file sizes (ulimit -f).
 _CLOSED = (
     errno.EACCES,
     errno.EPERM,
@@ -34,7 +34,7 @@ _recorders: list[Callable[[Path, str], None]] = []  # functions called for each 
 
 
 class StorageFullError(Exception):
-    """Error: the disk is full. Completed flights are kept; the same command resumes the run."""
+    """Error raised if the disk is full; completed flights are kept."""
 
 
 class CampaignFolder:
@@ -113,7 +113,7 @@ class CampaignFolder:
         if not fresh and any(self.flights.glob("*.parquet")):
             problem = "the folder has flights, but no manifest"
             raise InputError(
-                self.root, problem, "another folder (-o DIR), or --fresh to delete them"
+                self.root, problem, "another folder (-o DIR), or --fresh to delete the flights"
             )
 
     def clear(self) -> None:
@@ -220,7 +220,7 @@ def hash_file(path: Path) -> str:
 def write_bytes(
     path: Path, content: bytes, durable: bool = False, executable: bool = False
 ) -> None:
-    """Write a file atomically; ``executable`` lets everyone who may read the file run it."""
+    """Write a file atomically; with ``executable``, all users with read permission may run it."""
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(content)

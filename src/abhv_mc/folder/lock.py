@@ -21,15 +21,15 @@ from abhv_mc.io.atomic_write import TEMPORARY
 from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
-_PATIENCE = 0.5  # waiting time, s, because `runs` briefly holds a lock to test it
-_POLL = 0.01  # time between attempts, s
-_SETTLE = 0.2  # time for another process to restore a wrongly moved lease, s
+_PATIENCE = 0.5  # waiting time in s, because the command `runs` briefly holds a lock to test it
+_POLL = 0.01  # time in s between attempts
+_SETTLE = 0.2  # time in s for another process to restore a lease that it moved by mistake
 
 
 class _HeldError(Exception):
-    """Error: another process holds the lock; the message describes it and gives a remedy."""
+    """Error raised if another process holds the lock, with the holder and a remedy."""
 
-    def __init__(self, holder: str, remedy: str = "the process to end") -> None:
+    def __init__(self, holder: str, remedy: str = "the same command after its end") -> None:
         super().__init__(holder, remedy)
         self.holder, self.remedy = holder, remedy
 
@@ -209,7 +209,7 @@ def _held_error(lease: Path, text: str) -> _HeldError:
     is_here = holder is not None and holder[0] == platform.node()
     if is_here:
         return _HeldError(_describe(text))
-    remedy = f"the process to end (if it was killed: rm '{lease}')"
+    remedy = f"the same command after its end (if the process was killed: rm '{lease}')"
     return _HeldError(_describe(text), remedy)
 
 

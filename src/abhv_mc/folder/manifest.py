@@ -36,7 +36,8 @@ class ControllerCount:
 class RequirementVerdict:
     """Verdict on a requirement for one controller.
 
-    Flights that failed to run are counted separately from failures.
+    The number ``failures`` includes flights that failed to run; ``failures_not_computed`` is the
+    number of these flights.
     """
 
     metric: str
@@ -90,7 +91,7 @@ class RequirementSet:
 
     file: str  # name of the file in the folder
     time: str | None  # time when the set of requirements was defined
-    flights: int  # flights per controller run before that time
+    flights: int  # number of flights per controller that were run before that time
 
 
 @dataclass(frozen=True)
@@ -165,15 +166,17 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read a manifest. Raise InputError if it is missing, damaged or of another format."""
+    """Read a manifest. Raise InputError if the file is missing, damaged or of another format."""
     if not path.is_file():
         if path.parent.is_file():
-            raise InputError(path.parent, "a file", "the results folder that `abhv-mc run` made")
+            raise InputError(
+                path.parent, "the path is a file", "a results folder written by `abhv-mc run`"
+            )
         raise InputError(path, "no such file", "the folder of a campaign")
     try:
         manifest = json.loads(path.read_bytes())
     except ValueError as error:
-        raise InputError(path, f"damaged manifest ({error})", _REMEDY) from None
+        raise InputError(path, f"the manifest is damaged ({error})", _REMEDY) from None
     version = manifest.get("format") if isinstance(manifest, dict) else None
     if version != FORMAT:
         problem = "no format number" if version is None else f"the folder has format {version}"
@@ -184,7 +187,7 @@ def read_manifest(path: Path) -> Manifest:
             "campaign again",
         )
     if manifest.pop(_HASH, None) != _hash(manifest):
-        raise InputError(path, "damaged manifest (its hash differs)", _REMEDY)
+        raise InputError(path, "the manifest is damaged (its hash differs)", _REMEDY)
     try:
         return _FILE.validate_python(manifest)
     except ValidationError as error:
@@ -242,7 +245,7 @@ def shift_flyers(entries: Iterable[FlownBy], flights: int) -> list[FlownBy]:
 
 
 def join_flyers(entries: Iterable[FlownBy]) -> tuple[FlownBy, ...]:
-    """Return one entry per process."""
+    """Merge the entries of the same process, and return one entry per process."""
     joined: dict[tuple[str, str, str, str, str], dict[str, Ranges]] = {}
     for entry in entries:
         blocks = joined.setdefault(

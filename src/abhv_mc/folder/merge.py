@@ -104,7 +104,7 @@ def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
 
 
 def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
-    """Copy complete, ordered shards into ``out``, which a run then completes.
+    """Copy complete, ordered shards into ``out``; a subsequent run completes the campaign.
 
     The manifest is written last, so that an interrupted copy starts again. Raise InputError, before
     any file is written, if the shards differ in plans or samples, if files are damaged (except
@@ -174,7 +174,7 @@ def require_same_entries(
     for key in keys:
         if (own := getattr(manifest, key)) != (other := getattr(first_manifest, key)):
             hashes = f" ({own}, not {other})" if key == "source_hash" else ""
-            problem = f"the {key.replace('_', ' ')} differs from {first.root}{hashes}"
+            problem = f"the {key.replace('_', ' ')} differs from that of {first.root}{hashes}"
             raise InputError(folder.root, problem, f"{expected}, computed by the same code")
 
 

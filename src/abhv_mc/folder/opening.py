@@ -80,9 +80,9 @@ def grow_folder(
 ) -> Manifest:
     """Add flights (``longer``) or controllers to a campaign, or reorder its controllers.
 
-    ``inputs`` are the inputs of the requested campaign, ``merged`` and ``products`` those of the
-    extended folder. Return the new manifest. A file to be replaced is first removed from the
-    manifest, so that the file is computed again after a kill.
+    ``inputs`` are the inputs of the requested campaign; ``merged`` and ``products`` are the inputs
+    and products of the extended folder. Return the new manifest. A file that will be replaced is
+    first removed from the manifest, so that it is computed again if the process is killed.
     """
     folder, manifest, files = flown.folder, flown.manifest, flown.files
     inputs.write_copies(folder)

@@ -29,14 +29,14 @@ def write_plan(path: Path, plan: Any) -> None:
 
 
 def read_stored_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read the arrays of a plan file. Raise InputError if it is missing or damaged."""
+    """Read the arrays of a plan file. Raise InputError if the file is missing or damaged."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)
     except FileNotFoundError:
         raise InputError(path, "no such file", REMEDY) from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, f"damaged plan ({error})", REMEDY) from None
+        raise InputError(path, f"the plan is damaged ({error})", REMEDY) from None
 
 
 def read_plan(path: Path, rebuild: Callable[[Arrays], T]) -> T:
@@ -47,7 +47,7 @@ def read_plan(path: Path, rebuild: Callable[[Arrays], T]) -> T:
     try:
         return rebuild(read_stored_arrays(path))
     except (KeyError, ValueError, TypeError) as error:
-        raise InputError(path, f"a damaged plan ({error})", REMEDY) from None
+        raise InputError(path, f"the plan is damaged ({error})", REMEDY) from None
 
 
 def find_stored_plans(folder: CampaignFolder) -> StoredPlans:

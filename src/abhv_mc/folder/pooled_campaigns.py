@@ -1,4 +1,4 @@
-"""Search for campaigns that differ only in their seed, and their merge into one."""
+"""Search for campaigns that differ only in their seed, and merge of such campaigns."""
 
 import contextlib
 import shlex
@@ -43,8 +43,8 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
     """Return a sentence that names poolable campaigns and the command to merge them.
 
     Candidates are complete campaigns of random flights in the same parent folder that differ only
-    in their seed. Without candidates both texts are empty. Larger campaigns come first, because
-    they may themselves be the result of a merge.
+    in their seed. If there are no candidates, both texts are empty. Larger campaigns come first,
+    because a large campaign may itself be the result of a merge.
     """
     root = root if root.name else root.resolve()
     verdicts = manifest.requirements
@@ -91,7 +91,8 @@ def _required(manifest: Manifest) -> list[tuple[object, ...]]:
 def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
     """Check that campaigns can be pooled, and return their folders.
 
-    Raise InputError if they differ in more than seed and number of flights, or share a seed.
+    Raise InputError if the campaigns differ in more than seed and number of flights, or if two of
+    them have the same seed.
     """
     folders = [CampaignFolder(path) for path in paths]
     manifests = [read_manifest(folder.manifest) for folder in folders]
@@ -99,7 +100,9 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
     for folder, manifest in zip(folders, manifests, strict=True):
         if not manifest.complete or manifest.search:
             raise InputError(
-                folder.root, f"the campaign is {manifest.state}", "a complete campaign"
+                folder.root,
+                f"the folder contains a search or an incomplete campaign ({manifest.state})",
+                "a complete campaign",
             )
         require_same_entries(folder, manifest, folders[0], first, _SAME, expected=_ONE_QUESTION)
         questions = [
@@ -127,7 +130,7 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
 
 
 def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
-    """Copy poolable campaigns into ``out``, which a run then completes.
+    """Copy poolable campaigns into ``out``; a subsequent run completes the campaign.
 
     Flights are numbered consecutively. Raise InputError if ``out`` has other content.
     """

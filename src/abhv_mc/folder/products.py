@@ -27,7 +27,10 @@ class Product(NamedTuple):
     key: str
 
     def is_current(self, files: FileHashes) -> bool:
-        """Return whether the file is complete and has the key (or none, if of an older version)."""
+        """Return whether the file is complete and has the expected key.
+
+        Files of older versions have no key and are also accepted.
+        """
         return files.knows(self.path) and _read_key(self.path) in (None, self.key)
 
 

@@ -26,7 +26,7 @@ class RequirementChange:
     """Changes of the requirements after results were known."""
 
     time: str  # empty if only a report uses the changed requirements
-    flights: int  # flights per controller run before that time
+    flights: int  # number of flights per controller that were run before that time
     changes: tuple[str, ...]  # descriptions such as 'speed_error_max_mps: below 5 -> 3'
 
 

@@ -31,8 +31,8 @@ class Status:
 def read_status(root: Path, store: Store, name: str = "") -> Status:
     """Return the status of the folder ``name`` in a store; ``root`` contains its manifest.
 
-    If the manifest says ``running`` but the lock is free, the run was killed and the state is
-    ``interrupted``. Raise InputError for the folder of a search.
+    If the state in the manifest is ``running`` but the lock is free, the run was killed and the
+    returned state is ``interrupted``. Raise InputError for the folder of a search.
     """
     manifest = read_manifest(CampaignFolder(root).manifest)
     if manifest.search:

@@ -24,11 +24,11 @@ class LoopMargins:
     delay_margin_ms: float | None = None
     sensitivity_peak: float | None = None
     crossover_rad_s: float | None = None
-    # this and the next two fields are only used for the loop ``all``
+    # ``disk_margin``, ``disk_gain_db`` and ``disk_phase_deg`` are used only for the loop ``all``.
     disk_margin: float | None = None
     disk_gain_db: float | None = None
     disk_phase_deg: float | None = None
-    reason: str | None = None  # reason why there is no loop
+    reason: str | None = None  # reason why the loop does not exist
     # Whether the smallest margins include the loop; effector loops are included only if they are
     # commanded directly.
     counts: bool = True
@@ -69,7 +69,10 @@ _FILE = TypeAdapter(SteadyMargins)
 
 
 def read_steady_margins(path: Path) -> SteadyMargins:
-    """Read margins, or none if the file is missing. Raise InputError if it is invalid."""
+    """Read margins, or return empty margins if the file is missing.
+
+    Raise InputError if the file is invalid.
+    """
     if not path.is_file():
         return SteadyMargins()
     try:

@@ -60,7 +60,9 @@ def open_store(path: Path) -> Store:
     entry = find_entry_points(STORES).get(scheme)
     if entry is None:
         raise InputError(
-            "address", f"'{address}'", "s3://bucket/folder, gs://bucket/folder or a path"
+            "address",
+            f"unknown scheme in '{address}'",
+            "s3://bucket/folder, gs://bucket/folder or a path",
         )
     store: Store = entry.load()(address)
     return store

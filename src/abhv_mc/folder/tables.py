@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 T = TypeVar("T")
-_INTERRUPTS, _PAUSE = 300, 0.1  # attempts to interrupt duckdb, and seconds between attempts
+_INTERRUPTS, _PAUSE = 300, 0.1  # attempts to interrupt duckdb, and pause in s between attempts
 _CLOSED: dict[str, str | bool | int | float | list[str]] = {
     "enable_external_access": "false",
     "python_enable_replacements": "false",
@@ -92,7 +92,7 @@ def open_database(root: Path) -> "Iterator[DuckDBPyConnection]":
 def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]") -> T | None:
     """Return the converted result of an SQL statement, or None if it has no result.
 
-    Ctrl-C interrupts the statement. Raise InputError if it fails.
+    Ctrl-C interrupts the statement. Raise InputError if the statement fails.
     """
     import duckdb
 
@@ -125,7 +125,7 @@ def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]"
     except (duckdb.Error, ArithmeticError, ValueError) as error:
         # duckdb adds a traceback if a Python package for a type is missing.
         problem = str(error).partition("\nTraceback")[0]
-        expected = "a valid SQL statement of duckdb"
+        expected = "a valid SQL statement for duckdb"
         if isinstance(error, duckdb.BinderException):
             expected += '; quote names with a dot: select "aero.lift" from samples'
         raise InputError("query", problem, expected) from None
