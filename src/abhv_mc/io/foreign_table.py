@@ -110,7 +110,7 @@ class ForeignTable:
             if name and name not in (heads or {}):
                 if name in columns:
                     expected = "only one column for each name, regardless of the unit"
-                    raise self.error(None, index, f"2 columns match '{name}'", expected)
+                    raise self.error(None, index, f"the table has 2 columns '{name}'", expected)
                 columns[name] = Column(index, unit or self.units[index])
         for name, head in (heads or {}).items():
             if name in names and (column := self._find_head(head)):
@@ -122,7 +122,7 @@ class ForeignTable:
             indices = [i for i, own in enumerate(self.heads) if text in (own, split_head(own)[0])]
             indices = [i for i in indices if self.heads[i] == text] or indices
             if len(indices) > 1:
-                raise self.error(None, indices[1], f"2 columns match '{text}'", "only one")
+                raise self.error(None, indices[1], f"the table has 2 columns '{text}'", "only one")
             for index in indices:
                 return Column(index, unit or split_head(self.heads[index])[1] or self.units[index])
         return None

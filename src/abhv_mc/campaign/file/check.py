@@ -322,7 +322,10 @@ def _make_marginals(
             errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
-            problem = f"the design '{model.sampling.design}' sets all values without probabilities"
+            problem = (
+                f"a probability conflicts with the design '{model.sampling.design}', which sets "
+                "all values"
+            )
             errors.append(
                 document.error(
                     (*where, "probability"),

@@ -238,7 +238,7 @@ def _limit(value: float | str, unit: str) -> float:
     if isinstance(value, float):
         return value
     if unit in ("g", "dB"):
-        raise Refusal(f"'{value}'", f"a number in {unit}, without a unit")
+        raise Refusal(f"'{value}'", f"a plain number, in {unit}")
     return parse_quantity(value, dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
 
