@@ -218,7 +218,9 @@ def find_failure(
     if requirement is not None and requirement not in metrics:
         problem = f"the campaign has no requirement on '{requirement}'"
         raise InputError(
-            "--requirement", problem, one_of(metrics, requirement) if metrics else "no such option"
+            "--requirement",
+            problem,
+            one_of(metrics, requirement) if metrics else "no option --requirement",
         )
     failures = [
         Failure(item, columns.index(item.metric))

@@ -95,7 +95,7 @@ class ControllerFailures:
     failed: int  # number of failed flights, including those not analysed
     groups: tuple[FailureGroup, ...]  # groups by kind of failure, largest first
     nominal: tuple[int, ...]  # flights that also fail with all dispersions at their nominal values
-    unexplained: tuple[int, ...]  # flights that fail, but not because of a small set
+    unexplained: tuple[int, ...]  # failed flights that no small set explains
     tried: int  # number of flights simulated for the analysis
 
     @property

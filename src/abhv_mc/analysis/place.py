@@ -301,7 +301,7 @@ def measure(
 
 
 def _sensor_of(channel: str) -> str | None:
-    """Return the quantity that a sensor measures in a channel, or None without sensor."""
+    """Return the quantity that a sensor measures in a channel, or None."""
     stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
     stem = stem.removesuffix("_error")
     return stem if stem in ALL_SENSORS else None

@@ -78,7 +78,7 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     for name, keys in settings.items():
         if name not in entries and (dotted := f"{name}.{next(iter(keys))}") in entries:
             sizes = [key for key in entries[dotted] if key not in ("distribution", "probability")]
-            problem = f"'{dotted}' lacks the key of its distribution that changes"
+            problem = f"'{dotted}' does not name a key of the distribution"
             raise InputError(_SET, problem, " or ".join(f"{dotted}.{key}=VALUE" for key in sizes))
         if name not in entries:
             problem = f"the campaign does not disperse '{name}'"

@@ -65,7 +65,7 @@ class Node:
         return InputError(self.path, problem, expected, self.line, self.column)
 
     def number(self, text: str) -> float:
-        """Convert a text of the element to a number. Raise InputError for other text."""
+        """Convert text of the element to a number. Raise InputError if this is impossible."""
         try:
             value = float(text)
         except ValueError:

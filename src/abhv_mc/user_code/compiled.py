@@ -151,7 +151,7 @@ def lane_of(width: int, row: int) -> str:
 
 
 def indent(spaces: int, lines: list[str]) -> str:
-    """Return the lines, or a `pass` statement without lines, indented by ``spaces`` spaces."""
+    """Return the lines indented by ``spaces``, or an indented `pass` if there are no lines."""
     return "\n".join(" " * spaces + line for line in lines or ["pass"])
 
 
@@ -289,7 +289,7 @@ def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
 
 
 def _make_effect_maker(home: str) -> Any:
-    """Return a compiled function that makes an Effect with float force and moment."""
+    """Return a compiled function that makes an Effect, with force and moment as floats."""
     names: dict[str, Any] = {"_kind": Effect, "_sensed": Sensed(), "__name__": home}
     nothing = "(0.0, 0.0, 0.0)"
     floats = ", ".join(

@@ -164,7 +164,7 @@ def watched_design(
 
 
 def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
-    """Read gains from a CSV file; interpolate linearly in time, with constant ends."""
+    """Read gains from a CSV file; interpolate linearly, with constant extrapolation."""
     table = read_foreign_table(path)
     time = table.find(["time"]).get("time")
     indices = [i for i in range(len(table.heads)) if not time or i != time.position]

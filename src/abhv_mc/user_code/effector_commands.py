@@ -139,7 +139,7 @@ def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
 
 
 def _commands(tree: ast.Module) -> list[tuple[ast.Call, Any]]:
-    """Return each call of Command with its argument ``effectors``, or with None."""
+    """Return each call of Command with its argument ``effectors``, which may be None."""
     calls = [
         node
         for node in ast.walk(tree)

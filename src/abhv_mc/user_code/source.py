@@ -42,7 +42,7 @@ class UserSource:
 
 
 def read_source(path: Path, files: Mapping[str, Path] | None = None) -> UserSource:
-    """Read a custom file and its declared ``files``. Raise InputError if this fails."""
+    """Read a custom file and its declared ``files``. Raise InputError if unreadable."""
     try:
         content = read_input(path)
         declared = tuple((name, read_input(location)) for name, location in (files or {}).items())

@@ -73,7 +73,7 @@ def _holds(folder: Path, files: Iterable[tuple[str, bytes]]) -> bool:
 
 @contextlib.contextmanager
 def in_its_folder(source: UserSource) -> Iterator[None]:
-    """Set the working directory and modules in which a law's code runs, as a context.
+    """Provide a context in which a law's code runs in its own folder, with its own modules.
 
     The law's modules are in ``sys.modules`` only inside the context, because modules of two laws
     may have the same name.
