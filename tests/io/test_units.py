@@ -48,7 +48,7 @@ def test_quantity(text: str | float, dimension: Dimension, value: float) -> None
         ("1e400 m", units.LENGTH, "'1e400 m'"),
         (True, units.FRACTION, "true"),
         (None, units.FRACTION, "nothing"),
-        ("20 / km", units.LENGTH, "something else"),
+        ("20 / km", units.LENGTH, "another quantity"),
         ("٢٠ km", units.LENGTH, "'٢٠ km'"),
     ],
 )

@@ -211,7 +211,7 @@ def test_what_is_no_law_is_refused_in_words(make, message):
             == REFUSED[message][: REFUSED[message].index("return 2\n")].count("\n") + 1
         )
     if message.startswith("helper.h"):
-        assert refused.value.expected.startswith("files: [helper.h]")
+        assert refused.value.expected.startswith("'files: [helper.h]'")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,7 @@
-"""Smallest set of dispersions that makes a flight fail with all others at nominal."""
+"""Search for the smallest set of dispersions that explains the failure of a flight.
+
+All dispersions outside the set have their nominal values.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +31,7 @@ _MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a 
 
 @dataclass(frozen=True)
 class Failure:
-    """Failure criterion: early termination, or failure to meet one requirement."""
+    """Failure criterion: an early termination or a missed requirement."""
 
     requirement: Requirement | None
     column: int = 0  # column of the requirement's metric in `metrics`
@@ -41,11 +44,11 @@ class Failure:
 
     @property
     def of_margin(self) -> bool:
-        """True if the missed requirement concerns a stability margin."""
+        """Return whether the missed requirement limits a stability margin."""
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
     def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
-        """Return the severity of each flight's failure [flight]; -inf if a flight does not fail.
+        """Return the severity of the failure of each flight [flight], or -inf without failure.
 
         `metrics` has shape [flight, metric].
         """
@@ -69,14 +72,14 @@ class Explanation:
     samples: dict[str, float]  # all dispersions of the flight in SI units
     # dispersions that suffice for the failure; empty if the nominal flight fails too
     causes: tuple[str, ...]
-    # other sets of dispersions of the same size with which the flight also fails
+    # other sets of dispersions, of the same size, that also make the flight fail
     others: tuple[tuple[str, ...], ...]
-    # If true, no smaller set causes the failure; if false, it is only known that no single cause
-    # can be omitted.
+    # True if no smaller set causes the failure. Otherwise no single cause can be omitted, but a
+    # smaller set may exist.
     smallest: bool
     tried: int  # number of flights simulated for the analysis
     rows: Floats  # values [flight, dispersion] of the nominal, the reduced and the original flight
-    block: FlightBlock  # nominal, reduced and original flight
+    block: FlightBlock  # results of the nominal, the reduced and the original flight
     known: Parameters = OURS
 
 
@@ -91,8 +94,8 @@ def explain_flight(
 ) -> Explanation:
     """Find the smallest set of a failed flight's dispersions that reproduces the failure.
 
-    `root` is the campaign's folder. `requirement` is the metric of the requirement whose violation
-    is explained; the default is to explain the early termination, or else the first missed
+    `root` is the campaign's folder. `requirement` is the metric of the missed requirement to
+    explain. By default, an early termination is explained, or otherwise the first missed
     requirement. Raise InputError if the flight does not exist or did not fail.
     """
     folder = CampaignFolder(root)
@@ -107,9 +110,11 @@ def explain_flight(
         again = simulate(campaign, controller, row.samples, None, fly, margins=margins)
         if again.outcome[0] == Outcome.FAILED_TO_RUN:
             reason = again.reasons.get(0, "no reason is known")
-            raise InputError(root, f"flight {flight} failed to run: {reason}", "a flight that runs")
-        expected = "the program version that simulated it (see manifest.json)"
-        raise InputError(root, f"a flight {flight} that does not fail when re-run", expected)
+            raise InputError(
+                root, f"flight {flight} failed to run: {reason}", "a flight without errors"
+            )
+        expected = "the program version that computed the flight (see manifest.json)"
+        raise InputError(root, f"flight {flight} does not fail when it is re-run", expected)
     names = campaign.dimensions
     nominal, values, seeds = (
         campaign.parameters.nominal_of(names),
@@ -145,7 +150,10 @@ def explain_flight(
 def with_margins(
     campaign: Experiment, controller: str, failures: Sequence[Failure]
 ) -> tuple[Experiment, bool]:
-    """Return the campaign for re-running failed flights, and whether it computes margins."""
+    """Return the campaign for re-running failed flights, and whether margins are computed.
+
+    Margins are computed if any failure is a missed requirement on a stability margin.
+    """
     if not any(failure.of_margin for failure in failures):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
@@ -192,24 +200,27 @@ def smallest_sets(
 def find_failure(
     root: Path, campaign: Experiment, row: FlightRows, requirement: str | None
 ) -> Failure:
-    """Return the flight's early termination, or its first (or the named) missed requirement.
+    """Return the failure of a flight: its early termination or a missed requirement.
 
-    Raise InputError if the flight did not fail in this way.
+    If `requirement` names a metric, only requirements on this metric are considered. Raise
+    InputError if the flight did not fail.
     """
     outcome = campaign.outcomes.numbers[row.outcome[0]]
     if outcome == Outcome.FAILED_TO_RUN:
-        problem = f"flight {row.first}, which could not be computed"
-        raise InputError(root, problem, "a flight that was simulated")
+        problem = f"flight {row.first} could not be computed"
+        raise InputError(root, problem, "a flight that was simulated successfully")
     positions = [
         i for i, name in enumerate(row.columns) if name != END_TIME.name
-    ]  # The columns of the stability margins follow the columns of the metrics.
+    ]  # The column of the end time lies between the metrics and the stability margins.
     columns = [row.columns[i] for i in positions]
     state = np.array([outcome]), row.end_time, row.values[:, positions]
     metrics = [item.metric for item in campaign.requirements]
     if requirement is not None and requirement not in metrics:
-        problem = f"no requirement on '{requirement}'"
+        problem = f"the campaign has no requirement on '{requirement}'"
         raise InputError(
-            "--requirement", problem, one_of(metrics, requirement) if metrics else "no requirement"
+            "--requirement",
+            problem,
+            one_of(metrics, requirement) if metrics else "no option --requirement",
         )
     failures = [
         Failure(item, columns.index(item.metric))
@@ -219,8 +230,8 @@ def find_failure(
     for failure in failures if requirement is not None else [Failure(None), *failures]:
         if failure.severity(*state)[0] > -np.inf:
             return failure
-    reason = f"kept {requirement}" if requirement else "did not fail"
-    problem = f"flight {row.first} of {row.controller}, which {reason}"
+    reason = f"met the requirement on {requirement}" if requirement else "did not fail"
+    problem = f"flight {row.first} of {row.controller} {reason}"
     raise InputError(
         root,
         problem,
@@ -229,9 +240,9 @@ def find_failure(
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
-    """Return parameter indices, starting with the parameters whose values are most common."""
+    """Return the indices of the parameters, from the least to the most unusual value."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
-    # The median of a failure time is infinite if this failure does not occur in most flights.
+    # A failure that does not occur in most flights has an infinite median time.
     middle = np.median(drawn, axis=0)
 
     def off(some: Floats) -> Floats:

@@ -24,7 +24,7 @@ MOST_CAUSES = 3  # maximum number of dispersions in an explanation; larger sets 
 
 @dataclass(frozen=True)
 class Cause:
-    """Set of inputs, with the signs of their deviations, that explains certain failures."""
+    """Set of inputs, with the signs of their deviations, that explains a group of failures."""
 
     inputs: tuple[int, ...]
     high: tuple[bool, ...]  # whether each input is above its nominal value
@@ -32,12 +32,12 @@ class Cause:
 
 
 def group_failures(explanations: Sequence[Shrunk | None], high: Mask) -> list[Cause]:
-    """Return the causes, starting with the most frequent; unexplained failures are omitted.
+    """Return the causes of failures, starting with the most frequent cause.
 
-    `high` [failure, input] marks inputs above nominal: a value that is too large and one that is
-    too small are different causes. A failure explained by several sets is assigned to the set that
-    explains the most failures (greedy set cover), because the smallest set of one flight is often a
-    borderline case of another cause.
+    Unexplained failures are omitted. `high` [failure, input] marks inputs above their nominal
+    values, because deviations in opposite directions are different causes. A failure explained by
+    several sets is assigned to the set that explains the most failures (greedy set cover), because
+    the smallest set of one flight is often a borderline case of another cause.
     """
     sets = {
         failure: {
@@ -70,7 +70,7 @@ _BUDGET = 400
 
 @dataclass(frozen=True)
 class Dispersed:
-    """Dispersion that belongs to a failure cause, with the range of its values, SI units."""
+    """Dispersion that belongs to a failure cause, with the range of its values in SI units."""
 
     parameter: str
     high: bool  # whether the values in all flights are above nominal; otherwise all are below
@@ -94,8 +94,8 @@ class ControllerFailures:
 
     failed: int  # number of failed flights, including those not analysed
     groups: tuple[FailureGroup, ...]  # groups by kind of failure, largest first
-    nominal: tuple[int, ...]  # flights that also fail with all dispersions at nominal
-    unexplained: tuple[int, ...]  # flights whose failure no small set explains
+    nominal: tuple[int, ...]  # flights that also fail with all dispersions at their nominal values
+    unexplained: tuple[int, ...]  # failed flights that no small set explains
     tried: int  # number of flights simulated for the analysis
 
     @property
@@ -125,7 +125,7 @@ def map_failures(
     engine: Engine | None = None,
     trust_code: bool = False,
 ) -> FailureMap:
-    """Explain the first MOST_FLIGHTS failures under each controller and group them by cause."""
+    """Explain the first MOST_FLIGHTS failures of each controller and group them by cause."""
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
     controllers = {}
@@ -187,7 +187,7 @@ def _group(
     *,
     explanations: Sequence[Shrunk | None],
 ) -> tuple[tuple[FailureGroup, ...], set[int]]:
-    """Return the groups for each kind of failure, and the numbers of all grouped flights."""
+    """Group the failures of each kind by cause; return the groups and all grouped flights."""
     groups = []
     for description in dict.fromkeys(failure.words for failure in failures):
         members = [k for k, failure in enumerate(failures) if failure.words == description]
@@ -212,13 +212,16 @@ def write_map(root: Path, failure_map: FailureMap) -> Path:
 
 
 def read_map(root: Path, digest: str | None) -> FailureMap | None:
-    """Return the failure map stored in a folder, or None if it does not have this digest."""
+    """Return the failure map stored in a folder.
+
+    The result is None if the folder has no failure map, or one with another digest.
+    """
     path = CampaignFolder(root).failure_map
     if not path.is_file():
         return None
     try:
         failure_map = _ADAPTER.validate_json(path.read_bytes())
     except ValidationError as error:
-        expected = f"a file of 'abhv-mc explain {root} --all'; run it again"
+        expected = f"a file written by 'abhv-mc explain {root} --all'; repeat that command"
         raise InputError(path, str(error.errors()[0]["msg"]), expected) from None
     return failure_map if failure_map.digest == digest else None

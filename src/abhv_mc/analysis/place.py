@@ -106,7 +106,7 @@ def place_flights(
         expected = "a campaign with 'sampling: random' and no unknowns"
         raise InputError(
             root,
-            "a campaign whose flights are not random draws from a single distribution",
+            "the flights are not random draws from a single distribution",
             expected,
         )
     records = (*results.campaign.metrics.values(), *results.campaign.channels)
@@ -137,7 +137,11 @@ def place_flights(
         values, own = summarize(simulated), summarize(tests)
     else:
         if noise:
-            raise InputError("--measured", "noise of a channel", "histories, with a column time")
+            raise InputError(
+                "--measured",
+                "the test files contain no time histories",
+                "test files with a column 'time'",
+            )
         flights = results.flights[controller]
         names = _shared_columns(tables, results.metrics)
         values = np.column_stack([flights.metrics[name] for name in names])
@@ -145,7 +149,7 @@ def place_flights(
         own = np.vstack([_columns(table, names) for table in tables])
         labels = [f"{t.table.path.name}:{line}" for t in tables for line in t.table.lines]
     if len(values) < FEWEST_FLIGHTS:
-        problem = f"{len(values)} simulated flights to compare with"
+        problem = f"only {len(values)} simulated flights are available for the comparison"
         raise InputError(root, problem, f"at least {FEWEST_FLIGHTS}")
     placed, bands = (
         [_place(label, names, values, row) for label, row in zip(labels, own, strict=True)],
@@ -176,7 +180,10 @@ def place_flights(
 
 
 def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
-    """Read recorded columns of a file in campaign units. Raise InputError if they are invalid."""
+    """Read the columns that the campaign records from a test file, in campaign units.
+
+    Raise InputError if a column is invalid.
+    """
     table = read_foreign_table(file)
     columns = table.find(units)
     factors = [table.factor(column, units[name]) for name, column in columns.items()]
@@ -191,12 +198,15 @@ def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
 
 
 def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> list[str]:
-    """Return the first file's columns that the campaign records; every file must have them."""
+    """Return the names of the columns that the first file shares with the campaign.
+
+    Raise InputError if another file lacks one of these columns.
+    """
     names = [name for name in tables[0].names if name in recorded]
     for table in tables:
         missing = [name for name in names or recorded[:1] if name not in table.names]
         if missing:
-            expected = f"columns of the campaign, such as {missing[0]}"
+            expected = f"columns that the campaign records, such as {missing[0]}"
             raise table.table.error(None, None, f"no column {missing[0]}", expected)
     return names
 
@@ -212,15 +222,17 @@ def _read_histories(
 ) -> tuple[dict[int, Floats], Floats, Floats, list[str]]:
     """Return simulated histories, test histories, times and channels.
 
-    Simulated histories are arrays [time, channel] by flight; test histories are an array [flight,
-    time, channel].
+    Simulated histories are arrays [time, channel] in a dictionary keyed by flight number; test
+    histories are one array [flight, time, channel].
     """
     histories = _random_histories(results, controller)
     if not histories:
-        expected = (
-            "'keep: {histories: {flights: all}}', or 'every N', which also selects random flights"
+        expected = "'keep: {histories: {flights: all}}' or 'flights: every N' in the campaign file"
+        raise InputError(
+            results.folder,
+            "the campaign stored no histories of randomly selected flights",
+            expected,
         )
-        raise InputError(results.folder, "no histories of random flights", expected)
     channels = _shared_columns(
         tables, [name for name in next(iter(histories.values())) if name != "time"]
     )
@@ -234,7 +246,7 @@ def _read_histories(
             0,
             "time",
             "no time lies within the duration of the simulated flights",
-            f"0 to {end:g} s",
+            f"times from 0 to {end:g} s",
         )
     times = times[:: max(1, times.size // _MOST_TIMES)]
     sampled = ((k, _sample(history, channels, times)) for k, history in histories.items())
@@ -247,8 +259,8 @@ def _read_histories(
             raise table.error(
                 0,
                 "time",
-                "no time in common with the first test flight",
-                "a time range that overlaps that of the first test flight",
+                "the test flight has no time in common with the first test flight",
+                "times that overlap with the times of the first test flight",
             )
     return simulated, tests, times, channels
 
@@ -262,8 +274,8 @@ def measure(
 ) -> tuple[Floats, tuple[str, ...]]:
     """Return histories with sensor errors [flight, time, channel], and the sensed channels.
 
-    A sensor has the scale, bias and white noise that the campaign draws for each flight; its lag is
-    neglected.
+    The scale, bias and white noise of a sensor are those that the campaign draws for each flight.
+    The lag of sensors is neglected.
     """
     flights, simulated = list(histories), np.stack(list(histories.values()))
     sigma = np.tile([noise.get(name, 0.0) for name in channels], (len(flights), 1))
@@ -289,7 +301,7 @@ def measure(
 
 
 def _sensor_of(channel: str) -> str | None:
-    """Return the sensor quantity measured in a channel, or None."""
+    """Return the quantity that a sensor measures in a channel, or None."""
     stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
     stem = stem.removesuffix("_error")
     return stem if stem in ALL_SENSORS else None
@@ -304,7 +316,7 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return the histories stored regardless of the outcome, keyed by flight number."""
+    """Return the histories that were stored regardless of the outcome, by flight number."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
@@ -372,7 +384,7 @@ def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> Pla
 def _locate(
     flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
 ) -> PlacedFlight:
-    """Return the flight, with the point at which its history first leaves the band."""
+    """Return the flight with the p-value of its history and its first exit from the band."""
     outside = band.deviations(history) > band.factor
     leaves = None
     if outside.any():

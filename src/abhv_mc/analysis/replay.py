@@ -20,7 +20,7 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError
 
-EQUAL_BITS = "equal the stored metrics bit for bit"  # what a report says of the metrics
+EQUAL_BITS = "equal the stored metrics bit for bit"  # text for identical metrics
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,9 @@ class Replay:
     differences: tuple[str, ...]  # differences between the results and the stored row
     sentence: str  # sentence that states how the flight ended
     ends: Outcomes = OUTCOMES
-    channels: tuple[Signal, ...] = CHANNELS  # channels of the history in the block, if there is one
+    channels: tuple[Signal, ...] = (
+        CHANNELS  # channels of the history, if the block contains a history
+    )
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
 
     @property
@@ -55,14 +57,14 @@ def replay_flight(
 ) -> Replay:
     """Re-run a flight with its stored plan, recording every `every`-th tick.
 
-    `root` is the campaign's folder. `fly` replaces the campaign's simulator.
+    `root` is the campaign's folder. `fly` is a function that replaces the campaign's simulator.
     """
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
     (row,) = find_rows(folder, controller, [flight])
     block = simulate(experiment, controller, row.samples, every, fly)
     values = np.append(block.metrics[0], block.end_time[0])
-    # The columns of stability margins follow the columns of the metrics.
+    # Omit the stability margins, whose columns follow the metrics and the end time.
     stored = row.values[0][: values.size]
     repeatability = read_manifest(folder.manifest).repeatable
     if repeatability is Repeatability.ROUNDING:
@@ -96,7 +98,10 @@ def replay_flight(
 
 
 def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -> list[FlightRows]:
-    """Return the stored rows of flights in the given order. Raise InputError if one is absent."""
+    """Return the stored rows of flights in the given order.
+
+    Raise InputError if a flight is missing.
+    """
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
     stored: dict[int, FlightRows] = {}

@@ -1,4 +1,7 @@
-"""Estimation under other distributions of the dispersions, by density ratios."""
+"""Re-weighting of simulated flights for other distributions of the dispersions.
+
+The weight of a flight is the ratio of its new to its old probability density.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +26,7 @@ from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, un
 
 _SET = "--set"
 _SLACK = (
-    1e-9  # tolerance within which interval ends count as equal, as a share of the interval's width
+    1e-9  # tolerance within which interval ends count as equal, relative to the interval's width
 )
 
 
@@ -48,7 +51,7 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
                 _SET, f"'{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%"
             )
         if entry in settings.get(name, {}):
-            raise InputError(_SET, f"'{key.strip()}' a second time", "each setting once")
+            raise InputError(_SET, f"'{key.strip()}' is set twice", "each setting only once")
         data = compose(Path(_SET), f"value: {value.strip()}\n".encode())[0]
         settings.setdefault(name, {})[entry] = data["value"] if isinstance(data, dict) else data
     return settings
@@ -60,8 +63,12 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     Raise InputError if the flights do not support the new distributions.
     """
     if not campaign.independent:
-        problem = "flights that are not independent draws:  " + campaign.dependence
-        problem = "flights at points of unknowns" if campaign.unknowns.names else problem
+        problem = "re-weighting requires independent flights, but " + campaign.dependence
+        problem = (
+            "the flights were simulated at fixed points of the unknowns"
+            if campaign.unknowns.names
+            else problem
+        )
         raise InputError(
             campaign.document.path, problem, f"a campaign with sampling: {INDEPENDENT}"
         )
@@ -71,10 +78,10 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     for name, keys in settings.items():
         if name not in entries and (dotted := f"{name}.{next(iter(keys))}") in entries:
             sizes = [key for key in entries[dotted] if key not in ("distribution", "probability")]
-            problem = f"'{dotted}' without the key to set in its distribution"
+            problem = f"'{dotted}' does not name a key of the distribution"
             raise InputError(_SET, problem, " or ".join(f"{dotted}.{key}=VALUE" for key in sizes))
         if name not in entries:
-            problem = f"'{name}', which the campaign did not disperse"
+            problem = f"the campaign does not disperse '{name}'"
             raise InputError(_SET, problem, one_of(entries, name) if entries else "a dispersion")
         after[name] = {**({} if "distribution" in keys else entries[name]), **keys}
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
@@ -90,8 +97,10 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
         if fault := _unsupported(name, campaign.marginals[name], marginal):
             raise InputError(_SET, *fault)
         if name in mixed and any(map(_has_choice, (campaign.marginals[other] for other in mixed))):
-            problem = f"'{name}', correlated with a discrete choice"
-            raise InputError(_SET, problem, "a parameter without such a correlation")
+            problem = f"'{name}' is correlated with a discrete choice"
+            raise InputError(
+                _SET, problem, "a parameter that is not correlated with a discrete choice"
+            )
     return Change({name: dict(entries[name]) for name in after}, after, marginals)
 
 
@@ -111,7 +120,7 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
-        problem = f"{name} has the key 'probability' before or after the change, but not both"
+        problem = f"{name} has the key 'probability' only before or only after the change"
         return problem, "the key 'probability' both before and after the change, or neither"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
@@ -128,21 +137,21 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
         return None
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
-        expected = f"some of {', '.join(f'{value:g}' for value in old.values)}"
+        expected = f"a subset of the values {', '.join(f'{value:g}' for value in old.values)}"
         return (
-            (f"{name} at {missing[0]:g}, where there are no flights", expected)
+            (f"no flights were simulated with {name} = {missing[0]:g}", expected)
             if missing.size
             else None
         )
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
-        problem = f"a change of {name} between a discrete choice and a continuous distribution"
-        return problem, "a distribution of the same kind"
+        problem = f"{name} changes between a discrete choice and a continuous distribution"
+        return problem, "a distribution of the same kind as in the campaign"
     (low, high), (first, last) = old.frozen.support(), new.frozen.support()
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
     if low - slack <= first and last <= high + slack:
         return None
-    problem = f"{name} from {first:g} to {last:g}, beyond the simulated range"
-    return problem, f"a distribution within {low:g} .. {high:g}, or a new campaign"
+    problem = f"{name} from {first:g} to {last:g} exceeds the simulated range"
+    return problem, f"a distribution between {low:g} and {high:g}, or a new campaign"
 
 
 def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:
@@ -182,7 +191,7 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
 
 
 def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:
-    """Return the probability, under the new distributions, of values that no flight has.
+    """Return the probability, under the new distributions, of values that were not sampled.
 
     `samples` has shape [flight, parameter].
     """

@@ -1,8 +1,8 @@
-"""Smallest set of inputs that still causes a failure if all other inputs are nominal.
+"""Search for the smallest set of inputs that causes a failure with all others nominal.
 
-If there are few sets, they are tried in order of increasing size. Otherwise the full set is reduced
-until every remaining input is needed (delta debugging: Zeller & Hildebrandt, IEEE TSE 28(2), 2002),
-testing many candidates at a time.
+Candidate sets are tried in order of increasing size while their number is within a budget. Beyond
+the budget, the full set is reduced until no single input can be omitted (delta debugging: Zeller &
+Hildebrandt, IEEE TSE 28(2), 2002). Many candidates are tested at a time.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -25,8 +25,8 @@ class Shrunk:
     """Sets of inputs that cause the failure, most severe failure first."""
 
     sets: tuple[tuple[int, ...], ...]
-    # If true, every smaller set was tried and does not fail; if false, it is only known that no
-    # single input can be omitted.
+    # True if no smaller set causes the failure, because all were tried. Otherwise no single input
+    # can be omitted, but a smaller set may exist.
     smallest: bool
     tried: int
 
@@ -43,10 +43,10 @@ def shrink(
 ) -> list[Shrunk | None]:
     """Return, for each failure, the smallest sets of inputs that cause it.
 
-    The result is None for a failure that does not occur even with all inputs. `test` takes the
-    failure index and the input mask [candidate, input] of each candidate, and returns severities,
-    -inf without failure. The candidates for all failures are tested in one call. `mildest_first` is
-    the order in which inputs are removed, for each failure.
+    The result is None for a failure that does not occur even if all inputs are included. `test`
+    takes the failure index [candidate] and the input mask [candidate, input], and returns the
+    severity of each candidate, or -inf without failure. Each call tests candidates of all failures.
+    `mildest_first` contains, for each failure, the order in which inputs are removed.
     """
     results: list[Shrunk | None] = [None] * len(mildest_first)
     searches = [_shrink(count, order, budget) for order in mildest_first]

@@ -1,3 +1,3 @@
-"""Campaigns: reading and checking campaign files, and drawing samples."""
+"""Reading and checking of campaign files, and drawing of samples."""
 
 MOST_WORKERS = 1024  # maximum number of parallel blocks on one machine

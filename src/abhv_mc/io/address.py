@@ -1,6 +1,6 @@
 """Addresses of object storage such as s3://bucket/folder.
 
-A secret key in an address is separated when the address is read, so that no text shown or stored
+A secret key is removed from an address when the address is read, so that no printed or stored text
 contains the key.
 """
 

@@ -1,8 +1,7 @@
 """CSV tables for other programs, without cells that spreadsheets would run as formulas.
 
-A spreadsheet runs a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236), and IDs,
-texts and units of requirements are free text. Such text gets a leading apostrophe; numbers are
-unchanged.
+Spreadsheets evaluate a cell that begins with ``= + - @`` or a tab as a formula (CWE-1236). Text
+cells of this kind therefore get a leading apostrophe; numbers are unchanged.
 """
 
 import csv

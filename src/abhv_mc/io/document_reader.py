@@ -22,7 +22,7 @@ Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
 Places = dict[tuple[str | int, ...], Place]
 
 MAX_BYTES = 2_000_000
-# maximum number of values in a file, because nested aliases grow exponentially
+# maximum number of values in a file, which nested YAML aliases can increase exponentially
 MAX_VALUES = 100_000
 
 _DECIMAL = re.compile(NUMBER)
@@ -34,7 +34,9 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     """Parse a file; return data and locations of values and keys. Raise InputError if invalid."""
     if len(raw) > MAX_BYTES:
         raise InputError(
-            path, f"more than {MAX_BYTES} bytes", f"a YAML file of at most {MAX_BYTES} bytes"
+            path,
+            f"the file has more than {MAX_BYTES} bytes",
+            f"a YAML file of at most {MAX_BYTES} bytes",
         )
     try:
         text = raw.decode("utf-8-sig")
@@ -47,7 +49,7 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     try:
         root = YAML(typ="safe", pure=True).compose(text)
         if root is None:
-            raise InputError(path, "an empty file", "a YAML mapping", 1, 1)
+            raise InputError(path, "the file is empty", "a YAML mapping", 1, 1)
         return builder.build(root, ()), builder.values, builder.keys
     except ReaderError as error:
         line, column = _place_of(text[: error.position])
@@ -96,7 +98,9 @@ class _Builder:
         self.values[keys] = _start(node)
         if len(self.values) > MAX_VALUES:
             self.refuse(
-                node, f"more than {MAX_VALUES} values", "fewer values; store tables in CSV files"
+                node,
+                f"the file has more than {MAX_VALUES} values",
+                "fewer values; store tables in CSV files",
             )
         tag = str(node.tag)
         if isinstance(node, MappingNode) and tag == _TAG + "map":
@@ -118,7 +122,7 @@ class _Builder:
             if not isinstance(key, str):
                 self.refuse(
                     key_node,
-                    f"the key {describe(key)}",
+                    f"the key {describe(key)} is not a name",
                     "a name as the key, in quotes if necessary",
                 )
             self.check_shown(key_node, key)
@@ -134,7 +138,7 @@ class _Builder:
             result[key] = self.build(value_node, path)
             if (
                 value_node.start_mark.index == value_node.end_mark.index
-            ):  # For an empty value, the end mark is on a later line.
+            ):  # The marks of an empty value are on a later line than the key.
                 self.values[path] = self.keys[path]
         return result
 
@@ -144,11 +148,11 @@ class _Builder:
             (char for char in text if char not in allowed and not is_printable(char)), None
         )
         if hidden is not None:
-            problem = f"the character {ascii(hidden)[1:-1]} in a text"
+            problem = f"the text contains the character {ascii(hidden)[1:-1]}"
             self.refuse(
                 node,
                 problem,
-                "text without terminal control or direction characters",
+                "text without control characters or characters that change the direction",
             )
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:

@@ -49,13 +49,16 @@ Key = str | int
 
 @dataclass(frozen=True)
 class Document:
-    """Content of a file as plain data; argument ``keys`` is the path from the root to a value."""
+    """Content of a file as plain data, with the source locations of keys and values.
+
+    The argument ``keys`` of the methods is the path from the root to a value.
+    """
 
     path: Path
     data: Plain
     value_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
     key_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
-    # files named in this one whose entries are part of the data
+    # files that this file names and whose entries are part of the data
     tables: tuple["Document", ...] = field(default=(), repr=False)
 
     @property
@@ -131,7 +134,7 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None  # Innermost lists and mappings are written on one line.
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.allow_unicode = False  # Some line separators are not ASCII characters.
+    yaml.allow_unicode = False  # Escape line separators that are not ASCII characters.
     yaml.width = sys.maxsize  # ruamel changes some long strings when it folds them.
     text = StringIO()
     text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
@@ -142,7 +145,10 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
 
 
 def _make_scalars_strict(schema: Any, model: type) -> None:
-    """Make the scalars of a model's schema strict; those of other models are already."""
+    """Make the scalars in a model's schema strict.
+
+    The schemas of nested models are skipped, because their scalars are already strict.
+    """
     if isinstance(schema, dict):
         kind = schema.get("type")
         if (
@@ -162,10 +168,11 @@ def _make_scalars_strict(schema: Any, model: type) -> None:
 
 
 class StrictModel(BaseModel):
-    """Base class of file models: frozen, rejects unknown keys and numbers that are not finite.
+    """Frozen base class of file models, which rejects unknown keys and nonfinite numbers.
 
-    Text is not converted to numbers, nor numbers to text; lists become tuples, and texts in path
-    fields become paths. Create instances with :func:`validate`. Validators raise :class:`Refusal`.
+    Text is not converted to numbers, and numbers are not converted to text. Lists become tuples,
+    and texts in path fields become paths. Create instances with :func:`validate`. Validators raise
+    :class:`Refusal`.
     """
 
     model_config = ConfigDict(
@@ -181,7 +188,7 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _note_keys(cls, data: Any, info: ValidationInfo) -> Any:
-        # candidates for the key that the user intended
+        # Store the valid keys, to suggest one of them for a misspelt key.
         if info.context and "known_keys" in info.context:
             info.context["known_keys"][id(data)] = [
                 field.alias or name for name, field in cls.model_fields.items()
@@ -197,7 +204,7 @@ def _resolve_file(value: object, info: ValidationInfo) -> object:
     if not path.is_file():
         raise Refusal(
             f"'{value}' {'is a folder' if path.is_dir() else 'does not exist'}",
-            "the path of a file",
+            "the path of an existing file",
         )
     return path
 
@@ -224,7 +231,7 @@ def validate(document: Document, model: type[M]) -> M:
 def _locate(data: Any, location: tuple[Key, ...]) -> tuple[Key, ...]:
     """Return the keys of a pydantic location that exist in the data.
 
-    Such locations also contain the tags and types of unions, which are not in the data.
+    Pydantic locations also contain the tags and types of unions, which are not in the data.
     """
     best: tuple[Key, ...] = ()
     if not isinstance(data, (dict, list)):
@@ -267,9 +274,9 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         )
         return document.key_error(keys, f"unknown key '{keys[-1]}'", expected)
     if location and location[-1] == "[key]":
-        return document.key_error(keys, f"the key '{keys[-1]}'", _plain(detail["msg"]))
+        return document.key_error(keys, f"the key '{keys[-1]}' is invalid", _plain(detail["msg"]))
     if kind == "missing":
-        return document.error(keys, f"no key '{location[-1]}'", f"'{location[-1]}' here")
+        return document.error(keys, f"no key '{location[-1]}'", f"the key '{location[-1]}' here")
     if kind.startswith("union_tag"):
         return _explain_tag(document, keys, value, context)
     if kind == "literal_error":
@@ -287,11 +294,11 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
     name = context["discriminator"].strip("'")
     name = (
         "kind" if name.endswith("()") else name
-    )  # A discriminator function may have examined other keys first.
+    )  # The tag of a discriminator function is called the kind of the value.
     if "tag" in context:
         tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
         return document.error(
-            (*keys, name), f"{name} '{context['tag']}'", one_of(tags, context["tag"])
+            (*keys, name), f"unknown {name} '{context['tag']}'", one_of(tags, context["tag"])
         )
     problem = f"no key '{name}'" if isinstance(value, dict) else describe(value)
     return document.error(keys, problem, f"a mapping with '{name}'")

@@ -1,7 +1,7 @@
 """Tables from other programs: CSV of any dialect, JSON lines, Parquet and Excel.
 
-Each cell has a source location. This reader, with its rules for units in column headings, is used
-for all tables of flights, samples, missions, vehicles and gains.
+The reader keeps the source location of each cell for error messages. All tables of flights,
+samples, missions, vehicles and gains are read with the same rules for units in column headings.
 """
 
 import contextlib
@@ -46,9 +46,9 @@ _SUFFIXES = {
     "min": "?",
 }  # in column names, 'min' means minimum, as in altitude_min
 _CORNER = "\\"  # separator of the names of a matrix's two axes
-_BLANKS = " "  # separator that stands for any number of blanks or tabs
-_FEW = 1000  # largest number of rows that are parsed in Python
-_LONGEST_LIST = 20  # longest JSON list whose items become columns
+_BLANKS = " "  # separator that represents any number of blanks or tabs
+_FEW = 1000  # maximum number of rows that are parsed in Python
+_LONGEST_LIST = 20  # maximum length of a JSON list whose items become columns
 
 
 class Column(NamedTuple):
@@ -72,7 +72,7 @@ class ForeignTable:
     texts: Sequence[str] = ()  # [row] original line of the file
     head_text: str = ""  # original line of the headings
     separator: str = ","
-    # [row] cell in the line that contains the value, if the file is a matrix
+    # [row] index of the cell that contains the value, if the file is a matrix
     value_cells: Sequence[int] = ()
 
     def __len__(self) -> int:
@@ -109,8 +109,8 @@ class ForeignTable:
             name, unit = read_head(head, known_names)
             if name and name not in (heads or {}):
                 if name in columns:
-                    expected = "a unique column for each name, whatever the unit"
-                    raise self.error(None, index, f"2 columns '{name}'", expected)
+                    expected = "only one column for each name, regardless of the unit"
+                    raise self.error(None, index, f"the table has 2 columns '{name}'", expected)
                 columns[name] = Column(index, unit or self.units[index])
         for name, head in (heads or {}).items():
             if name in names and (column := self._find_head(head)):
@@ -122,13 +122,16 @@ class ForeignTable:
             indices = [i for i, own in enumerate(self.heads) if text in (own, split_head(own)[0])]
             indices = [i for i in indices if self.heads[i] == text] or indices
             if len(indices) > 1:
-                raise self.error(None, indices[1], f"2 columns '{text}'", "one")
+                raise self.error(None, indices[1], f"the table has 2 columns '{text}'", "only one")
             for index in indices:
                 return Column(index, unit or split_head(self.heads[index])[1] or self.units[index])
         return None
 
     def factor(self, column: Column, unit: str) -> float:
-        """Return the factor from a column's unit to ``unit``. Raise InputError if none exists."""
+        """Return the conversion factor from a column's unit to ``unit``.
+
+        Raise InputError if the units are incompatible.
+        """
         if column.unit in ("", unit):
             return 1.0
         try:
@@ -194,7 +197,7 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
     if pa.types.is_boolean(column.type):
         return column.cast(pa.uint8())
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-        import pyarrow.compute as pc  # imported here because it takes 0.1 s
+        import pyarrow.compute as pc  # imported here because the import takes 0.1 s
 
         return pc.utf8_trim_whitespace(column.cast(pa.string()))
     return column
@@ -203,7 +206,8 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
 def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
     """Return the columns with decimal commas replaced by points.
 
-    Commas are taken as decimal if some numbers contain a comma and none contains a point.
+    Commas are treated as decimal separators if some numbers contain a comma and none contains a
+    point.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -252,10 +256,10 @@ def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
 
 
 def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
-    """Read CSV with any separator, plain or gzipped, JSON lines, Parquet or Excel.
+    """Read a table from a CSV (plain or gzipped), JSON Lines, Parquet or Excel file.
 
-    A row of units may follow the headings if ``has_units``; tables of text have none. Raise
-    InputError if the file cannot be read.
+    CSV files may have any separator. If ``has_units``, a row of units may follow the headings.
+    Raise InputError if the file cannot be read.
     """
     try:
         content = read_input(path)
@@ -272,7 +276,7 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
-            # In a spreadsheet, characters cannot be located by column.
+            # Errors in a spreadsheet name only the row, because cells have no character columns.
             return replace(table, texts=(), head_text="")
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
@@ -288,7 +292,7 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
 def _sheet_text(content: bytes) -> str:
     """Return the first sheet of an Excel file as tab-separated text.
 
-    Raise ImportError without openpyxl.
+    Raise ImportError if openpyxl is not installed.
     """
     import pandas as pd
 
@@ -306,7 +310,7 @@ def _read_json(path: Path, text: str) -> ForeignTable:
         try:
             rows.append(dict(_leaves("", json.loads(line))))
         except ValueError as error:
-            raise InputError(path, str(error), "a JSON object in each line", number) from None
+            raise InputError(path, str(error), "a JSON object on each line", number) from None
     heads = tuple(dict.fromkeys(head for row in rows for head in row))
     columns = [pa.array([row.get(head, "") for row in rows], pa.string()) for head in heads]
     data = pa.table(columns, names=list(heads))
@@ -356,7 +360,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
                 lines = {number: line, **lines}
                 break
     if len(lines) < 2:
-        raise InputError(path, "no rows", "a line of headings and rows of numbers", 1)
+        raise InputError(path, "the table has no rows", "a line of headings and rows of numbers", 1)
     (head, *texts), (head_line, *numbers) = lines.values(), lines
     heads = tuple(split_line(head, separator))
     units = [unit.strip("[](){} ") for unit in split_line(texts[0], separator)]
@@ -402,7 +406,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
 
 
 def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> ForeignTable:
-    """Read matrices as a table with one row for each cell of the matrices.
+    """Read one or more matrices as a table with one row per matrix cell.
 
     The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. With a third axis,
     each block begins with a line such as 'altitude_m = 1000'.
@@ -436,12 +440,12 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
             value_cells += range(1, 1 + len(heads))
         if len(outer) not in (0, 2) or len(names) not in (0, 3 + len(outer) // 2):
             expected = (
-                "'name\\name' and the column headings, below 'name = number' for a third axis"
+                "'name\\name' and column headings, after 'name = number' if there is a third axis"
             )
             raise InputError(path, f"'{line.strip()}'", expected, number)
     columns = [pa.array(column, pa.string()) for column in zip(*rows, strict=True)]
     if not columns:
-        raise InputError(path, "a matrix without rows", "a row heading and numbers in each row", 1)
+        raise InputError(path, "the matrix has no rows", "a row heading and numbers in each row", 1)
     units = ("",) * len(names)
     data = pa.table(columns, names=list(names))
     return ForeignTable(
@@ -457,7 +461,7 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Return whether a row is a row of units: no number and at least one known unit."""
+    """Return whether a row contains units: no number and at least one known unit."""
     if any(
         _NUMBER.fullmatch(cell.replace(",", ".")) or cell.lower() in _WORDS
         for cell in cells
@@ -527,7 +531,9 @@ class NumberTable:
         falls = or_falling and values[0] > values[-1]
         for row in np.flatnonzero(np.diff(-values if falls else values) <= 0.0)[:1] + 1:
             expected = f"{name}s that {'decrease' if falls else 'increase'}"
-            raise self.error(int(row), name, f"the {name} {values[row]:g} {unit}", expected)
+            raise self.error(
+                int(row), name, f"the {name} {values[row]:g} {unit} is out of order", expected
+            )
 
 
 def read_numbers(path: Path, dimensions: Mapping[str, Dimension]) -> NumberTable:

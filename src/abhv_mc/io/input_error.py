@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-# Synonyms used by other programs, with the names used by abhv-mc.
+# Names used by other programs, mapped to the names used by abhv-mc.
 _SYNONYMS = {
     **dict.fromkeys(("gauss", "gaussian"), "normal"),
     **dict.fromkeys(("std", "stddev", "sd", "standard_deviation"), "sigma"),
@@ -154,6 +154,6 @@ def describe(value: object) -> str:
             f"a mapping ({', '.join(map(str, list(value)[:3]))}{', ...' if len(value) > 3 else ''})"
         )
     if isinstance(value, (list, tuple)):
-        return f"a list of {len(value)}"
+        return f"a list of length {len(value)}"
     text = str(value) if isinstance(value, (int, float)) else f"'{value}'"
     return text if len(text) <= 80 else text[:76] + "...'"

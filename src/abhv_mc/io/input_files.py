@@ -1,4 +1,4 @@
-"""Cache by which a command reads each input file only once.
+"""Cache that lets a command read each input file only once.
 
 Checks, simulation, hashes and copies therefore use the same bytes, even if a file is edited while
 the command runs.
@@ -48,5 +48,5 @@ def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
 
 @made_once
 def read_input(path: Path) -> bytes:
-    """Return the bytes of a file, cached in :func:`reading_once`."""
+    """Return the bytes of a file, which are cached inside :func:`reading_once`."""
     return path.read_bytes()

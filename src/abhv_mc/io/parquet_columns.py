@@ -1,6 +1,6 @@
 """Conversion between Parquet columns and arrays without importing pandas.
 
-The functions of pyarrow import pandas, which takes a third of a second.
+The corresponding functions of pyarrow import pandas, which takes a third of a second.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 def arrow_memory(content: bytes) -> pa.Buffer:
-    """Copy bytes to memory that belongs to Arrow, to read a table from it."""
+    """Copy bytes to memory owned by Arrow, from which a table can be read."""
     # Threads of Arrow may free a table's source while the interpreter exits. If the memory belonged
     # to Python, the process would abort (apache/arrow issue 34314).
     stream = pa.BufferOutputStream()
@@ -28,7 +28,7 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
-    """Return the sorted distinct strings in a column, and each row's index among them [row]."""
+    """Return the sorted distinct strings of a column, and the index of each row's string."""
     encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
     texts, inverse = np.unique(
         np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True

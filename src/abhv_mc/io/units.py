@@ -4,8 +4,8 @@ A unit is a product of symbols with integer powers ('kg m2', 'slug ft2', 'ft/s',
 by the next symbol. In files a quantity with a dimension needs a unit; on the command line some
 options allow a bare number.
 
-Conversion factors are from NIST SP 811 (2008), appendix B. They are exact, except the factors of
-the slug and the pound-force per foot.
+Conversion factors are from NIST SP 811 (2008), appendix B. Factors that are not exact there, such
+as that of the slug, are computed from exact factors.
 """
 
 import math
@@ -20,7 +20,9 @@ from abhv_mc.io.input_error import Refusal, describe, one_of
 
 # decimal number; \d would also match digits of other scripts
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-Exponents = tuple[int, int, int, int, int]  # of metre, kilogram, second, radian and kelvin
+Exponents = tuple[
+    int, int, int, int, int
+]  # exponents of metre, kilogram, second, radian and kelvin
 
 _NONE: Exponents = (0, 0, 0, 0, 0)
 _FOOT = 0.3048
@@ -119,7 +121,7 @@ _BY_EXPONENTS = {dimension.exponents: dimension for dimension in DIMENSIONS}
 
 
 def parse_unit(text: str) -> tuple[float, Exponents]:
-    """Return a unit's factor to SI and its exponents. Raise Refusal if the unit is unknown."""
+    """Return a unit's factor to SI and its exponents. Raise Refusal for an unknown unit."""
     for spelling, plain in _SPELLINGS.items():
         text = text.replace(spelling, plain)
     text = text.strip().replace("**", "^")
@@ -150,7 +152,7 @@ def dimension_of(unit: str) -> Dimension:
 
 
 def si_unit_of(unit: str) -> str:
-    """Return the SI unit of the same dimension. Raise Refusal for an unknown unit."""
+    """Return the SI unit with the dimension of a unit. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)
     if exponents in _BY_EXPONENTS:
         return _BY_EXPONENTS[exponents].unit
@@ -168,7 +170,7 @@ def si_unit_of(unit: str) -> str:
 
 
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
-    """Convert text to a quantity in SI. Raise Refusal if it is invalid.
+    """Convert text to a quantity in SI. Raise Refusal for invalid text.
 
     A number without a unit is in ``bare_unit``.
     """
@@ -190,13 +192,14 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
     except Refusal as refusal:
         hint = re.search(r"did you mean '.*?'\?", refusal.expected)
         raise Refusal(
-            f"{describe(text)} with {refusal.found}",
+            f"{describe(text)} has the {refusal.found}",
             dimension.expected + (f" ({hint[0]})" if hint else ""),
         ) from None
     if exponents != dimension.exponents:
         actual = _BY_EXPONENTS.get(exponents)
         raise Refusal(
-            f"{describe(text)}, {actual.name if actual else 'something else'}", dimension.expected
+            f"{describe(text)} is {actual.name if actual else 'another quantity'}",
+            dimension.expected,
         )
     inverse = 1.0 / factor  # Division by 100 rounds only once; multiplication by 0.01 rounds twice.
     value = number / inverse if inverse.is_integer() else number * factor
@@ -206,7 +209,7 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
 
 
 def parse_any(text: str | float) -> float:
-    """Convert text to a quantity of any dimension in SI. Raise Refusal if it is invalid."""
+    """Convert text to a quantity of any dimension in SI. Raise Refusal for invalid text."""
     unit = unit_of(text)
     return parse_quantity(text, dimension_of(unit) if unit else FRACTION)
 
@@ -218,7 +221,7 @@ def unit_of(text: str | float) -> str:
 
 
 def parse_in_unit(value: str | float, unit: str) -> float:
-    """Convert a quantity to the SI unit ``unit``. Raise Refusal if it is incompatible.
+    """Convert a quantity to the SI unit ``unit``. Raise Refusal for another dimension.
 
     For the unit '-', the value may be a plain number or a percentage.
     """
@@ -226,9 +229,10 @@ def parse_in_unit(value: str | float, unit: str) -> float:
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """Convert a quantity to ``unit``, an arbitrary unit name. Raise Refusal if impossible.
+    """Convert a quantity to ``unit``, which may be an unknown unit.
 
-    A plain number is in ``unit``; other units are converted if both units are known.
+    A plain number is in ``unit``; other units are converted if both units are known. Raise Refusal
+    if the conversion is impossible.
     """
     written_unit = unit_of(value)
     if written_unit in ("", unit):
@@ -241,7 +245,7 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
     try:
         dimension = dimension_of(unit)
     except Refusal:
-        raise Refusal(describe(value), f"a number, in {unit}") from None
+        raise Refusal(describe(value), f"a number in {unit}") from None
     return parse_quantity(value, dimension) / parse_unit(unit)[0]
 
 
@@ -273,14 +277,14 @@ def _writer(dimension: Dimension) -> PlainSerializer:
 def _schema(dimension: Dimension) -> WithJsonSchema:
     text = {"type": "string", "description": dimension.expected, "examples": [dimension.example]}
     text["pattern"] = (
-        # number followed by any unit
+        # a number, followed by any unit
         rf"^\s*{NUMBER}\s*{'' if dimension is FRACTION else '[^0-9]'}"
     )
     return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 
-# Field types: string with a unit in files and in model_dump(mode="json"), a float in SI in models.
-# Limits are in SI, as in Annotated[Length, Gt(0.0)].
+# Field types: a string with a unit in files and in model_dump(mode="json"), and a float in SI in
+# models. Constraints such as Annotated[Length, Gt(0.0)] are in SI.
 Length = Annotated[float, _parser(LENGTH), _writer(LENGTH), _schema(LENGTH)]
 Area = Annotated[float, _parser(AREA), _writer(AREA), _schema(AREA)]
 Speed = Annotated[float, _parser(SPEED), _writer(SPEED), _schema(SPEED)]

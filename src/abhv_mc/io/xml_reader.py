@@ -1,7 +1,8 @@
-"""Reader of XML files, without external references, that returns nodes with line numbers.
+"""Reader of XML files that returns nodes with line numbers.
 
-Document types are skipped. Entity declarations, entity references and inclusions are rejected. Text
-is folded so that it cannot end the comment, docstring or YAML line into which it is written.
+External references are never followed. Document types are skipped. Entity declarations, entity
+references and inclusions are rejected. Text is returned as one line without quotes, so that it
+cannot end the comment, docstring or YAML line into which an importer writes it.
 """
 
 import math
@@ -14,7 +15,7 @@ from xml.parsers import expat
 from abhv_mc.io.input_error import InputError
 
 _INCLUDE = "http://www.w3.org/2001/XInclude"
-_DEEPEST = 200  # maximum nesting depth of elements
+_DEEPEST = 200  # maximum depth of nested elements
 _SEPARATOR = "\n"  # separator of namespace and name, which cannot occur in a name
 _QUOTES = str.maketrans('"\\', "'/")
 
@@ -60,11 +61,11 @@ class Node:
         return child.text if child else ""
 
     def refuse(self, problem: str, expected: str) -> InputError:
-        """Return an InputError located at the element."""
+        """Return the InputError for a problem of the element."""
         return InputError(self.path, problem, expected, self.line, self.column)
 
     def number(self, text: str) -> float:
-        """Return the text of the element as a number. Raise InputError if it is not a number."""
+        """Convert text of the element to a number. Raise InputError if this is impossible."""
         try:
             value = float(text)
         except ValueError:
@@ -98,10 +99,10 @@ class _Reader:
         self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._characters
         self._parser.EntityDeclHandler = lambda name, *details: self._refuse(
-            f"the entity declaration '{name}'"
+            f"the file declares the entity '{name}'"
         )
         self._parser.SkippedEntityHandler = lambda name, _: self._refuse(
-            f"the undeclared entity '{name}'"
+            f"the file uses the undeclared entity '{name}'"
         )
 
     def read(self, content: bytes) -> Node:
@@ -117,9 +118,9 @@ class _Reader:
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         space, _, plain = name.rpartition(_SEPARATOR)
         if space == _INCLUDE:
-            self._refuse("an inclusion of another file")
+            self._refuse("the file includes another file")
         if len(self._open) >= _DEEPEST:
-            self._refuse(f"more than {_DEEPEST} nested elements")
+            self._refuse(f"elements are nested more than {_DEEPEST} deep")
         bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
         location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
         node = Node(self._path, plain, bare, *location)

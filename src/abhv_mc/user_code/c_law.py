@@ -1,8 +1,8 @@
 """Loading of control laws in C, and the compiled loop that calls them.
 
-The loop over the lanes fills the structs of abhv_law.h and calls the step function. The lane of a
-flight holds the index of its state in memory. Native code runs in workers and the child process,
-never in the launching process.
+The loop over the lanes fills the structs of abhv_law.h and calls the step function. Each lane
+stores the index of the state of its flight. Native code runs in workers and the child process,
+never in the main process.
 """
 
 import ctypes
@@ -70,7 +70,7 @@ def load_library(source: UserSource) -> CLibrary:
         handle = ctypes.CDLL(str(path), mode=os.RTLD_NOW | os.RTLD_LOCAL)
     except OSError as error:
         message = str(error).replace(str(path.parent) + os.sep, "")
-        missing = f"files: [{message.partition(':')[0]}] in its controller file"
+        missing = f"'files: [{message.partition(':')[0]}]' in the controller file"
         expected = missing if "cannot open shared object" in message else "a shared library"
         raise InputError(
             source.file, f"the library cannot be loaded ({message})", expected
@@ -80,7 +80,7 @@ def load_library(source: UserSource) -> CLibrary:
         if not loaded.startswith(allowed):
             problem = f"the library links to {loaded}, which is not declared"
             raise InputError(
-                source.file, problem, f"files: [{Path(loaded).name}] in its controller file"
+                source.file, problem, f"'files: [{Path(loaded).name}]' in the controller file"
             )
 
     def find(name: str) -> int:
@@ -93,10 +93,10 @@ def load_library(source: UserSource) -> CLibrary:
             raise InputError(
                 source.file,
                 f"the library has no function abhv_law_{name}",
-                "the function declared in abhv_law.h",
+                "a library with this function, as declared in abhv_law.h",
             )
     if (get == 0) != (put == 0):
-        problem = f"a library with abhv_law_state_{'get' if get else 'set'} alone"
+        problem = f"the library has only abhv_law_state_{'get' if get else 'set'}"
         raise InputError(
             source.file, problem, "both abhv_law_state_get and abhv_law_state_set, or neither"
         )
@@ -125,8 +125,8 @@ def _mapped() -> set[str]:
 def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[str, float] | None:
     """Return the initial values of a control law's memory by name, or None.
 
-    The result is None if the law does not expose its memory. Call the function in the child
-    process. Raise InputError if the law fails.
+    The result is None if the law does not expose its memory. This function must be called in the
+    child process. Raise InputError if the initialization of the law fails.
     """
     library = load_library(source)
     if not library.get:
@@ -137,11 +137,13 @@ def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[s
     if call(library.init)(
         setting_values.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data
     ):
-        raise InputError(source.file, "abhv_law_init failed", "0 from it")
+        raise InputError(source.file, "abhv_law_init failed", "the return value 0")
     read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(library.get)
     count = read(state.ctypes.data, None)
     if not 0 <= count <= MAX_MEMORY:
-        raise InputError(source.file, f"a memory of {count} numbers", f"0 to {MAX_MEMORY}")
+        raise InputError(
+            source.file, f"the memory of the law has {count} numbers", f"0 to {MAX_MEMORY}"
+        )
     values = np.zeros(count + 1)
     read(state.ctypes.data, values.ctypes.data)
     return {f"memory_{i}": value for i, value in enumerate(values[:count].tolist())}
@@ -158,9 +160,10 @@ def open_c_law(
 ) -> OpenLaw:
     """Return the control law for ``width`` lanes and ``n_states`` simultaneous flights.
 
-    ``effectors`` are the vehicle's effectors. If a law exposes ``memory`` numbers, the lanes' rows
-    hold them, as for a compiled law, and the state is rebuilt from them at each tick. The first
-    ``seen`` measured quantities are passed; the others are NaN.
+    ``effectors`` are the vehicle's effectors. If a law exposes its memory of ``memory`` numbers,
+    they are stored in rows of lane memory, as for a compiled law, and the law's state is restored
+    from these rows at each tick. Only the first ``seen`` measured quantities are passed to the law;
+    the others are NaN.
     """
     library = load_library(source)
     recipe: Any = source.recipe
@@ -185,8 +188,8 @@ def compile_adapter(
 ) -> Any:
     """Return the compiled loop that calls a control law in C.
 
-    ``memory`` and ``n_measured`` (``seen``) are as in :func:`open_c_law`. ``effectors`` are the
-    rows of the commanded effectors.
+    ``memory`` and ``n_measured`` are the arguments ``memory`` and ``seen`` of :func:`open_c_law`.
+    ``effectors`` are the lane-memory rows of the commanded effectors.
     """
     commanded = (*COMMAND_ROWS, *effectors)
     lane_row = functools.partial(lane_of, width)

@@ -38,7 +38,7 @@ def describe_platform() -> str:
 
 @functools.cache
 def find_compiler() -> str:
-    """Return the version of the C compiler ``cc``. Raise InputError if it is missing."""
+    """Return the version of the C compiler ``cc``. Raise InputError if ``cc`` is missing."""
     try:
         completed = subprocess.run(
             ["cc", "--version"],  # noqa: S607
@@ -71,7 +71,7 @@ def make_header(onboard: bool = False) -> str:
 
 
 def _struct(kind: Any) -> str:
-    """Return a named tuple as a C struct, preceded by the structs of its fields."""
+    """Return the C struct for a named tuple, preceded by the structs of its fields."""
     inner = [
         hint for hint in dict.fromkeys(kind.__annotations__.values()) if hasattr(hint, "_fields")
     ]
@@ -86,7 +86,7 @@ def _struct(kind: Any) -> str:
 
 
 def interface(onboard: bool = False) -> str:
-    """Return the interface ID of abhv_law.h that a library must contain."""
+    """Return the interface ID in abhv_law.h, which a library must contain."""
     groups = Measured._fields, REFERENCE, (*COMMAND_FIELDS, f"effectors[{MAX_ACTUATORS}]")
     names = ";".join(",".join(group) for group in groups) + (
         ";" + ",".join(onboard_fields()) if onboard else ""
@@ -115,7 +115,7 @@ def describe_layout(layout: Layout) -> str:
 def with_library(source: UserSource) -> UserSource:
     """Return a control law's source with its library, built once per version of the source.
 
-    Raise InputError with the first error of cc.
+    Raise InputError with the first error of the C compiler.
     """
     recipe = source.recipe
     if recipe is None or not recipe.get("sources"):
@@ -148,7 +148,7 @@ def with_library(source: UserSource) -> UserSource:
                 )
             except subprocess.TimeoutExpired:
                 raise InputError(
-                    source.file, f"the build takes longer than {_LONGEST:g} s", "C code"
+                    source.file, f"the build takes longer than {_LONGEST:g} s", "a faster build"
                 ) from None
             if completed.returncode:
                 raise _explain(source, completed.stderr)
@@ -165,11 +165,13 @@ def _explain(source: UserSource, output: str) -> InputError:
             output[-200:],
         )
         return InputError(
-            source.file, f"the law cannot be linked ({message.strip():.300})", "C that links"
+            source.file,
+            f"the law cannot be linked ({message.strip():.300})",
+            "C code that can be linked",
         )
     missing = re.match(r"([\w./-]+): No such file", match["words"])
     expected = (
-        f"files: [{missing[1]}] in its controller file" if missing else "C code that compiles"
+        f"'files: [{missing[1]}]' in the controller file" if missing else "C code that compiles"
     )
     column = int(match["column"]) if match["column"] else None
     return InputError(
@@ -178,11 +180,11 @@ def _explain(source: UserSource, output: str) -> InputError:
 
 
 def refuse_platform(source: UserSource) -> str | None:
-    """Return why the library of a control law cannot run on this machine, or None."""
+    """Return the reason why a law's library cannot run on this machine, or None."""
     recipe, current = source.recipe, describe_platform()
     if recipe is None or recipe["platform"] == current:
         return None
-    return f"the platform ({current}) is not that of the law's library ({recipe['platform']})"
+    return f"the library of the law was not built for {current}, but for {recipe['platform']}"
 
 
 def write_headers(folder: Path, layout: Layout, onboard: bool) -> list[Path]:

@@ -1,6 +1,7 @@
 """Separate processes and threads for custom code that may crash, hang or read files.
 
-One child process serves all calls. It ends with this process and is replaced if it dies.
+One child process serves all calls. The child ends with its parent process and is replaced if it
+dies.
 """
 
 import atexit
@@ -23,13 +24,13 @@ _START = (
     "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; "
     "serve(int(sys.argv[1]))"
 )
-_may_run = False  # whether this process may run code that crashes it
+_may_run = False  # whether this process may run code that can crash it
 _lock = threading.RLock()
 _child: "_Child | None" = None
 
 
 class LostError(Exception):
-    """Error: the child process ended or exceeded its time limit (``hung``)."""
+    """Error raised if the child process ends or exceeds its time limit (``hung``)."""
 
     def __init__(self, reason: str, hung: bool, process: int) -> None:
         super().__init__(reason, hung, process)
@@ -56,8 +57,8 @@ def check_may_run() -> None:
 def in_child(function: Callable[..., T], *arguments: Any, limit: float | None = None) -> T:
     """Call a module-level function in the child process; return its result or raise its error.
 
-    A process that may crash calls the function directly. Raise LostError if the child ends or takes
-    longer than ``limit`` s.
+    A worker or child process calls the function directly. Raise LostError if the child ends or
+    takes longer than ``limit`` s.
     """
     global _child  # noqa: PLW0603  one child for all calls
     if _may_run:
@@ -175,7 +176,7 @@ def _end_with_parent() -> None:
 def run_in_thread(work: Callable[[], T], limit: float | None = None) -> T:
     """Run ``work`` in a thread that can be abandoned; return its result or raise its error.
 
-    The calling thread still receives Ctrl-C. Raise TimeoutError after ``limit`` s.
+    The calling thread can still be interrupted with Ctrl-C. Raise TimeoutError after ``limit`` s.
     """
     done: list[T] = []
     failed: list[BaseException] = []

@@ -1,4 +1,4 @@
-"""Compilation of control laws to loops over lanes, cached by the hash of their text."""
+"""Compilation of control laws to loops over lanes, cached by the hash of the source text."""
 
 import functools
 import hashlib
@@ -41,7 +41,7 @@ from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _CONTROLS = s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA
 COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # lane-memory rows of a Command
-LAW_FAILED = 50.0  # value of flight.outcome.Outcome.LAW_FAILED, in a higher layer
+LAW_FAILED = 50.0  # value of flight.outcome.Outcome.LAW_FAILED, which a higher layer defines
 _GIVEN = "float('inf')"  # source text of law_interface.NOT_GIVEN
 _MADE = (Command, Coefficients, Thrust, Sensed, Filtered)  # classes that accept any numbers
 ONBOARD_ROWS = (
@@ -64,15 +64,15 @@ def compile_law(
     effectors: tuple[str, ...] = (),
     dispersed_row: int = 0,
 ) -> Any:
-    """Return the compiled loop over ``width`` lanes, with its ``address``.
+    """Compile a control law to a loop over ``width`` lanes, with the attribute ``address``.
 
-    ``gains`` are the names of the gain columns; ``effectors`` are the vehicle's, for a law that
-    commands effectors. ``dispersed_row`` is the first row of the dispersed settings of each flight,
-    or 0 if no setting is dispersed. Raise InputError, with the user's line, for code that does not
-    compile.
+    ``gains`` are the names of the gain columns; ``effectors`` are the names of the vehicle's
+    effectors if the law commands effectors. ``dispersed_row`` is the first row of the dispersed
+    settings of each flight, or 0 if no setting is dispersed. Raise InputError, with the user's
+    line, for code that does not compile.
     """
     law = load_law(source)
-    with refuse_in_words(source, "a law", WANTED):
+    with refuse_in_words(source, "the law", WANTED):
         names = compiled_names(law.module)
         names |= {"_Measured": Measured, "_Reference": Reference, "_Onboard": Onboard}
         names |= {
@@ -96,14 +96,14 @@ def compile_law(
 
 @functools.lru_cache(maxsize=64)
 def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) -> Any:
-    """Return the compiled loop of a measurement filter over ``width`` lanes.
+    """Compile a measurement filter to a loop over ``width`` lanes.
 
     The loop has the attribute ``address``. Raise InputError, with the user's line, for code that
     does not compile.
     """
     law = load_law(source)
     lane = functools.partial(lane_of, width)
-    with refuse_in_words(source, "a filter", WANTED):
+    with refuse_in_words(source, "the filter", WANTED):
         names = compiled_names(law.module)
         names |= {"_Measured": Measured, "_Reference": Reference, "_Memory": law.memory}
         names |= {"_Settings": law.settings, "_law": names[law.function.__name__]}
@@ -146,17 +146,20 @@ REFERENCE_TEXT = tuple_text(
 
 
 def lane_of(width: int, row: int) -> str:
-    """Return a function that gives the source text of a row of the current lane."""
+    """Return the source text of the value in a row of lane memory for the current lane."""
     return f"Z[{row * width} + lane]"
 
 
 def indent(spaces: int, lines: list[str]) -> str:
-    """Return the lines indented by ``spaces`` spaces; if there are none, a `pass` statement."""
+    """Return the lines indented by ``spaces``, or an indented `pass` if there are no lines."""
     return "\n".join(" " * spaces + line for line in lines or ["pass"])
 
 
 def loop_text(width: int, once: list[str], inside: list[str]) -> str:
-    """Return the source text of a loop over lanes: lines run once, and lines per lane."""
+    """Return the source text of a loop over lanes.
+
+    The lines ``once`` run before the loop, and the lines ``inside`` run for each lane.
+    """
     lines = [indent(4, once), f"    for lane in range({width}):", indent(8, inside)]
     return "\n".join(["def loop(context, Z, row, column, given, tick, dt):", *lines, ""])
 
@@ -171,7 +174,7 @@ def build(
 ) -> Any:
     """Compile generated source text that calls ``function`` and return its ``loop``.
 
-    Raise InputError with the line that numba names, or else the line of the function.
+    Raise InputError at the line that numba reports, or else at the line of the function.
     """
     try:
         return build_loop(f"{module.source.hash} {salt}", text, names)
@@ -182,7 +185,8 @@ def build(
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     """Compile source text that uses ``names`` and return its function ``loop``.
 
-    ``salt`` identifies the names in the cache. Raise Uncompilable if compilation fails.
+    ``salt`` distinguishes loops of equal text that use different names. Raise Uncompilable if
+    compilation fails.
     """
     key = hashlib.sha256(f"{salt} {text} {code_hash()}".encode()).hexdigest()[:24]
     path = laws_folder() / f"law_{key}.py"
@@ -204,7 +208,8 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
 def compiled_names(module: Module) -> dict[str, Any]:
     """Return the global names of a file, with objects prepared for numba.
 
-    Tables become look-up functions, and classes become functions that convert to floats.
+    Tables become look-up functions, and classes become functions that convert their arguments to
+    floats.
     """
     folder = str(unpack(module.source)) + os.sep if module.source.files else ""
     return dict(_compile_names(module.names, folder, {}, tuple_codes(module.source)))
@@ -269,7 +274,7 @@ def _is_in(folder: str, names: dict[str, Any]) -> bool:
 def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
     """Return a compiled function that converts numbers to a named tuple of floats.
 
-    Effectors are passed as a tuple.
+    The field ``effectors`` remains a tuple and is not converted.
     """
     defaults = {name: value for name, value in defaults.items() if name != "effectors"}
     parameters = [f"{name}=_{name}" if name in defaults else name for name in kind._fields]
@@ -284,7 +289,7 @@ def _make_maker(kind: Any, home: str, defaults: dict[str, Any]) -> Any:
 
 
 def _make_effect_maker(home: str) -> Any:
-    """Return a compiled function that makes an Effect with float force and moment."""
+    """Return a compiled function that makes an Effect, with force and moment as floats."""
     names: dict[str, Any] = {"_kind": Effect, "_sensed": Sensed(), "__name__": home}
     nothing = "(0.0, 0.0, 0.0)"
     floats = ", ".join(
@@ -303,8 +308,9 @@ def _measured_text(lane: Callable[[int], str]) -> str:
 def _memory_lines(law: Law, lane: Callable[[int], str]) -> list[str]:
     """Return the lines that build a law's memory from its rows, if it has one.
 
-    At the start the memory has its default values. numba cannot compile a call with more than 30
-    arguments of which one is a conditional expression.
+    At the first tick, the memory has its default values. Each value is assigned to a variable
+    first, because numba cannot compile a call with more than 30 arguments if one is a conditional
+    expression.
     """
     if "memory" not in law.arguments:
         return []
@@ -331,7 +337,7 @@ def _make_loop(
 ) -> str:
     """Return the source text of the loop over lanes.
 
-    The number of lanes is a constant in the text, so that the loop is vectorized.
+    The number of lanes is a constant in the text, so that the compiler can vectorize the loop.
     """
     lane = functools.partial(lane_of, width)
     columns = [f"column[tick * {len(gains)} + {i}]" for i in range(len(gains))]
@@ -385,7 +391,9 @@ def _explain(module: Module, error: Uncompilable, first_line: int, expected: str
     useful = [text for text in message_lines if text and not _NOISE.match(text)]
     if "Unknown attribute 'aileron'" in error.message or "wrong tuple length" in error.message:
         problem = "the law does not return a Command"
-        returned = "return Command(...), or Command(...), Memory(...) for a law with memory"
+        returned = (
+            "'return Command(...)', or 'return Command(...), Memory(...)' for a law with memory"
+        )
         return InputError(source.file, problem, returned, line or first_line)
     problem = f"the code does not compile ({'; '.join(useful[:3]):.300})"
     return InputError(source.file, problem, expected, line or first_line)

@@ -63,7 +63,7 @@ class DesignModel:
         self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables
     ) -> None:
         self.vehicle, self.mission, self.trim_tables = vehicle, mission, trim_tables
-        self.table = reference  # [tick, column], ordered as kernel.laws.columns.REFERENCE
+        self.table = reference  # [tick, column], with the columns kernel.laws.columns.REFERENCE
 
     @property
     def earth(self) -> Earth:
@@ -88,8 +88,8 @@ class DesignModel:
     def linearize(self, time: float) -> LinearPlant:
         """Return the nominal vehicle linearized at the control tick nearest to ``time``, s.
 
-        The Earth is a sphere without rotation; the vehicle is in the reference's coordinated turn
-        and has no actuators.
+        The Earth is a nonrotating sphere. The vehicle flies the coordinated turn of the reference,
+        and actuator dynamics are neglected.
         """
         nominal = make_nominal(self.mission, self.table[self._tick(time)])
         operating_point = [
@@ -116,7 +116,8 @@ class DesignModel:
 def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     """Return the time derivatives of STATES for values of STATES and INPUTS.
 
-    The derivatives follow equations (1), (13) and (3) with the full aerodynamic tables.
+    The derivatives follow equations (1), (13) and (3) of the theory manual, with the full
+    aerodynamic tables.
     """
     altitude, speed, gamma, chi, alpha, beta, bank = x[:7]
     environment, mass = nominal.environment, nominal.mass
@@ -150,7 +151,8 @@ def watched_design(
 ) -> tuple[tuple[str, ...], Floats]:
     """Return the names and columns [tick, gain] of the gains designed for a control law.
 
-    The design runs in the child process, which checks file reads. Raise InputError if it fails.
+    The design runs in the child process, which checks file reads. Raise InputError if the design
+    fails.
     """
     recipe = source.recipe
     design: Any = load_law(source).design if recipe is None else recipe["design"]
@@ -162,13 +164,13 @@ def watched_design(
 
 
 def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
-    """Return gains from a CSV file, interpolated linearly and constant outside its times."""
+    """Read gains from a CSV file; interpolate linearly, with constant extrapolation."""
     table = read_foreign_table(path)
     time = table.find(["time"]).get("time")
     indices = [i for i in range(len(table.heads)) if not time or i != time.position]
     if not time or not indices:
-        expected = "the column time_s and columns of gains"
-        raise table.error(None, None, "the design has no times or no gains", expected)
+        expected = "a column time_s and at least one column of gains"
+        raise table.error(None, None, "the table of gains has no times or no gains", expected)
     own = NumberTable(
         table, {"time": time}, table.numbers([time.position]) * table.factor(time, "s")
     )
@@ -199,7 +201,7 @@ def _design(
         settings_tuple = namedtuple("Settings", values)(**values)
     ticks, file = len(model.table), source.file
     expected = f"design(model, settings) that returns a named tuple of numbers or arrays [{ticks}]"
-    with in_its_folder(source), watching(source), refuse_in_words(source, "a design", expected):
+    with in_its_folder(source), watching(source), refuse_in_words(source, "the design", expected):
         design = run_module(source).names["design"]
         designed, line = design(model, settings_tuple), design.__code__.co_firstlineno
         if not (isinstance(designed, tuple) and hasattr(designed, "_fields")):
@@ -214,7 +216,7 @@ def _design(
             if not np.isfinite(columns[:, i]).all():
                 raise InputError(
                     file,
-                    f"the gain '{name}' has a value that is not a number",
+                    f"the gain '{name}' has a value that is not finite",
                     "finite numbers",
                     line,
                 )

@@ -55,9 +55,9 @@ def commands_effectors(source: UserSource) -> bool:
 
 
 def parse_law(source: UserSource) -> ast.Module:
-    """Return the syntax tree of a law, with effectors as tuples.
+    """Return the syntax tree of a law, with dictionaries of effectors replaced by tuples.
 
-    Raise InputError if its Commands name different effectors.
+    Raise InputError if the Commands of the law name different effectors.
     """
     tree = ast.parse(source.text)
     names = find_commanded(source)
@@ -72,7 +72,7 @@ def parse_law(source: UserSource) -> ast.Module:
         if not isinstance(argument, ast.Dict) or tuple(sorted(map(str, keys))) != names:
             raise InputError(
                 source.file,
-                "a Command with different effectors",
+                "the Commands of the law name different effectors",
                 _EXPECTED,
                 call.lineno,
                 call.col_offset + 1,
@@ -80,7 +80,7 @@ def parse_law(source: UserSource) -> ast.Module:
         values = dict(zip(keys, argument.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
-            for name in names  # All values must have the same type.
+            for name in names  # Conversion gives all values the same type.
         ]
         for keyword in call.keywords:
             if keyword.arg == "effectors":
@@ -89,7 +89,7 @@ def parse_law(source: UserSource) -> ast.Module:
 
 
 def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
-    """Return the code of functions rewritten with effectors as tuples, by function name."""
+    """Return the code of functions, rewritten with tuples of effectors, by function name."""
     if not find_commanded(source):
         return {}
     code = compile(parse_law(source), source.file, "exec", dont_inherit=True)
@@ -132,12 +132,14 @@ def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
     effector_names = name_effectors(vehicle)
     for name in find_commanded(source):
         if name not in effector_names:
-            raise InputError(source.file, f"the effector '{name}'", one_of(effector_names, name))
+            raise InputError(
+                source.file, f"the vehicle has no effector '{name}'", one_of(effector_names, name)
+            )
     return drive(vehicle)
 
 
 def _commands(tree: ast.Module) -> list[tuple[ast.Call, Any]]:
-    """Return each Command call with its ``effectors`` argument, or None if it has none."""
+    """Return each call of Command with its argument ``effectors``, which may be None."""
     calls = [
         node
         for node in ast.walk(tree)

@@ -17,7 +17,7 @@ def make_law_text(function: Callable[..., Any]) -> str:
     """Return the text of a Python file with the control law and all names that it uses.
 
     The names include Settings, Memory, design and their dependencies. Raise InputError for values
-    without source text, such as arrays, which ``design`` must return.
+    that cannot be written as source text, such as arrays; ``design`` can return arrays instead.
     """
     if not isinstance(function, types.FunctionType):
         raise InputError(
@@ -66,7 +66,7 @@ def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str,
     else:
         problem = f"the law {law.__name__} uses '{name}', a {type(value).__name__}"
         raise InputError(
-            "controller", problem, "numbers, functions and named tuples; design() may return arrays"
+            "controller", problem, "numbers, functions or named tuples; design() can return arrays"
         )
 
 

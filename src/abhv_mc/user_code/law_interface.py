@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 
 from abhv_mc.kernel.laws.columns import REFERENCE
 
-NOT_GIVEN = float("inf")  # An omitted optional command takes the value of the reference.
+NOT_GIVEN = float("inf")  # marks an optional value that a control law or filter omits
 
 
 class Command(NamedTuple):
     """Command returned by a control law at one tick.
 
-    The engine is commanded by its equivalence ratio or its throttle; the default is the minimum.
-    Metrics and figures compare the flight with the commanded flight-path angle, angle of attack and
-    bank; their default is the reference.
+    The engine is commanded by its equivalence ratio or its throttle; by default, the minimum is
+    commanded. Metrics and figures compare the flight with the commanded flight-path angle, angle of
+    attack and bank; omitted values default to the reference.
     """
 
     aileron: float  # rad
@@ -25,7 +25,7 @@ class Command(NamedTuple):
     angle_of_attack: float = NOT_GIVEN
     bank: float = NOT_GIVEN
     throttle: float = NOT_GIVEN
-    effectors: Any = ()  # deflections in rad by effector name, which bypass the control mix
+    effectors: Any = ()  # deflections by effector name, which bypass the control mix, rad
 
 
 COMMAND_FIELDS = Command._fields[:-2]  # outputs of laws in C and FMUs
@@ -87,7 +87,7 @@ class Inertia(NamedTuple):
 
 
 class LastCommand(NamedTuple):
-    """Command of the last tick, within the vehicle's limits."""
+    """Command of the last tick, after clipping to the vehicle's limits."""
 
     aileron: float  # rad
     rudder: float
@@ -168,8 +168,9 @@ class Rates(NamedTuple):
 class Coefficients(NamedTuple):
     """Result of an aerodynamics function: force and moment coefficients.
 
-    Moments are about the reference point. The force components depend on the frame. ``body``: CX,
-    CY, CZ; ``stability``: CL, CD and CY along body y; ``wind``: CL, CD and CC to the right.
+    Moments are about the reference point. The force coefficients depend on the frame: they are CX,
+    CY and CZ in ``body``, CL, CD and CY (along body y) in ``stability``, and CL, CD and CC
+    (positive to the right) in ``wind``.
     """
 
     CX: float = 0.0
@@ -198,8 +199,9 @@ class Thrust(NamedTuple):
 class Motion(NamedTuple):
     """Motion of the vehicle in body axes, passed to custom dynamics.
 
-    Accelerations are due to all other loads at this time: aerodynamics, thrust and, for linear
-    accelerations, gravity. The specific force is ``acceleration`` minus ``gravity``.
+    The accelerations are due to all loads except those of the custom dynamics: aerodynamics, thrust
+    and, for linear accelerations, gravity. The specific force is ``acceleration`` minus
+    ``gravity``.
     """
 
     u: float  # velocity relative to the Earth, m/s

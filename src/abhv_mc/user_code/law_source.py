@@ -37,8 +37,8 @@ def law_place(controller: UserController) -> Path:
 def read_law_source(controller: UserController) -> UserSource:
     """Return the code and declared files of a controller, without building the code.
 
-    For a law in C or an FMU the text describes build, platform and wiring. Raise InputError if a
-    file is invalid.
+    For a law in C or an FMU, the text of the result describes build, platform and wiring. Raise
+    InputError if a file is invalid.
     """
     paths = find_files(controller)
     if isinstance(controller, PythonController):
@@ -95,7 +95,7 @@ def check_wiring(document: Document, controller: FmuController) -> None:
                 for group_name, entries in _GROUPS.items()
                 for entry in entries
             ]
-            problem = f"'{source}' for the input '{name}'"
+            problem = f"unknown source '{source}' for the input '{name}'"
             expected = one_of([*choices, "gains.NAME", "time"], source)
             errors.append(document.error(("inputs", name), problem, expected))
     missing = [name for name in _NEEDED if name not in controller.outputs]
@@ -107,7 +107,7 @@ def check_wiring(document: Document, controller: FmuController) -> None:
 
 
 def read_trusted_law(controller: UserController) -> UserSource:
-    """Return the code of a controller. Raise InputError if it is an untrusted copy."""
+    """Return the code of a controller. Raise InputError for an untrusted copy."""
     source = read_law_source(controller)
     if is_in_a_folder(law_place(controller)):
         check_trusted(source)

@@ -1,6 +1,6 @@
 """Loading and checking of control laws in Python files.
 
-Errors of code that cannot be compiled name the line of the user's file.
+Errors name the line of the user's file that cannot be compiled.
 """
 
 import ast
@@ -49,7 +49,7 @@ _REFUSED_CALLS = {
 def load_law(source: UserSource) -> Law:
     """Run a Python file and return its control law. Raise InputError if it is invalid."""
     module = run_module(source)
-    with refuse_in_words(source, "a law", "an ordinary function, and named tuples of numbers"):
+    with refuse_in_words(source, "the law", "an ordinary function, and named tuples of numbers"):
         controllers = module.marked(CONTROLLER)
         if len(controllers) != 1:
             problem = (
@@ -60,7 +60,8 @@ def load_law(source: UserSource) -> Law:
             raise InputError(
                 source.file,
                 problem,
-                "exactly one; import the decorator with 'from abhv_mc.extend import controller'",
+                "exactly one function; import the decorator with "
+                "'from abhv_mc.extend import controller'",
             )
         ((name, function),) = controllers.items()
         mark: ControllerMark = getattr(function, CONTROLLER)
@@ -87,7 +88,7 @@ def _check_classes(law: Law, line: int) -> None:
         kind = law.module.names.get(class_name)
         if kind is None and argument in law.arguments:
             expected = (
-                "design(model, settings) that returns them"
+                "a function design(model, settings) that returns the gains"
                 if class_name == "design"
                 else f"class {class_name}(NamedTuple)"
             )
@@ -112,14 +113,14 @@ def _check_classes(law: Law, line: int) -> None:
             if not is_number(value):
                 raise InputError(
                     file,
-                    f"{value!r:.40} for '{name}'",
-                    f"{name}: float = 0.0, a finite number",
+                    f"the default of '{name}' is {value!r:.40}",
+                    f"a finite number, as in '{name}: float = 0.0'",
                     class_line,
                 )
         if class_name == "Memory" and len(fields._fields) > MAX_MEMORY:
             raise InputError(
                 file,
-                f"a memory of {len(fields._fields)} numbers",
+                f"the class Memory has {len(fields._fields)} numbers",
                 f"at most {MAX_MEMORY}",
                 class_line,
             )
@@ -149,11 +150,11 @@ def _check_units(law: Law, line: int) -> None:
 
 
 def _check_dispersable(law: Law, line: int) -> None:
-    """Raise InputError for dispersable settings that the law does not have."""
+    """Raise InputError if a dispersable setting is unknown or the law is not compiled."""
     known = law.settings._fields if law.settings is not None else ()
     for name in law.mark.dispersable:
         if name not in known or not law.mark.compiled:
-            found = f"dispersable '{name}'"
+            found = f"the setting '{name}' cannot be dispersed"
             expected = one_of(known, name) if law.mark.compiled else "a compiled law"
             raise InputError(law.source.file, found, expected, line)
 
@@ -205,7 +206,7 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
     if isinstance(node, ast.Global | ast.Nonlocal):
         return (
             f"the global variable '{node.names[0]}' is modified",
-            "a field of Memory; variables cannot be shared between flights",
+            "a field of Memory, because flights cannot share variables",
         )
     if isinstance(node, ast.Name) and node.id not in local:
         if isinstance(names.get(node.id), list | dict | set | np.ndarray):

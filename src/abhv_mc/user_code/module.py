@@ -36,7 +36,7 @@ class ControllerMark:
     units: dict[str, str] = field(default_factory=dict)  # unit of each setting, by name
     compiled: bool = True
     dispersable: tuple[str, ...] = ()  # settings that a campaign may disperse
-    filters: bool = False  # The function is a measurement filter.
+    filters: bool = False  # whether the function is a measurement filter
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ def arguments_of(function: ast.FunctionDef) -> list[ast.arg]:
 
 @dataclass(frozen=True)
 class Module:
-    """Custom Python file after it was run."""
+    """Custom Python file that was run, with its global names."""
 
     source: UserSource
     names: dict[str, Any]  # global names of the file
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
-        """Return the functions that carry one decorator of ``abhv_mc.extend``, by name."""
+        """Return the functions with one of the decorators of ``abhv_mc.extend``, by name."""
         functions = {
             name: value for name, value in self.names.items() if type(value) is types.FunctionType
         }
@@ -82,13 +82,15 @@ class Module:
     def check_arguments(self, function: str, allowed: Iterable[str]) -> tuple[str, ...]:
         """Return the arguments of a function. Raise InputError for an unknown argument."""
         if not isinstance(self.texts.get(function), ast.FunctionDef):
-            problem = f"a decorator is applied to '{function}', which is not a function of the file"
-            raise InputError(self.source.file, problem, "a decorator of a function at module level")
+            problem = f"a decorator is applied to '{function}', which is not a function in the file"
+            raise InputError(
+                self.source.file, problem, "a function at module level below the decorator"
+            )
         function_arguments = arguments_of(self.texts[function])
         for argument in function_arguments:
             if argument.arg not in allowed:
                 location = argument.lineno, argument.col_offset + 1
-                problem = f"the argument '{argument.arg}'"
+                problem = f"unknown argument '{argument.arg}'"
                 raise InputError(
                     self.source.file, problem, one_of(allowed, argument.arg), *location
                 )
@@ -131,7 +133,7 @@ def check_closure(source: UserSource) -> None:
 
 
 def _run_watched(source: UserSource) -> None:
-    run_module.cache_clear()  # A cached module would open no files.
+    run_module.cache_clear()  # Run the file again, because a cached module opens no files.
     with watching(source):
         run_module(source)
 
@@ -157,7 +159,7 @@ def run_module(source: UserSource) -> Module:
     module.__file__ = str(unpack(source) / source.files[0][0]) if source.files else source.file
     code = compile_text(source)
     with (
-        refuse_in_words(source, "a file", "a file that runs without errors"),
+        refuse_in_words(source, "the file", "a file that runs without errors"),
         in_its_folder(source),
     ):
         exec(code, module.__dict__)  # the user's file
@@ -166,9 +168,9 @@ def run_module(source: UserSource) -> Module:
 
 @contextlib.contextmanager
 def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[None]:
-    """Convert exceptions of custom code in the context to InputErrors with the line.
+    """Convert exceptions that custom code raises in the context to InputErrors with lines.
 
-    Errors due to a full disk or exhausted memory outside custom code are not converted.
+    OSErrors and MemoryErrors outside custom code, such as a full disk, are not converted.
     """
     try:
         yield
@@ -177,14 +179,14 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
     except Exception as error:
         line = find_line(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
-            problem = f"{what} that {missed[0]}, which is not declared"
+            problem = f"{what} {missed[0]}, which is not declared"
             raise InputError(
-                source.file, problem, f"files: [{missed[1]}] in its controller file", line
+                source.file, problem, f"'files: [{missed[1]}]' in the controller file", line
             ) from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise
         raise InputError(
-            source.file, f"{what} that raises {describe_exception(error)}", expected, line
+            source.file, f"{what} raises {describe_exception(error)}", expected, line
         ) from None
 
 
@@ -198,7 +200,7 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
         top = str(error.name).partition(".")[0]
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
-    if isinstance(error, FileNotFoundError):  # numpy names the file only in the message.
+    if isinstance(error, FileNotFoundError):  # numpy names the missing file only in the message.
         candidates = [str(error.filename), *re.findall(r"[\w./-]+\w", describe_exception(error))]
         named = (os.path.relpath(beside / word, beside) for word in candidates)
         entry = next(

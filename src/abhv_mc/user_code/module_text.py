@@ -1,7 +1,7 @@
-"""Functions with which importers write Python modules.
+"""Functions that importers use to write Python modules.
 
-Statements contain only text of the importer, identifiers and numbers. Text of the imported file is
-written only to comments and docstrings, made safe by :func:`abhv_mc.io.xml_reader.fold`.
+Statements contain only text of the importer, identifiers and numbers. Text of the imported file
+appears only in comments and docstrings, after :func:`abhv_mc.io.xml_reader.fold` has made it safe.
 """
 
 import ast
@@ -28,7 +28,7 @@ _UNEDITED = (
 
 
 class Line(NamedTuple):
-    """Statement or header line with a comment, as one printable line."""
+    """Statement or header line with its comment and indentation."""
 
     text: str
     words: str = ""
@@ -88,7 +88,7 @@ def import_names(
 
 
 def lay_out(docstring: str, statements: Iterable[Line]) -> str:
-    """Return the text of a module, with lines of at most ``WIDTH`` if possible."""
+    """Return the text of a module, with at most ``WIDTH`` characters per line if possible."""
     lines, before = [f'"""{docstring}\n"""'], ""
     for text, comment, indent in statements:
         kind = next(

@@ -13,7 +13,7 @@ from abhv_mc.user_code.source import UserSource
 
 
 class OpenLaw(NamedTuple):
-    """Control law opened for one call, with all objects that must stay alive."""
+    """Control law that is ready for calls, with the objects that must stay alive meanwhile."""
 
     address: int
     context: int
@@ -24,13 +24,13 @@ class OpenLaw(NamedTuple):
 class LawBackend(NamedTuple):
     """Functions that prepare a control law in native code for flights.
 
-    ``open`` takes the source, names of gains, the numbers of lanes and of simultaneous flights, the
-    number of memory values in the lanes' rows or None, the number of measured values, and names of
-    effectors; it may raise InputError. ``find_memory`` takes the source, the settings and the first
-    row of the reference, and returns the initial values of the law's memory by name, or None if the
-    law does not expose them. ``find_misfits`` takes the source and returns mismatches between
-    controller file and law: keys, value found and value expected. ``find_memory`` and
-    ``find_misfits`` run in a child process. See :mod:`abhv_mc.entry_points`.
+    ``open`` prepares the law for flights; its arguments are those of
+    :func:`abhv_mc.user_code.c_law.open_c_law`, and it may raise InputError. ``find_memory`` takes
+    the source, the settings and the first row of the reference. It returns the initial values of
+    the law's memory by name, or None if the law does not expose its memory. ``find_misfits`` takes
+    the source and returns the mismatches between controller file and law, each as keys, value found
+    and value expected. ``find_memory`` and ``find_misfits`` run in a child process. See
+    :mod:`abhv_mc.entry_points`.
     """
 
     open: Callable[..., OpenLaw]
@@ -50,11 +50,12 @@ def build_native(
 ) -> Any:
     """Compile the loop over lanes that calls native code.
 
-    ``before`` are lines before the loop, ``body`` the lines per lane, and ``written`` the values
-    stored in each row afterwards. The body sets ``total``, NaN if the law cannot be evaluated,
-    ``failed``, which ends the flight if ``bad`` holds, and the ``outputs`` numbers ``out``. A
-    flight's lane holds the index of its memory; ``slot`` gives the position of the next index in
-    the context and the number of indices, or is None if the lanes' rows hold the memory.
+    ``before`` contains the lines before the loop, ``body`` the lines for each lane, and ``written``
+    the value stored in each row after the body. The body sets ``total`` (NaN if the law cannot be
+    evaluated), ``failed`` and the ``outputs`` numbers in ``out``. The flight ends if the expression
+    ``bad`` is true. Each lane stores the index of the memory of its flight. ``slot`` contains the
+    position of the next index in the context and the number of indices; it is None if rows of lane
+    memory store the law's memory.
     """
     lane = f"""\
 if Z[{FAULT * width} + lane] > 0.0:

@@ -36,8 +36,9 @@ failures: dict[str, tuple[int | None, str]] = {}
 class PlainLaw:
     """Adapter that calls a control law in Python from compiled code.
 
-    ``address`` is valid as long as the adapter exists. The memory is any object, stored in the
-    adapter; with ``memory_in_rows`` it is a named tuple of numbers in the lanes' rows.
+    ``address`` is valid as long as the adapter exists. The law's memory may be any object and is
+    stored in the adapter. With ``memory_in_rows``, it is a named tuple of numbers that is stored in
+    rows of lane memory.
     """
 
     def __init__(
@@ -53,7 +54,9 @@ class PlainLaw:
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
         self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
-        self._memories: dict[int, Any] = {}  # memories by the index in the flight's lane
+        self._memories: dict[
+            int, Any
+        ] = {}  # memories of the flights, by the index stored in each lane
         self._callback = _SOCKET(self._call)
 
     @property
@@ -93,7 +96,7 @@ class PlainLaw:
                 self._memories[len(self._memories)] = None
             elif (
                 lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]
-            ):  # a spare lane repeats a flight
+            ):  # A spare lane repeats the flight of the previous lane.
                 block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
                 continue
             number = int(block[MEMORY, lane])

@@ -1,7 +1,7 @@
 """Rules for the files that custom control laws and simulators may read.
 
-The module imports only the standard library, because the process of a custom simulator loads it by
-path.
+The module imports only the standard library, because the process of a custom simulator loads the
+module by its path.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ _SEPARATORS = re.compile(r"[\s=<>|;&\"'`(),]+")
 
 
 class ReadGuard:
-    """Guard that permits reads only of declared, package, system and the process's own files."""
+    """Guard that lets a process read only declared, package, system and its own files."""
 
     def __init__(
         self,
@@ -37,11 +37,11 @@ class ReadGuard:
         own: str = "",
         started: float = float("inf"),
     ) -> None:
-        """Set up the guard from paths.
+        """Initialize the guard.
 
-        ``studies`` are folders of the user's files, in which only ``packages`` may be read. All
-        files in ``own``, the folder of the process, may be read. Files created after ``started`` (s
-        since the epoch) belong to the process.
+        ``studies`` are folders of the user's files, in which only ``declared`` files and
+        ``packages`` may be read. All files in ``own``, the folder of the process, may be read.
+        Files created after ``started`` (s since the epoch) are treated as files of the process.
         """
         self.declared = {os.path.realpath(path) for path in declared}
         self.studies = tuple(map(_as_folder, studies))
@@ -57,7 +57,7 @@ class ReadGuard:
     def allows(self, real: str) -> bool:
         """Return whether the file at a real path may be read."""
         if Path(real).parent.name == "__pycache__" and real.endswith(".pyc"):
-            with contextlib.suppress(ValueError):  # not compiled from a source file
+            with contextlib.suppress(ValueError):  # The file was not compiled from a source file.
                 real = importlib.util.source_from_cache(real)
         if real in self.declared or real in self.written:
             return True
@@ -76,7 +76,7 @@ class ReadGuard:
             return
         name = arguments[1] if event == "import" else arguments[0]
         if isinstance(name, int) or not isinstance(name, str | bytes | os.PathLike):
-            return  # The argument is the number of an open file, or no file.
+            return  # The argument is a file descriptor, or does not name a file.
         path = os.fsdecode(name)
         if event == "sqlite3.connect":
             path = path.removeprefix("file:").partition("?")[0]
@@ -166,7 +166,7 @@ def watch_reads(guard: ReadGuard, folder: str) -> None:
             return
         for path in (*guard.find_reads(event, arguments), *guard.find_programs(event, arguments)):
             if event == "ctypes.dlopen" and os.sep not in path:
-                continue  # The loader searches for system libraries.
+                continue  # The loader searches system folders for a library without a path.
             real = os.path.realpath(path)
             if is_regular(real) and not guard.allows(real):
                 guard.packages |= set(
@@ -185,7 +185,7 @@ def undeclared_words(real: str, folder: str) -> str:
         return f"it reads {Path(real).relative_to(simulator_folder)}, which 'files' does not list"
     remedy = "link the file into the simulator's folder and list the link"
     if Path(real).is_relative_to(simulator_folder.parent):
-        remedy = "with 'folder: ..' the entry 'files' can list files one folder up"
+        remedy = "'folder: ..' allows 'files' to list files of the parent folder"
     return f"it reads {real}, which 'files' does not list ({remedy})"
 
 

@@ -20,7 +20,7 @@ def make_user_settings(document: Document, controller: PythonController, law: La
 
     def number(name: str, unit: str, default: float) -> float:
         if name not in controller.settings and np.isnan(default):
-            raise Refusal(f"no key '{name}'", f"'{name}' here")
+            raise Refusal(f"no key '{name}'", f"the key '{name}' here")
         return (
             parse_in_unit(controller.settings[name], unit)
             if name in controller.settings
@@ -41,7 +41,7 @@ def _read_fields(
 ) -> dict[str, T]:
     """Read the entry of each field of a class with ``read(name, unit, default)``.
 
-    Raise InputErrors with locations.
+    Raise InputErrors with the source locations of invalid entries.
     """
     fields = kind._fields if kind is not None else ()
     errors: list[InputError] = []
@@ -50,7 +50,7 @@ def _read_fields(
             expected = (
                 one_of(fields, name)
                 if fields
-                else f"no {key}: the law has no class {key.capitalize()}"
+                else f"no {key}, because the law has no class {key.capitalize()}"
             )
             errors.append(document.key_error((key, name), f"unknown key '{name}'", expected))
     values = {}
@@ -107,12 +107,13 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
         ]
         if not start_times or start_times[0] != 0.0 or sorted(set(start_times)) != start_times:
             raise Refusal(
-                f"values for the times {', '.join(map(str, by_time))}",
-                "times that increase from 0 s",
+                f"the command has the times {', '.join(map(str, by_time))}",
+                "times that start at 0 s and increase",
             )
         if not np.isfinite(step_values).all():
             raise Refusal(
-                f"no value for '{name}'", "a value in the file, or a default in the class"
+                f"no value for '{name}'",
+                "a value in the controller file, or a default in the class",
             )
         return np.array(start_times, dtype=np.float64), np.array(step_values, dtype=np.float64)
 

@@ -1,8 +1,8 @@
 """Linear algebra of small matrices for custom laws; matrices are tuples of rows.
 
-The functions are plain Python. While numba compiles a law, it runs them once with values that emit
-an instruction for each operation. The compiled code has no loops or arrays and returns the same
-bits as plain Python.
+The functions are plain Python. While numba compiles a law, it calls the functions once with objects
+that emit an instruction for each arithmetic operation. The compiled code has no loops or arrays and
+returns the same bits as plain Python.
 """
 
 import math
@@ -177,7 +177,7 @@ def _compile_all() -> None:
     from numba.extending import intrinsic, overload
 
     tuples: Any = types.BaseTuple
-    emit: Any = intrinsic  # numba passes the first argument of the functions.
+    emit: Any = intrinsic  # numba supplies the first argument of the decorated functions.
 
     def identity(kind: Any, row: int | None = None) -> Any:
         """Return the identity matrix with the shape of a tuple type."""
@@ -214,7 +214,7 @@ def _compile_all() -> None:
         return ir.Constant(ir.DoubleType(), value)
 
     def make(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return the numba type and code generator of the result, or None if shapes mismatch."""
+        """Return the numba type and code generator of the result, or None for wrong shapes."""
         try:
             result = type_of(function(*map(identity, arguments)))
         except (ValueError, IndexError, TypeError):

@@ -1,4 +1,4 @@
-"""Text and declared files of custom code, read before anything runs."""
+"""Text and declared files of custom code, read before any code runs."""
 
 import ast
 import functools
@@ -29,7 +29,7 @@ class UserSource:
 
     @functools.cached_property
     def hash(self) -> str:
-        """SHA-256 of the text and the declared files, by which the code is trusted."""
+        """SHA-256 of the text and the declared files, which identifies trusted code."""
         digest = hashlib.sha256(self.text.encode())
         for name, content in sorted(self.files):
             digest.update(f"\0{name}\0{hashlib.sha256(content).hexdigest()}".encode())
@@ -63,14 +63,14 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
     ) as error:  # The last three exceptions are caused by zero bytes or deep nesting.
         location = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
         raise InputError(
-            source.file, f"'{getattr(error, 'msg', error)}'", "Python", *location
+            source.file, f"'{getattr(error, 'msg', error)}'", "valid Python code", *location
         ) from None
 
 
 def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
     """Return the versions of the installed packages imported by custom code, by name.
 
-    The code is not run.
+    This function does not run the code.
     """
     imported = {name for source in sources for name in _imported(source)}
     expected = imported - sys.stdlib_module_names - set(PACKAGES)

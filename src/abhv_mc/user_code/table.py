@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from abhv_mc.io.input_error import Refusal, one_of
 from abhv_mc.kernel.jit import scalar
 
-_INSIDE = -1e-12  # smallest barycentric coordinate that counts as inside, because of rounding
+_INSIDE = -1e-12  # smallest barycentric coordinate that counts as inside, to allow for rounding
 ENDS = {"neither": (False, False), "min": (True, False), "max": (False, True), "both": (True, True)}
 
 
@@ -53,15 +53,15 @@ class Table(LookUp):
         *grids, values = (np.ascontiguousarray(array, dtype=np.float64) for array in arrays)
         if not grids or values.shape != tuple(grid.size for grid in grids):
             raise Refusal(
-                f"{len(grids)} grids and values of shape {values.shape}",
-                "values[grid, grid, ...]",
+                f"{len(grids)} grids do not match values of shape {values.shape}",
+                "values with one axis for each grid",
             )
         if not all(
             grid.ndim == 1 and grid.size > 1 and (np.diff(grid) > 0.0).all() for grid in grids
         ):
-            raise Refusal("a grid that does not increase", "at least two increasing numbers")
+            raise Refusal("a grid does not increase", "at least two increasing numbers")
         if not all(np.isfinite(array).all() for array in (*grids, values)):
-            raise Refusal("a table with a value that is not a number", "finite numbers")
+            raise Refusal("the table contains a value that is not finite", "finite numbers")
         ends = (extrapolate,) * len(grids) if isinstance(extrapolate, str) else tuple(extrapolate)
         if len(ends) != len(grids) or not all(end in ENDS for end in ends):
             raise Refusal(
@@ -160,7 +160,7 @@ class Scattered(LookUp):
     """Linear interpolation between scattered points: ``scattered(points, values)``.
 
     The look-up is linear in the simplices of the Delaunay triangulation. Outside the hull the
-    nearest simplex is used with its negative coordinates set to zero.
+    nearest simplex is used, with negative barycentric coordinates set to zero.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class Scattered(LookUp):
         ):
             raise Refusal(
                 f"points of shape {positions.shape} and values of shape {point_values.shape}",
-                "points[point, axis], values[point]",
+                "finite arrays points[point, axis] and values[point]",
             )
         if positions.shape[1] == 1:
             order = np.argsort(positions[:, 0])
@@ -200,7 +200,7 @@ class Scattered(LookUp):
                 corners = Delaunay(positions).simplices
             except QhullError:
                 raise Refusal(
-                    "points that span no volume", "points that do not lie in a plane"
+                    "the points do not span a volume", "points that do not all lie in a plane"
                 ) from None
         self.axes = positions.shape[1]
         self.values = point_values[corners]  # [simplex, corner]

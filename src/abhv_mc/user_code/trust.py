@@ -1,4 +1,4 @@
-"""Trust in custom code: list of the hashes of control laws that the user has run.
+"""Trust in custom code, based on a list of the hashes of code that the user has run.
 
 The list is needed because a results folder may contain code of unknown origin.
 """
@@ -23,7 +23,7 @@ def list_file() -> Path:
 
 
 def is_trusted(source: UserSource) -> bool:
-    """Return whether this user has run the source before, unchanged."""
+    """Return whether the user has run exactly this source before."""
     try:
         return source.hash in list_file().read_text(encoding="utf-8").split()
     except OSError:
@@ -31,7 +31,7 @@ def is_trusted(source: UserSource) -> bool:
 
 
 def trust(source: UserSource) -> None:
-    """Record that the user has run a source; only in memory if the list is not writable."""
+    """Record that the user has run a source, only in memory if the list is not writable."""
     if is_trusted(source):
         return
     try:
@@ -48,10 +48,10 @@ def check_trusted(source: UserSource, trusted: bool = False) -> None:
     if trusted:
         _trusted_now.add(source.hash)
     if source.hash not in _trusted_now and not is_trusted(source):
-        problem = (
-            "custom code that you have not run before, and that would run with your permissions"
+        problem = "you have not run this custom code before, and it would run with your permissions"
+        raise InputError(
+            source.file, problem, "the option --trust-code after an inspection of the code"
         )
-        raise InputError(source.file, problem, "an inspection of the code, then --trust-code")
 
 
 def is_in_a_folder(file: Path) -> bool:

@@ -44,7 +44,7 @@ def filled_once(name: str, fill: Callable[[Path], None]) -> Path:
 
 @functools.lru_cache(maxsize=64)
 def unpack(source: UserSource) -> Path:
-    """Return the folder that contains exactly the files of a source."""
+    """Return the cache folder with the files of a source, created if necessary."""
     files = (*source.files, (BUILT, source.library)) if source.library else source.files
 
     def fill(folder: Path) -> None:
@@ -73,7 +73,7 @@ def _holds(folder: Path, files: Iterable[tuple[str, bytes]]) -> bool:
 
 @contextlib.contextmanager
 def in_its_folder(source: UserSource) -> Iterator[None]:
-    """Context in which a law's code runs in its own folder, with its own modules and files.
+    """Provide a context in which a law's code runs in its own folder, with its own modules.
 
     The law's modules are in ``sys.modules`` only inside the context, because modules of two laws
     may have the same name.

@@ -24,10 +24,10 @@ from abhv_mc.user_code.module import CHANNEL as MARK
 from abhv_mc.user_code.module import refuse_in_words, run_module
 from abhv_mc.user_code.source import UserSource
 
-# Measurements available in every flight, whatever the law requests.
+# Measurements available in every flight, regardless of what the law requests.
 _NAMES = Measured._fields[: s.N_MEASURED]
 _Seen: Any = namedtuple("Measured", _NAMES)  # type: ignore[misc]
-# Lane-memory rows of true values; the first are in the order of Measured.
+# Lane-memory rows of true values; the first rows are in the order of Measured.
 _ACTUAL = {
     **dict(zip(_NAMES, (X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI), strict=False)),
     **{name: variable_row(name) for name in ("angle_of_attack", "sideslip")},
@@ -45,13 +45,13 @@ _ARGUMENTS = ("actual", "measured", "memory", "reference", "command", "time", "d
 
 @functools.lru_cache(maxsize=16)
 def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
-    """Return the compiled loop over ``width`` lanes, with its ``address``.
+    """Compile custom channels to a loop over ``width`` lanes, with the attribute ``address``.
 
-    ``memory`` is the class of the law's memory if the lanes hold it, else None. Raise InputError if
-    a channel cannot be compiled.
+    ``memory`` is the class of the law's memory if lane memory stores it, else None. Raise
+    InputError if a channel cannot be compiled.
     """
     module = run_module(source)
-    with refuse_in_words(source, "channels", "plain functions"):
+    with refuse_in_words(source, "the file of channels", "plain functions"):
         functions = module.marked(MARK)
         if not 1 <= len(functions) <= MAX_CHANNELS:
             raise InputError(source.file, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
@@ -59,7 +59,7 @@ def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
         kinds = {"actual": _Actual, "measured": _Seen} | ({"memory": memory} if memory else {})
         for name, arguments in signatures.items():
             if "memory" in arguments and not memory:
-                problem = f"the channel '{name}' uses 'memory', which a controller does not have"
+                problem = f"the channel '{name}' uses 'memory', which a controller does not provide"
                 expected = "only controllers that are compiled laws or filters with a class Memory"
                 raise InputError(source.file, problem, expected, module.texts[name].lineno)
             check_functions(module, name)

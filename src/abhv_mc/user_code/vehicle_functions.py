@@ -40,7 +40,7 @@ from abhv_mc.vehicle.vehicle_code import (
     register,
 )
 
-WIDTH = 32  # points evaluated per call outside flights
+WIDTH = 32  # number of points evaluated per call, except in flights
 WANTED = "floats, named tuples and functions of them"
 _AXES = ("aileron", "rudder", "elevator")
 _ARGUMENTS = {
@@ -70,12 +70,14 @@ def load_vehicle(path: str | Path) -> Vehicle:
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
         problem = (
-            f"tables that fill {rows} rows (eight tables on equal axes share a row; derivatives "
+            f"the tables fill {rows} rows (eight tables on equal axes share a row; derivatives "
             "with respect to deflections count)"
         )
         raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
-        raise InputError(file.path, f"tables on {axes} different grids", f"at most {s.MAX_AXES}")
+        raise InputError(
+            file.path, f"the tables use {axes} different grids", f"at most {s.MAX_AXES}"
+        )
     if file.code is None:
         return vehicle
     check_vehicle_trusted(path)
@@ -99,7 +101,7 @@ def find_code(vehicle: Vehicle) -> VehicleCode | None:
 
 
 def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
-    """Compile and register a vehicle's functions in this process, and return their record."""
+    """Compile a vehicle's functions, register them in this process and return their record."""
     functions = compile_functions(code, WIDTH)
     _codes[code.digest] = code
     register(code.digest, functools.partial(_evaluate, functions, vehicle.foreign.settings))
@@ -119,11 +121,13 @@ def compile_functions(code: VehicleCode, width: int) -> Functions:
             continue
         source = UserSource(function_code.text, function_code.file)
         module = run_module(source)
-        with refuse_in_words(source, "a function of the vehicle", WANTED):
+        with refuse_in_words(source, "the function of the vehicle", WANTED):
             function = function_code.function or _find_marked(module)
             if function not in module.texts:
                 raise InputError(
-                    source.file, f"no function '{function}'", one_of(module.texts, function)
+                    source.file,
+                    f"the file has no function '{function}'",
+                    one_of(module.texts, function),
                 )
             arguments = module.check_arguments(function, _ARGUMENTS[key])
             check_functions(module, function)
@@ -166,22 +170,22 @@ def _find_marked(module: Module) -> str:
         raise InputError(
             module.source.file,
             problem,
-            "exactly one; import the decorator with 'from abhv_mc.extend import dynamics'",
+            "exactly one function; import the decorator with 'from abhv_mc.extend import dynamics'",
             module.texts[list(marked)[1]].lineno if marked else None,
         )
     return next(iter(marked))
 
 
 def _is_constant(value: ast.expr | None) -> bool:
-    """Return whether a return value is missing or cannot be the result of the function."""
+    """Return whether a return value is missing or certainly invalid: a constant or a tuple."""
     return value is None or isinstance(value, ast.Constant | ast.Tuple)
 
 
 def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any]) -> None:
     """Raise InputError if custom dynamics do not return an Effect with one rate per state.
 
-    Each 'return Effect(rates=(...), ...)' is checked, because a trial reaches only one of them.
-    Arithmetic errors in the trial evaluation are ignored.
+    All statements 'return Effect(rates=(...), ...)' are checked, because a trial evaluation reaches
+    only one of the statements. Arithmetic errors in the trial evaluation are ignored.
     """
     text = module.texts[function]
     returns = [node for node in ast.walk(text) if isinstance(node, ast.Return)]
@@ -236,8 +240,8 @@ def function_line(function_code: FunctionCode | None) -> int | None:
 def check_finite(vehicle: Vehicle, variables: Floats, density: float, speed: float) -> None:
     """Raise InputError if coefficients or thrust of a vehicle's functions are not finite.
 
-    ``variables`` [variable, 1] are those of one point, with its air density (kg/m3) and speed
-    (m/s).
+    ``variables`` [variable, 1], ``density`` (kg/m3) and ``speed`` (m/s) define the flight
+    condition.
     """
     code = find_code(vehicle)
     if code is None:
@@ -279,7 +283,7 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
             expected = (
                 one_of(fields, name) if fields else "a class Settings(NamedTuple) in the file"
             )
-            raise InputError(function_code.file, f"the setting '{name}'", expected)
+            raise InputError(function_code.file, f"unknown setting '{name}'", expected)
     for name in fields:
         try:
             number = (
@@ -295,7 +299,7 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
             raise InputError(
                 function_code.file,
                 f"the setting '{name}' has no value",
-                "a value, or a default in class Settings",
+                "a value in the vehicle file, or a default in class Settings",
             )
         values[name] = None if name in entries else float(number)
     return values
@@ -306,7 +310,8 @@ def _read_settings(
 ) -> str:
     """Return the source line that constructs the settings of a function.
 
-    If ``dispersed``, the function is only part of the plant and no controller calls it.
+    If ``dispersed``, the settings of the flight always apply, because only the plant calls the
+    function.
     """
 
     def read(position: int) -> str:

@@ -31,11 +31,11 @@ _SYSTEM = (
     "/sys",
     "/usr/lib",
     "/usr/share",
-)  # system files such as clocks and locales
+)  # folders of system files such as clocks and locales
 
 
 class _Watch:
-    """State of the check of a running law: allowed files, written files, first violation."""
+    """State of the file check of a running law: allowed files and first violation."""
 
     def __init__(self, source: UserSource) -> None:
         self.source = source
@@ -94,7 +94,7 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     watch = _watched.get()
     if watch is None or watch.refused is not None:
         return
-    _watched.set(None)  # The program itself opens other files.
+    _watched.set(None)  # The check itself opens files that the law does not read.
     try:
         _check(watch, event, arguments)
     finally:
@@ -114,7 +114,9 @@ def _check(watch: _Watch, event: str, arguments: tuple[Any, ...]) -> None:
         short = path if bare else _shorten(watch, path)
         problem = f"the code {verb} '{short}', which is not declared"
         file, line = location
-        watch.refused = InputError(file, problem, f"files: [{short}] in its controller file", line)
+        watch.refused = InputError(
+            file, problem, f"'files: [{short}]' in the controller file", line
+        )
         raise watch.refused
 
 

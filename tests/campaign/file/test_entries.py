@@ -124,7 +124,7 @@ def test_a_phase_is_the_window_between_its_beginning_and_its_end(tmp_path):
     ("window", "name", "message"),
     [
         ("phase: descent", "turn", "campaign.yaml:10.*'descent'.*climb"),
-        ("phase: climb, to: 9 s", "turn", "campaign.yaml:10.*'phase' together with 'from' or 'to'"),
+        ("phase: climb, to: 9 s", "turn", "campaign.yaml:10.*'phase' excludes 'from' and 'to'"),
         ("phase: climb", "climb", "mission.yaml:10.*'climb'"),
     ],
 )

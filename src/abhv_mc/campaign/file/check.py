@@ -1,4 +1,4 @@
-"""Checks of the consistency of a campaign file's entries."""
+"""Consistency checks of the entries of a campaign file."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -80,19 +80,19 @@ def check_derived(
             if derived_operands:
                 raise Refusal(
                     f"'{derived_operands[0]}' is itself derived",
-                    "a drawn parameter, or the expression of the derived one",
+                    "a drawn parameter, or the expression of that derived parameter",
                 )
             if seeds := sorted(
                 derived_input
                 for derived_input in {name, *derived_input.of}
                 if parameters[derived_input].seed
             ):
-                raise Refusal(f"'{seeds[0]}', a seed", "a parameter that is a quantity")
+                raise Refusal(f"'{seeds[0]}' is a random seed", "a parameter that is a quantity")
             value, usual = float(derived_input.evaluate(nominal)[0]), parameters[name].nominal
             if not (value == usual or math.isclose(value, usual, rel_tol=_SAME, abs_tol=_SAME)):
-                problem = f"{value:g} at the nominal values of all parameters"
+                problem = f"the value is {value:g} if all parameters are nominal"
                 required_value = (
-                    f"{usual:g}, the nominal value (give a bias as the mean of a distribution)"
+                    f"the nominal value {usual:g} (specify a bias as the mean of a distribution)"
                 )
                 raise Refusal(problem, required_value)
             derived_inputs.append(derived_input)
@@ -117,7 +117,9 @@ def read_campaign(
     overrides = {key: value for key, value in (("runs", runs), ("seed", seed)) if value is not None}
     if overrides and isinstance(document.data, dict):
         document = replace(document, data=document.data | overrides)
-    campaign = check_campaign(document, engine)  # Overridden entries must also be valid.
+    campaign = check_campaign(
+        document, engine
+    )  # Controllers that are not selected must also be valid.
     if controllers is not None:
         campaign = check_campaign(_select_controllers(campaign.document, controllers), engine)
     return replace(campaign, file_runs=file_runs)
@@ -126,7 +128,7 @@ def read_campaign(
 def check_campaign(document: Document, engine: Engine | None = None) -> Experiment:
     """Check a campaign document. Raise InputErrors with all problems."""
     if (kind := find_kind(document, "campaign")) != "campaign":
-        raise document.error((), f"a {kind} file", "a campaign file")
+        raise document.error((), f"this is a {kind} file", "a campaign file")
     document = name_effectors(read_tables(document))
     model: Campaign = validate(document, SimulatorCampaign if is_own(document.data) else Campaign)
     return replace(_check(document, model), engine=engine)
@@ -190,7 +192,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
             errors.append(
-                document.error(where, f"flight {item}", f"flights from 0 to {number - 1}")
+                document.error(
+                    where, f"unknown flight {item}", f"a flight number from 0 to {number - 1}"
+                )
             )
     check_stop(document, model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
@@ -200,7 +204,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
             document.key_error(
                 ("pooled",),
                 problem,
-                f"at most {number} flights ('runs'), with 'sampling: {INDEPENDENT}'",
+                f"at most {number} flights, as in 'runs', and 'sampling: {INDEPENDENT}'",
             )
         )
     check_margins(document, model, number, errors)
@@ -285,7 +289,7 @@ def _check_asked(
 ) -> None:
     """Check the controllers that the question of the campaign compares.
 
-    They must be controllers of the campaign and include the first one.
+    The names must belong to different controllers, starting with the campaign's first controller.
     """
     if not isinstance(model.asks, Compared):
         return
@@ -294,10 +298,10 @@ def _check_asked(
         if name not in systems:
             errors.append(document.error(where, f"'{name}'", one_of(systems, name)))
         elif name in model.asks.compare[:i]:
-            errors.append(document.error(where, f"'{name}' a second time", "each name once"))
+            errors.append(document.error(where, f"'{name}' is listed twice", "each name only once"))
         elif i == 0 and name != systems[0]:
             errors.append(
-                document.error(where, f"'{name}'", f"'{systems[0]}', the campaign's first")
+                document.error(where, f"'{name}'", f"'{systems[0]}', the campaign's first system")
             )
 
 
@@ -311,19 +315,22 @@ def _make_marginals(
             parameters[name].seed and parameters[name].of_user
         ):
             problem = (
-                f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
+                f"unknown parameter '{name}'"
+                if name not in parameters
+                else f"'{name}' is a random seed"
             )
             errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
             problem = (
-                f"a probability with the design '{model.sampling.design}', which sets all values"
+                f"a probability conflicts with the design '{model.sampling.design}', which sets "
+                "all values"
             )
             errors.append(
                 document.error(
                     (*where, "probability"),
                     problem,
-                    "a design that draws random values, or no probability",
+                    "a design that draws random values, or no key 'probability'",
                 )
             )
         try:
@@ -331,12 +338,12 @@ def _make_marginals(
         except Refusal as refusal:
             errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.expected))
     if model.sampling.design == "file" and model.dispersions:
-        problem = "both dispersions and samples from a file"
+        problem = "dispersions cannot be combined with samples from a file"
         errors.append(
             document.key_error(
                 ("dispersions",),
                 problem,
-                "only one of them; the columns of the file define the samples",
+                "no dispersions, because the columns of the file define the samples",
             )
         )
     return marginals
@@ -355,8 +362,8 @@ def _make_copula(
                 )
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
                 problem = (
-                    f"'{name}' is drawn with a probability, so that most flights share its "
-                    "nominal value"
+                    f"'{name}' has a probability below 1, so that some flights have its nominal "
+                    "value"
                 )
                 errors.append(
                     document.error(
@@ -369,17 +376,19 @@ def _make_copula(
         if pair in pairs:
             errors.append(
                 document.error(
-                    ("correlations", i), f"{' and '.join(pair)} a second time", "each pair once"
+                    ("correlations", i),
+                    f"{' and '.join(pair)} are listed twice",
+                    "each pair only once",
                 )
             )
         pairs[pair] = (
             normal_correlation(entry.rank) if entry.rank is not None else float(entry.normal or 0.0)
         )
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
-        problem = f"correlations with the design '{model.sampling.design}'"
+        problem = f"the design '{model.sampling.design}' does not permit correlations"
         errors.append(
             document.key_error(
-                ("correlations",), problem, "no correlations; this design sets all values"
+                ("correlations",), problem, "no correlations, because this design sets all values"
             )
         )
     if errors:
@@ -388,7 +397,11 @@ def _make_copula(
         return make_copula(names, pairs)
     except np.linalg.LinAlgError:
         problem = "the correlation matrix is not positive definite"
-        errors.append(document.error(("correlations",), problem, "consistent correlations"))
+        errors.append(
+            document.error(
+                ("correlations",), problem, "correlations that are consistent with each other"
+            )
+        )
         return Copula((), np.eye(0))
 
 
@@ -431,14 +444,14 @@ def _check_channels(
     own_channels: tuple[Channel, ...],
     errors: list[InputError],
 ) -> None:
-    """Check that the channels of stored histories exist in the program or the vehicle."""
+    """Check that the channels of stored histories are built in or defined by the vehicle."""
     channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
         if name not in channel_names:
             errors.append(
                 document.error(
                     ("keep", "histories", "channels"),
-                    f"channel '{name}'",
+                    f"unknown channel '{name}'",
                     one_of(channel_names, name),
                 )
             )
@@ -447,15 +460,17 @@ def _check_channels(
 def _check_measured(
     document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
 ) -> None:
-    """Check that measured quantities are channels, and that their noise has the same units."""
+    """Check that measured quantities are channels, and that their noise has a valid unit."""
     for name, value in model.measured.items():
         where = ("measured", name)
         if name not in units:
-            errors.append(document.key_error(where, f"channel '{name}'", one_of(units, name)))
+            errors.append(
+                document.key_error(where, f"unknown channel '{name}'", one_of(units, name))
+            )
             continue
         try:
             if not parse_in_any_unit(value, units[name]) >= 0.0:
-                raise Refusal(f"{value}", "a standard deviation")
+                raise Refusal(f"{value}", "a nonnegative standard deviation")
         except Refusal as refusal:
             errors.append(document.error(where, refusal.found, refusal.expected))
 
@@ -467,13 +482,13 @@ def _check_runs(
     sample_file: SampleFile | None,
     errors: list[InputError],
 ) -> int:
-    """Return the number of flights, which the file states or the design determines."""
+    """Return the number of flights, as stated in the file or determined by the design."""
     design = model.sampling.design
     if design in FACTORIAL and not names:
         errors.append(
             document.error(
                 ("sampling",),
-                f"the design '{design}' without dispersions",
+                f"the design '{design}' requires dispersions",
                 "at least one dispersion",
             )
         )
@@ -489,14 +504,14 @@ def _check_runs(
                 document.error(
                     (),
                     "no key 'runs'",
-                    f"'runs', because the design '{design}' does not determine the number of "
-                    "flights",
+                    f"the key 'runs', because the design '{design}' does not determine the number "
+                    "of flights",
                 )
             )
         return model.runs or 1
     if number > 2**30:
         errors.append(
-            document.error(("sampling",), f"a design of {number:.3g} flights", "at most 1e9")
+            document.error(("sampling",), f"the design has {number:.3g} flights", "at most 1e9")
         )
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:

@@ -27,7 +27,7 @@ _LARGEST_BATCH = 2**20
 
 
 def _none_for(word: str, most: int | None = None) -> Any:
-    """Return the type of a field for which ``word`` in the file means None in the model."""
+    """Return a validator that converts ``word`` in the file to None in the model."""
     written = Literal[word] | Annotated[int, Field(ge=1, le=most)]  # type: ignore[valid-type]
 
     def read(value: Any) -> Any:
@@ -50,7 +50,7 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 
 
 class Sampling(StrictModel):
-    """Sampling design; a campaign file may give only the name of the design."""
+    """Sampling design; in a campaign file, the name of the design may replace the mapping."""
 
     design: DesignName = Field("random", description="name of the sampling design")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
@@ -67,8 +67,8 @@ class Sampling(StrictModel):
     def _path_for_a_file(self) -> "Sampling":
         if (self.design == "file") != (self.path is not None):
             raise Refusal(
-                f"the design '{self.design}'",
-                "a path with the design 'file', and no path otherwise",
+                f"the key 'path' does not fit the design '{self.design}'",
+                "a path if the design is 'file', and no path otherwise",
             )
         return self
 
@@ -78,7 +78,7 @@ def _sampling(value: Any) -> Any:
 
 
 class Correlation(StrictModel):
-    """Correlation of two parameters: of their ranks (Spearman) or of their normal variables."""
+    """Correlation of two parameters, as a rank (Spearman) or normal correlation."""
 
     between: tuple[str, str] = Field(description="the two correlated parameters")
     rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
@@ -96,10 +96,15 @@ class Correlation(StrictModel):
     def _one_of_both(self) -> "Correlation":
         if (self.rank is None) == (self.normal is None):
             raise Refusal(
-                "both" if self.rank is not None else "neither", "either 'rank' or 'normal'"
+                "both 'rank' and 'normal' are set"
+                if self.rank is not None
+                else "neither 'rank' nor 'normal' is set",
+                "either 'rank' or 'normal'",
             )
         if self.between[0] == self.between[1]:
-            raise Refusal(f"'{self.between[0]}' twice", "two different parameters", ("between",))
+            raise Refusal(
+                f"'{self.between[0]}' is listed twice", "two different parameters", ("between",)
+            )
         return self
 
 
@@ -155,12 +160,12 @@ class RequirementEntry(StrictModel):
     @model_validator(mode="after")
     def _some_limit(self) -> "RequirementEntry":
         if self.below is None and self.above is None:
-            raise Refusal("neither", "'below', 'above' or both")
+            raise Refusal("neither 'below' nor 'above' is set", "'below', 'above' or both")
         return self
 
 
 class MarginsOfFlights(StrictModel):
-    """Flights, and points in time, for which stability margins are computed."""
+    """Flights and times for which stability margins are computed."""
 
     at: Points = Field(
         ("trim",),
@@ -177,7 +182,7 @@ class MarginsOfFlights(StrictModel):
     )
 
     def of(self, runs: int) -> int:
-        """Return the number of flights with margins among ``runs`` flights."""
+        """Return for how many of ``runs`` flights margins are computed."""
         return runs if self.flights is None else min(self.flights, runs)
 
 
@@ -213,7 +218,7 @@ class Execution(StrictModel):
         "auto",
         description=(
             "isolation of flights: with processes, a flight that crashes or hangs does not affect "
-            "others"
+            "other flights"
         ),
     )
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
@@ -257,7 +262,7 @@ def _metrics_kind(value: Any) -> str:
 class Campaign(StrictModel):
     """Content of a campaign file."""
 
-    # Function that makes the simulator; given by name, because it is in a higher layer.
+    # Simulator, referenced by name because it belongs to a higher layer.
     simulator_maker: ClassVar = "abhv_mc.vehicle_simulator.simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign and of its results folder in reports/")
     question: str = Field(

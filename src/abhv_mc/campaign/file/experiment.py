@@ -37,7 +37,7 @@ from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED, Verdict, judge
 
-_MIDDLE = 0.6  # fraction of the range used as its middle; differs from the nominal value
+_MIDDLE = 0.6  # position of the middle within a range, chosen to differ from the nominal value
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Requirement:
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
         """Return the verdict for given numbers of failures and flights.
 
-        ``flights`` includes the flights that were not computed, ``failures`` does not.
+        ``flights`` includes the ``uncomputed`` flights; ``failures`` does not.
         """
         return judge(
             failures, flights, self.probability, self.consumer_risk, self.producer_risk, uncomputed
@@ -77,19 +77,19 @@ class Experiment:
 
     document: Document
     model: Campaign
-    runs: int  # number of flights per controller, over all points of the unknowns
-    # distribution of each parameter, in order; empty for a sample file
+    runs: int  # number of flights per controller, at all points of the unknowns together
+    # distributions of the dispersed parameters, by name; empty for a sample file
     marginals: dict[str, Marginal]
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
     measured: tuple[Metric, ...]  # built-in metrics, then declared metrics
     declared: tuple[Metric, ...] = ()
-    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each user channel
+    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each custom channel
     effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
     states: tuple[tuple[str, str], ...] = ()  # names and units of the vehicle's custom states
     systems: Mapping[str, System] = field(default_factory=dict)  # prepared systems, by controller
-    columns: tuple[str, ...] | None = None  # columns of samples that replace the campaign's
+    columns: tuple[str, ...] | None = None  # columns of imported samples; None: drawn inputs
     derived: Derived = ()  # parameters computed from other parameters
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # all parameters of a flight, dispersed or nominal
@@ -134,7 +134,7 @@ class Experiment:
 
     @property
     def kind(self) -> str:
-        """Noun for a compared system, such as controller."""
+        """Noun for a compared system, such as 'controller'."""
         return self.simulator.kind
 
     @property
@@ -147,31 +147,34 @@ class Experiment:
 
     @property
     def runs_at_point(self) -> int:
-        """Number of flights per controller at each point.
+        """Number of flights per controller at each point of the unknowns.
 
-        Row k is sample k // points at point k % points.
+        With n points, row k contains sample k // n at point k % n.
         """
         return self.runs // len(self.unknowns.points)
 
     @property
     def judged(self) -> bool:
-        """Return whether flights at a point are independent, as verdicts require."""
+        """Return whether the flights at each point of the unknowns are independent.
+
+        Verdicts require independent flights.
+        """
         if (stated := self.simulator.independent) is not None:
             return stated
         return self.sampling == INDEPENDENT and not self.has_noise
 
     @property
     def has_noise(self) -> bool:
-        """Return whether the simulator has noise that is not shown to be independent."""
+        """Return whether the simulator has noise without evidence of its independence."""
         return self.repeatability is not None and not self.repeatability.is_evidence
 
     @property
     def dependence(self) -> str:
-        """Clause that says why the flights are not independent draws."""
+        """Clause that explains why the flights are not independent draws."""
         if self.has_noise:
-            return "the simulator is not repeatable, and its noise is not shown to be independent"
+            return "the simulator is not repeatable, and there is no evidence of independent noise"
         if not self.can_rerun:
-            return "the flights of this table are not taken as independent draws"
+            return "the imported flights are not declared to be independent draws"
         return f"the flights of a {self.sampling} design are not independent draws"
 
     @property
@@ -250,8 +253,8 @@ class Experiment:
     def metrics(self) -> dict[str, Metric]:
         """Metrics of the flights by name, including the requested stability margins.
 
-        Requirements define which values of a metric are worse. If they limit both sides, the
-        distance outside the limits counts.
+        Requirements define which values of a metric are worse. If a metric has a lower and an upper
+        limit, a value is worse the farther it lies outside these limits.
         """
         margins = MARGINS if self.model.margins is not None else ()
         metrics = {metric.name: metric for metric in (*self.measured, *margins)}
@@ -267,15 +270,15 @@ class Experiment:
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """Metrics of the requirements; without requirements, the leading built-in metrics."""
+        """Metrics of the requirements; without requirements, the main built-in metrics."""
         required = dict.fromkeys(item.metric for item in self.requirements)
         return tuple(required or [metric.name for metric in self.measured if metric.leads])
 
     @cached_property
     def criteria(self) -> tuple[Criterion, ...]:
-        """Criteria that rank the flights, from ``keep.histories.by``.
+        """Criteria that rank the flights, as selected by ``keep.histories.by``.
 
-        The criteria are one metric or all requirements; without requirements, the leading metrics.
+        The criteria are one metric or all requirements; without requirements, the main metrics.
         """
         ranking = self.model.keep.histories.by
         if ranking == BY_REQUIREMENTS and self.requirements:
@@ -347,7 +350,8 @@ class Experiment:
         """Judge each requirement for each controller; return verdicts and points.
 
         ``groups`` contains the verdicts at each point of the unknowns, by controller and
-        requirement. The returned point is the point whose counts the verdict has.
+        requirement. Each verdict is returned with the index of the point from which its counts were
+        taken.
         """
         number = max(1, len(self.requirements))
         return [
@@ -356,7 +360,11 @@ class Experiment:
         ]
 
     def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
-        """Add a note to a verdict if its requirement was set later or lacks a worst-case search."""
+        """Return a verdict with notes on its limitations.
+
+        A requirement may have been set after the results were known, or may lack a search for the
+        worst values of the unknowns.
+        """
         notes = [verdict.note]
         if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):
             verdict = replace(verdict, status="NOT SHOWN")
@@ -387,7 +395,7 @@ class Experiment:
         return verdicts
 
     def rows(self, values: Floats) -> Floats:
-        """Return full rows ``[flight, parameter]`` for rows of ``inputs``."""
+        """Return rows of all parameters ``[flight, parameter]`` for rows of ``inputs``."""
         return full_rows(self.inputs, values, self.derived, self.parameters)
 
     def _samples_of(self, seed: int, runs: int) -> SampleSource:

@@ -21,7 +21,7 @@ _ABOVE_ZERO = re.compile(
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _RARELY = 1e-6  # tolerated probability of values beyond a bound
-_FIRST = 1000  # number of flights, from the first, whose derived parameters are checked
+_FIRST = 1000  # number of first flights whose derived parameters are checked
 
 
 def find_impossible(campaign: Experiment) -> list[InputError]:
@@ -42,7 +42,7 @@ def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -
 def values_of(campaign: Experiment, name: str) -> Floats:
     """Return values of a varied input, such as the ends of its range and extreme quantiles.
 
-    The quantiles cover all but 1e-6 of the distribution.
+    The extreme quantiles exclude a probability of 1e-6 in each tail.
     """
     if name in campaign.unknowns.names:
         index = campaign.unknowns.names.index(name)
@@ -60,10 +60,7 @@ def values_of(campaign: Experiment, name: str) -> Floats:
 
 def asked_in_vain(campaign: Experiment) -> list[str]:
     """Return warnings about undecidable requirements and impossible dispersions."""
-    return [
-        f"the campaign has {error.found}; required: {error.expected}"
-        for error in find_impossible(campaign)
-    ]
+    return [f"{error.found}; required: {error.expected}" for error in find_impossible(campaign)]
 
 
 def _requirements(campaign: Experiment) -> Iterator[InputError]:
@@ -74,14 +71,14 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
             continue
         if high is not None and high <= 0.0:
             problem = (
-                f"'{entry.metric}' below {high:g}, which no flight meets because the metric is "
-                "never negative"
+                f"no flight can meet '{entry.metric}' below {high:g}, because the metric is never "
+                "negative"
             )
             yield document.error(("requirements", i, "below"), problem, "a positive limit")
         elif low is not None and low < 0.0:
             problem = (
-                f"'{entry.metric}' above {low:g}, which every flight meets because the metric is "
-                "never negative"
+                f"every flight meets '{entry.metric}' above {low:g}, because the metric is never "
+                "negative"
             )
             yield document.error(("requirements", i, "above"), problem, "a nonnegative limit")
     if not campaign.judged:
@@ -89,15 +86,15 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
     family = campaign.family_risk
     verdicts = len(entries) * len(campaign.controllers)
     for i, entry in enumerate(entries):
-        # All controllers are judged; if all flights succeed, the first step of Holm's procedure
-        # decides.
+        # Holm's procedure divides the joint risk by the number of verdicts in its first step, which
+        # decides if no flight fails.
         risk = min(entry.consumer_risk, family / verdicts) if family else entry.consumer_risk
         needed = flights_to_pass(0, entry.probability, risk)
         if needed <= campaign.runs_at_point:
             continue
         problem = (
-            f"a probability of {entry.probability:g} that {campaign.runs_at_point} flights cannot "
-            f"demonstrate at a risk of {risk:g}"
+            f"{campaign.runs_at_point} flights cannot demonstrate a probability of "
+            f"{entry.probability:g} at a risk of {risk:g}"
         )
         expected = f"at least {needed} flights, or a lower probability"
         yield document.error(("requirements", i, "probability"), problem, expected)
@@ -113,7 +110,7 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
             yield refuse_input(
                 campaign,
                 name,
-                f"'{name}' that is not a number",
+                f"'{name}' has a value that is not a number",
                 "an expression with a numerical value",
             )
         elif least <= 0.0 and _ABOVE_ZERO.search(name):
@@ -123,10 +120,10 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
                 and isinstance(marginal, ContinuousMarginal)
                 and marginal.density(np.array(1e-12)) < 1e-6
             ):
-                continue  # The distribution approaches zero but never reaches it.
+                continue  # The distribution approaches zero but does not include it.
             expected = "positive values, as from a truncated_normal or lognormal distribution"
             entry = campaign.dispersions.get(name, {})
             width = entry.get("half_width", entry.get("sigma"))
             if isinstance(width, (int, float)) and width >= 1:
-                expected = f"did you mean '{width:g} %' in place of {width:g}?"
-            yield refuse_input(campaign, name, f"'{name}' down to {least:g}", expected)
+                expected = f"positive values (did you mean '{width:g} %' instead of {width:g}?)"
+            yield refuse_input(campaign, name, f"'{name}' has values down to {least:g}", expected)

@@ -40,7 +40,7 @@ def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
             where = (i,) if len(value) > 1 else ()
             raise Refusal(
                 describe(item),
-                "all, none, failed, 'worst 20', 'every 100' or the number of a flight",
+                "all, none, failed, 'worst 20', 'every 100' or a flight number",
                 where,
             )
     return value
@@ -71,7 +71,7 @@ class KeepHistories(StrictModel):
     ] = Field(
         (ALL,),
         description=(
-            "names of channels, or 'all'; effectors with actuators have channels of their own"
+            "names of channels, or 'all'; each effector with an actuator has its own channels"
         ),
     )
     rate: Rate = Field(10.0, description="samples per second of flight")

@@ -1,4 +1,4 @@
-"""Four kinds of input files: models, recognition by keys, and references to other files."""
+"""Recognition of the four kinds of input files, and search for the files that they name."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,10 +44,12 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
 def require_kind(path: Path, kind: str) -> None:
     """Raise InputError if a file is not of the expected kind."""
     if (actual := find_kind(path, kind)) != kind:
-        problem = f"a {actual} file"
+        problem = f"this is a {actual} file"
         expected = f"a {kind} file"
         raise InputError(
-            path, problem, expected + (": `abhv-mc run` runs a campaign" * (actual == "campaign"))
+            path,
+            problem,
+            expected + (" (use `abhv-mc run` for a campaign)" * (actual == "campaign")),
         )
 
 
@@ -59,7 +61,9 @@ def check_kinds(document: Document, model: Campaign) -> None:
     for keys, file in named.items():
         kind = keys[0].removesuffix("s")
         if (actual := find_kind(file, kind)) != kind:
-            wrong.append(document.error(keys, f"'{file.name}', a {actual} file", f"a {kind} file"))
+            wrong.append(
+                document.error(keys, f"'{file.name}' is a {actual} file", f"a {kind} file")
+            )
     if wrong:
         raise InputErrors(wrong)
 
@@ -71,7 +75,7 @@ _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 def locate(path: Path) -> Path:
     """Return an absolute path without links to folders.
 
-    A link to a file remains, because the file's references are relative to the link.
+    A link to the file itself is kept, because the file's references are relative to the link.
     """
     return path.parent.resolve() / path.name
 

@@ -1,4 +1,4 @@
-"""Requirement sets by which the flights of a campaign can be judged again."""
+"""Requirement sets for judging the flights of an existing campaign again."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ from abhv_mc.io.documents import (
     validate,
 )
 
-# Keys of a campaign file for judging and reporting; flights do not depend on them.
+# Campaign-file keys for judging and reporting, on which the flights do not depend.
 JUDGING = ("requirements", "family", "question", "asks")
 _PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
@@ -61,16 +61,18 @@ def read_requirement_set(source: RequirementSource) -> Document:
         document = Document(_EMPTY, {**data}, {(): (1, 1)}, {})
     document = read_requirements(document)
     if not isinstance(document.data, dict) or "requirements" not in document.data:
-        expected = "a campaign file, or a file with 'requirements'"
+        expected = "a campaign file, or a file with the key 'requirements'"
         raise document.error((), describe(document.data), expected)
-    validate(document, _Set)  # Validate here, so that locations in errors refer to this file.
+    validate(
+        document, _Set
+    )  # Validate here, so that errors refer to locations in the requirement set.
     return document
 
 
 def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
     """Return the data of a campaign with another set of requirements.
 
-    Points of the unknowns keep the requirements for which they were searched.
+    The points of the unknowns still record the requirements for which they were searched.
     """
     judged = {**data, **{key: changed[key] for key in JUDGING if key in changed}}
     points, before = data.get("points") or {}, data.get("requirements") or []
@@ -154,10 +156,10 @@ def _text(value: object) -> str:
 def find_later_choices(
     first: Sequence[Mapping[str, Any]], current: Sequence[Mapping[str, Any]]
 ) -> frozenset[int]:
-    """Return the numbers of current requirements that are not in the first set.
+    """Return the indices of current requirements that are not in the first set.
 
     Requirements are compared by metric, side, probability and risk. A changed limit does not
-    increase the risk, because verdicts stay valid however often results are checked.
+    increase the risk, because verdicts remain valid if results are checked repeatedly.
     """
     first_choices = {_choice(entry) for entry in first}
     return frozenset(i for i, entry in enumerate(current) if _choice(entry) not in first_choices)

@@ -1,7 +1,7 @@
 """Reading and checking of the requirements and input tables of a campaign.
 
-Requirements are a list or a CSV file with one row per entry. The checks involve the metrics, the
-design and the mission.
+Requirements are a list or a CSV file with one row per entry. The checks also use the metrics, the
+sampling design and the mission.
 """
 
 import contextlib
@@ -53,10 +53,10 @@ def read_requirements(document: Document) -> Document:
         raise document.error(
             ("requirements",),
             f"the file '{path.name}' does not exist",
-            "a CSV file, or a list of requirements",
+            "an existing CSV file, or a list of requirements",
         )
     table = _read_table(path)
-    validate(table, _Table)  # Validate here, so that locations in errors refer to the table.
+    validate(table, _Table)  # Validate here, so that errors refer to locations in the table.
     tables = (*document.tables, table)
     return replace(document, data={**data, **table.entries}, tables=tables)
 
@@ -69,8 +69,8 @@ class _Inputs(StrictModel):
 def _read_inputs(document: Document) -> Document:
     """Return the campaign document with its input table expanded to inputs and dispersions.
 
-    The columns are name, the keys of an input and the keys of a dispersion. Raise InputErrors if
-    the table is invalid.
+    The columns are ``name`` and the keys of inputs and dispersions. Raise InputErrors if the table
+    is invalid.
     """
     data = document.data
     if not isinstance(data, dict) or not isinstance(data.get("inputs"), str):
@@ -78,7 +78,7 @@ def _read_inputs(document: Document) -> Document:
     path = document.resolve(str(data["inputs"]))
     if not path.is_file():
         problem = f"the file '{path.name}' does not exist"
-        raise document.error(("inputs",), problem, "a CSV file, or names of inputs with units")
+        raise document.error(("inputs",), problem, "an existing CSV file, or a mapping of inputs")
     table = read_foreign_table(path, has_units=False)
     if "name" not in table.heads:
         raise table.error(None, 0, "no column 'name'", "a column with the names of the inputs")
@@ -90,7 +90,9 @@ def _read_inputs(document: Document) -> Document:
         values = {head: _number(cell) for head, cell in cells.items() if cell}
         name = str(values.pop("name", ""))
         if not name or name in entries["inputs"]:
-            raise InputError(path, f"the input '{name}'", "a unique name in each row", line)
+            raise InputError(
+                path, f"the input '{name}' has no unique name", "a unique name in each row", line
+            )
         entries["inputs"][name] = {
             key: values.pop(key) for key in Input.model_fields if key in values
         }
@@ -116,7 +118,7 @@ def _read_table(path: Path) -> Document:
     table = read_foreign_table(path, has_units=False)
     for column, head in enumerate(table.heads):
         if head not in _COLUMNS:
-            raise table.error(None, column, f"the column '{head}'", one_of(_COLUMNS, head))
+            raise table.error(None, column, f"unknown column '{head}'", one_of(_COLUMNS, head))
     if "metric" not in table.heads:
         raise table.error(None, 0, "no column 'metric'", one_of(_COLUMNS))
     columns = [table.words(i) for i in range(len(table.heads))]
@@ -193,7 +195,7 @@ def check_requirements(
             )
         for j, name in enumerate(entry.controllers or ()):
             if name not in systems:
-                problem = f"{'system' if own else 'controller'} '{name}'"
+                problem = f"unknown {'system' if own else 'controller'} '{name}'"
                 errors.append(
                     document.error((*where, "controllers", j), problem, one_of(systems, name))
                 )
@@ -213,7 +215,7 @@ def check_requirements(
             high = None if entry.below is None else read(entry.below, metrics[entry.metric].unit)
             if low is not None and high is not None and low >= high:
                 raise Refusal(
-                    f"below {high:g} and above {low:g}",
+                    f"no value is below {high:g} and above {low:g}",
                     "an upper limit 'below' that exceeds the lower limit 'above'",
                 )
             yield Requirement(
@@ -246,11 +248,12 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
         return
     if not model.requirements:
         errors.append(
-            document.key_error(("stop",), "'stop' without requirements", "at least one requirement")
+            document.key_error(("stop",), "'stop' needs requirements", "at least one requirement")
         )
     if model.sampling.design != INDEPENDENT:
         problem = (
-            f"'stop' with the design '{model.sampling.design}', whose flights are not independent"
+            "'stop' needs independent flights, unlike those of the design "
+            f"'{model.sampling.design}'"
         )
         errors.append(
             document.key_error(("stop",), problem, f"sampling: {INDEPENDENT}, or no 'stop'")
@@ -267,15 +270,15 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
     needed = [i for i, entry in enumerate(model.requirements) if entry.metric in _MARGIN_METRICS]
     if model.margins is None:
         for i in needed:
-            problem = f"'{model.requirements[i].metric}' without 'margins'"
-            expected = "'margins: {at: [trim], flights: all}' in the campaign"
+            problem = f"the requirement on '{model.requirements[i].metric}' needs stability margins"
+            expected = "'margins: {at: [trim], flights: all}' in the campaign file"
             errors.append(document.error(("requirements", i, "metric"), problem, expected))
         return
     if needed and model.margins.of(runs) < runs:
         metric = model.requirements[needed[0]].metric
         problem = (
-            f"margins for only {model.margins.of(runs)} of {runs} flights, although {metric} is "
-            "required"
+            f"margins are computed for only {model.margins.of(runs)} of {runs} flights, but "
+            f"{metric} is required"
         )
         expected = "'flights: all', because a verdict needs the metric of every flight"
         errors.append(document.error(("margins", "flights"), problem, expected))
@@ -286,6 +289,6 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
             where = ("margins", "at", i)
             errors.append(
                 document.error(
-                    where, f"{time:g} s", f"trim, or a time of the mission, 0 to {duration:g} s"
+                    where, f"{time:g} s", f"trim, or a mission time from 0 to {duration:g} s"
                 )
             )

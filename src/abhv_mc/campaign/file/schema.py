@@ -1,8 +1,8 @@
 """JSON Schemas of the four kinds of input files, for editors and other programs.
 
-The schemas of the models are extended: quantities have a pattern and defaults with units, metrics
-and parameters are enumerated, and each schema has a name (``$id``). The models check more
-constraints than a schema can.
+The schemas that pydantic generates are extended: quantities have a pattern and defaults with units,
+metrics and parameters are enumerated, and each schema has a name (``$id``). The pydantic models
+check more constraints than a JSON Schema can express.
 """
 
 import math
@@ -23,7 +23,7 @@ from abhv_mc.plant.parameters import PARAMETERS
 Schema = dict[str, Any]
 _OWN_METRIC = "^[a-z][a-z0-9_]*$"
 _OWN_CHANNEL = "^[a-z][a-z0-9_.]*$"
-# Parameters defined by files that a campaign names, such as settings of custom functions.
+# Pattern of the parameters that other files define, such as settings of custom functions.
 _OWN_PARAMETER = "^(failure|aerodynamics|propulsion|dynamics|law|initial)[.]"
 
 
@@ -98,7 +98,7 @@ def make_schema(kind: str) -> Schema:
 def _enumerate(parts: Schema) -> None:
     """Add enumerations of metrics, parameters and channels to a schema.
 
-    Campaigns with custom metrics accept other names of metrics, too.
+    Campaigns with custom metrics also accept other metric names.
     """
     campaign = parts["Campaign"]
     metrics = {"enum": [*METRIC_INDEX, *MARGIN_NAMES]}

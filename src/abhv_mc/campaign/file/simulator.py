@@ -63,7 +63,7 @@ class Simulator(StrictModel):
         (),
         description=(
             "other files that the simulator consists of or reads: files, folders, or patterns "
-            "with *; an empty folder, or a folder to be created, ends with /"
+            "with *; the name of an empty folder, or of a folder to be created, ends with /"
         ),
     )
     folder: str = Field(
@@ -98,13 +98,18 @@ class Simulator(StrictModel):
     @model_validator(mode="after")
     def _one_of_both(self) -> "Simulator":
         if (self.python is None) == (self.command is None):
-            raise Refusal("both" if self.command else "neither", "either 'python' or 'command'")
+            raise Refusal(
+                "both 'python' and 'command' are set"
+                if self.command
+                else "neither 'python' nor 'command' is set",
+                "either 'python' or 'command'",
+            )
         return self
 
     def find_files(self, folder: Path) -> dict[str, Path]:
         """Return the simulator's files by path relative to ``folder``.
 
-        The files that start the simulator come first, then ``files``. Raise Refusal for a file
+        The files that start the simulator come first, then ``files``. Raise Refusal if a file is
         outside ``folder``.
         """
         base = Path(os.path.normpath(folder))
@@ -178,7 +183,7 @@ class OwnMetric(OwnChannel):
     )
 
     def record(self, name: str) -> Metric:
-        """Return the metric as a record for tables of metrics."""
+        """Return the metric as a record, in the same form as built-in metrics."""
         label = self.label or label_of(name, "-")
         return Metric(
             name=name,
@@ -202,7 +207,7 @@ class SimulatorExecution(Execution):
 class SimulatorCampaign(Campaign):
     """Campaign file with a custom simulator or imported flights.
 
-    Fields of campaigns with the built-in simulator are class variables with the value None.
+    Fields that apply only to the built-in simulator are class variables with the value None.
     """
 
     simulator_maker: ClassVar = "abhv_mc.external_simulators.simulator:make_simulator"
@@ -274,18 +279,18 @@ class SimulatorCampaign(Campaign):
         for key, names in taken.items():
             for name in getattr(self, key):
                 if name in names:
-                    expected = f"another name; the names {', '.join(sorted(names))} are in use"
+                    expected = f"a name other than {', '.join(sorted(names))}"
                     raise Refusal(f"the name '{name}' is already in use", expected, (key, name))
         column_names = (*self.inputs, *self.metrics, "system", "outcome", "end_time", "flight")
         for name in self.columns:
             if name not in column_names:
                 raise Refusal(f"'{name}'", one_of(column_names, name), ("columns", name))
         if self.columns and self.simulator:
-            raise Refusal("'columns' together with a simulator", "only one of them", ("columns",))
+            raise Refusal("'columns' applies only to imported flights", "no such key", ("columns",))
         if self.independent and self.simulator:
             raise Refusal(
-                "'independent' together with a simulator",
-                "'sampling', which determines independence",
+                "'independent' applies only to imported flights",
+                "'sampling' instead, which determines whether flights are independent",
                 ("independent",),
             )
         return self
@@ -297,7 +302,7 @@ class SimulatorCampaign(Campaign):
 
     @property
     def parameters(self) -> Parameters:
-        """Parameters that flights of the simulator accept."""
+        """Parameters of the flights, defined by ``inputs``."""
         entries = self.inputs.items()
         return Parameters(
             tuple(
@@ -326,21 +331,25 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
         errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
     for key in ("unknowns", "derived", "stop", "sampling", "histories"):
         if not model.simulator and key in model.model_fields_set:
-            problem = f"'{key}' together with imported flights"
-            errors.append(document.key_error((key,), problem, "a simulator, or no such key"))
+            problem = f"'{key}' does not apply to imported flights"
+            errors.append(
+                document.key_error((key,), problem, "a campaign with a simulator, or no such key")
+            )
     if "envelopes" in model.keep.model_fields_set and not model.histories:
         errors.append(
             document.key_error(
-                ("keep", "envelopes"), "envelopes without 'histories'", "'histories'"
+                ("keep", "envelopes"),
+                "envelopes without 'histories' cannot be computed",
+                "the key 'histories'",
             )
         )
     for key, settings in (("histories", model.keep.histories), ("envelopes", model.keep.envelopes)):
         if "channels" in settings.model_fields_set:
-            problem = "channels of the built-in simulator"
+            problem = "'channels' selects channels of the built-in simulator"
             errors.append(
                 document.key_error(
                     ("keep", key, "channels"),
                     problem,
-                    "no channels, because all 'histories' are kept",
+                    "no such key, because all 'histories' are stored",
                 )
             )

@@ -17,7 +17,7 @@ _QUANTILE = "quantile of the metric over the flights"
 class Free(StrictModel):
     """Parameter of the controller file that tuning varies by a factor.
 
-    The campaign file may give only the key.
+    In the campaign file, the key may replace the mapping.
     """
 
     key: str = Field(description="key in the controller file, such as velocity.speed.bandwidth")
@@ -68,19 +68,20 @@ class Limit(StrictModel):
         ]
         if len(bounds) != 1:
             raise Refusal(
-                " and ".join(bounds) or "no limit, or several limits",
+                " and ".join(bounds) or "no limit is set",
                 "exactly one of below, above, below_start_times",
             )
         if self.is_margin and (
             "quantile" in self.model_fields_set or self.above is None or self.above <= 0.0
         ):
             raise Refusal(
-                f"a limit on {self.metric}", "'above' with a positive number, and no quantile"
+                f"the limit on the stability margin {self.metric} is invalid",
+                "'above' with a positive number, and no quantile",
             )
         if self.vehicles is not None and not self.is_margin:
             raise Refusal(
-                f"vehicles of {self.metric}",
-                "no 'vehicles', which apply only to a limit on a stability margin",
+                f"'vehicles' does not apply to {self.metric}",
+                "no such key, because it applies only to limits on stability margins",
             )
         return self
 
@@ -96,7 +97,7 @@ def _free(value: Any) -> Any:
 def _points(value: Any) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not entries:
-        raise Refusal("no point", "trim, or times of the flight such as 30 s")
+        raise Refusal("the list of points is empty", "trim, or times of the flight such as 30 s")
     return ["trim" if entry == "trim" else parse_quantity(entry, TIME) for entry in entries]
 
 
@@ -141,11 +142,10 @@ class Tune(StrictModel):
         least = flights_to_bound(quantile)
         if self.validation < least:
             problem = (
-                f"{self.validation} validation flights for the {100.0 * quantile:g} % quantile"
+                f"{self.validation} validation flights are too few for the {100.0 * quantile:g} % "
+                "quantile"
             )
             key = "validation" if "validation" in self.model_fields_set else "minimise"
-            expected = (
-                f"validation: {least} or more, so that the difference of the quantiles has a bound"
-            )
+            expected = f"validation: {least} or more, to bound the difference between the quantiles"
             raise Refusal(problem, expected, (key,))
         return self

@@ -1,4 +1,4 @@
-"""Unknowns: parameters with a single value for the programme, known only by its bounds."""
+"""Unknowns: parameters that have one fixed value, of which only bounds are known."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -104,8 +104,8 @@ class Unknowns:
     """Bounds of the unknowns, and the simulated points; without unknowns, one empty point."""
 
     names: tuple[str, ...] = ()
-    low: Floats = field(default_factory=lambda: np.empty(0))  # lower, upper bounds [unknown] in SI
-    high: Floats = field(default_factory=lambda: np.empty(0))
+    low: Floats = field(default_factory=lambda: np.empty(0))  # lower bounds [unknown] in SI
+    high: Floats = field(default_factory=lambda: np.empty(0))  # upper bounds [unknown] in SI
     points: Floats = field(default_factory=lambda: np.empty((1, 0)))  # [point, unknown] in SI
     tried: int = 0
     shared: int | None = None  # number of points at which all requirements are judged; None: all
@@ -156,14 +156,14 @@ class Unknowns:
         return f"{text}; {self.tried} tried" if self.tried else text
 
     def _most_words(self, entry: MostFailures, verdict: Verdict) -> str:
-        text = f"of {entry.tried} values tried "
+        text = f"among {entry.tried} values tried, "
         if entry.failures:
-            text += f"the most failures were {entry.failures} of {entry.flights} at "
+            text += f"the most failures were {entry.failures} of {entry.flights}, at "
         else:
-            text += f"none failed in {entry.flights} flights; the value nearest to the limit was "
+            text += f"none caused a failure in {entry.flights} flights; nearest to the limit was "
         text += (
-            f"{self.words(entry.point)}, there {verdict.failures:,} of {verdict.flights:,} flights "
-            "failed"
+            f"{self.words(entry.point)}, where {verdict.failures:,} of {verdict.flights:,} judged "
+            "flights failed"
         )
         factor = showing_factor(verdict.probability, entry.flights)
         if factor <= 1.0:
@@ -234,7 +234,7 @@ def match_requirements(
 
 
 def _severity(entry: Mapping[str, Any]) -> tuple[object, ...]:
-    """Return the entries on which the search for the worst values depends."""
+    """Return the entries of a requirement on which the search for the worst values depends."""
     keys = ("metric", "below", "above")
     return (*(str(entry.get(key)) for key in keys), entry.get("ended_early", "failure"))
 
@@ -251,21 +251,23 @@ def check_unknowns(
 ) -> Unknowns:
     """Return the campaign's unknowns; append problems to ``errors``.
 
-    ``other_roles`` describes other uses of parameters, by name.
+    ``other_roles`` maps each parameter with another use to a description, such as 'a dispersion'.
     """
     before, ends = len(errors), []
     for name, entry in unknowns.items():
         where = ("unknowns", name)
         if name not in parameters or parameters[name].seed:
             problem = (
-                f"unknown parameter '{name}'" if name not in parameters else f"'{name}', a seed"
+                f"unknown parameter '{name}'"
+                if name not in parameters
+                else f"'{name}' is a random seed"
             )
             errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
         elif name in other_roles:
             problem = f"'{name}' is also {other_roles[name]}"
             errors.append(
                 document.key_error(
-                    where, problem, "either a value drawn for each flight, or an unknown"
+                    where, problem, "a parameter that is either drawn for each flight or unknown"
                 )
             )
         else:
@@ -277,12 +279,12 @@ def check_unknowns(
                 ]
             )
             if not ends[-1][0] < ends[-1][1]:
-                problem = f"an empty range from {ends[-1][0]:g} to {ends[-1][1]:g}"
+                problem = f"the range from {ends[-1][0]:g} to {ends[-1][1]:g} is empty"
                 errors.append(
-                    document.error((*where, "high"), problem, "a value of 'low' below 'high'")
+                    document.error((*where, "high"), problem, "'low' to be less than 'high'")
                 )
     if unknowns and design != INDEPENDENT:
-        problem = f"unknowns with the design '{design}'"
+        problem = f"the design '{design}' does not permit unknowns"
         errors.append(document.key_error(("unknowns",), problem, f"sampling: {INDEPENDENT}"))
     if len(unknowns) > MOST_UNKNOWNS:
         problem = f"{len(unknowns)} unknowns"
@@ -293,12 +295,14 @@ def check_unknowns(
             expected = "the same number of values for each unknown, at least one"
             errors.append(
                 document.key_error(
-                    ("points",), f"points of {', '.join(points.at) or 'nothing'}", expected
+                    ("points",),
+                    f"'points' has values of {', '.join(points.at) or 'nothing'}",
+                    expected,
                 )
             )
         number = min(lengths, default=0)
         if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
-            problem = f"'shared' or 'most_failures' exceeds the {number} points of 'at'"
+            problem = f"'shared' or 'most_failures' refers to more than the {number} points of 'at'"
             errors.append(document.key_error(("points",), problem, "indices of points, from 0"))
     if len(errors) > before or not unknowns:
         return Unknowns()

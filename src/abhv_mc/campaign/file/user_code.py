@@ -6,10 +6,10 @@ from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 
 
 def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSource]:
-    """Return the custom code of a campaign. Raise InputError if the user may not run it.
+    """Return the custom code of a campaign. Raise InputError for untrusted code.
 
-    The user may run files outside results folders, and copies in results folders that were run
-    before or are declared ``trusted``. This function runs no code.
+    Files outside results folders are trusted. A copy in a results folder is trusted if the user has
+    run the same code before or sets ``trusted``. This function does not run any code.
     """
     foreign, own = is_in_a_folder(campaign.document.path), []
     for file, source in campaign.simulator.find_code():

@@ -49,7 +49,7 @@ _TAKEN = {
     *BUILT_IN,
     *(signal.name for signal in MARGIN_FAULTS),
 }
-# Units as suffixes of metric names; longer suffixes precede shorter ones.
+# Units that may end the names of metrics; longer suffixes precede shorter ones.
 _NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
 
 
@@ -119,24 +119,29 @@ class MetricEntry(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "MetricEntry":
         if self.statistic in NEEDS_LIMIT and self.limit is None:
-            raise Refusal(f"'{self.statistic.word}' without 'limit'", "a limit in the unit of 'of'")
+            raise Refusal(
+                f"the statistic '{self.statistic.word}' needs a limit",
+                "'limit', in the unit of 'of'",
+            )
         if self.limit is not None and self.statistic not in TAKES_LIMIT:
             raise Refusal(
-                f"a limit with '{self.statistic.word}'",
-                f"a limit only with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
+                f"the statistic '{self.statistic.word}' has no limit",
+                f"'limit' only with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
                 ("limit",),
             )
         if (self.share is None) == (self.statistic == Statistic.QUANTILE):
             problem = (
-                "'quantile' without 'share'"
+                "the statistic 'quantile' needs a share"
                 if self.share is None
-                else f"a share with '{self.statistic.word}'"
+                else f"the statistic '{self.statistic.word}' has no share"
             )
-            raise Refusal(problem, "'share: 95 %' only with 'quantile'")
+            raise Refusal(
+                problem, "'share', such as 95 %, if and only if the statistic is 'quantile'"
+            )
         if self.to is not None and self.to <= self.from_:
-            raise Refusal("an empty window", "'from' before 'to'", ("to",))
+            raise Refusal("the time window is empty", "'from' before 'to'", ("to",))
         if self.phase is not None and (self.from_ or self.to is not None):
-            raise Refusal("'phase' together with 'from' or 'to'", "one window", ("phase",))
+            raise Refusal("'phase' excludes 'from' and 'to'", "only one time window", ("phase",))
         return self
 
 
@@ -148,7 +153,7 @@ class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):
 
 
 def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
-    """Return the document and entries of a metrics file. Raise InputError if it is invalid."""
+    """Return the document and entries of a metrics file. Raise InputError for invalid entries."""
     document = read_document(path)
     return document, validate(document, MetricsFile).root
 
@@ -177,7 +182,7 @@ def declare_metrics(
     records = []
     for name, entry in entries.items():
         if name in taken:
-            problem = f"'{name}', a metric of the program"
+            problem = f"the name '{name}' is reserved by the program"
             errors.append(document.key_error((*where, name), problem, "another name"))
         try:
             nonnegative = compile_expression(entry.of, sources).nonnegative
@@ -189,7 +194,7 @@ def declare_metrics(
             expected = (
                 one_of(windows, entry.phase)
                 if windows
-                else "a phase of the mission with this 'name'"
+                else "a mission that has a phase with this name"
             )
             errors.append(document.error((*where, name, "phase"), f"'{entry.phase}'", expected))
         elif entry.phase is not None:
@@ -266,7 +271,10 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                     units = [word.value for word in mark.keywords if word.arg == "unit"]
                     if len(units) != 1 or not isinstance(units[0], ast.Constant):
                         raise InputError(
-                            path, "@channel without a unit", '@channel(unit="deg")', mark.lineno
+                            path,
+                            "the decorator @channel has no unit",
+                            '@channel(unit="deg")',
+                            mark.lineno,
                         )
                     if (
                         node.name in SOURCES
@@ -278,6 +286,8 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                     channels.append((node.name, str(units[0].value)))
     if not channels:
         raise InputError(
-            path, "no function with @channel", 'at least one, such as @channel(unit="deg")'
+            path,
+            "no function with @channel",
+            'at least one function with a decorator such as @channel(unit="deg")',
         )
     return tuple(channels)

@@ -19,9 +19,9 @@ from abhv_mc.kernel.flight.counting import Operation
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.plant.parameters import OURS, Parameters
 
-DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # name of a parameter, not a number
-_DOT = "__"  # replaces the dots, which identifiers cannot contain
-_sincos = np.vectorize(sincos, otypes=(float, float))  # gives the same bits on every processor
+DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # matches parameter names but not numbers
+_DOT = "__"  # replacement for dots, which identifiers cannot contain
+_sincos = np.vectorize(sincos, otypes=(float, float))  # bit-identical on every processor
 _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
     Operation.ADD: np.add,
     Operation.SUBTRACT: np.subtract,
@@ -63,7 +63,7 @@ Derived = tuple[DerivedInput, ...]
 
 
 def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> DerivedInput:
-    """Compile the expression of a derived input. Raise Refusal if it is invalid."""
+    """Compile the expression of a derived input. Raise Refusal for an invalid expression."""
     index = parameters.index
     sources = {
         parameter.replace(".", _DOT): SourceRow(parameters[parameter].unit, index[parameter], 1.0)
@@ -90,7 +90,7 @@ def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> Deri
 def derive(rows: Floats, derived: Derived, parameters: Parameters = OURS) -> None:
     """Set the derived inputs in full rows [flight, parameter].
 
-    All derived inputs are computed from the original rows.
+    All values are computed from the original rows before any of them is set.
     """
     values = [derived_input.evaluate(rows) for derived_input in derived]
     for derived_input, value in zip(derived, values, strict=True):

@@ -1,18 +1,18 @@
-"""Uniform random numbers of the flights: streams, designs and copula.
+"""Uniform random numbers for the flights: random streams, sampling designs and copulas.
 
-Random numbers depend only on a seed, a name and a flight. Each (seed, name) keys a counter-based
-Philox generator whose counter is the flight's number. Flight k is therefore independent of the
-number and order of flights, of added parameters and of neighbouring seeds. Salmon et
-al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
+A random number depends only on a seed, a parameter name and a flight number. The seed and the name
+are the key of a counter-based Philox generator, and the flight number is its counter (Salmon et
+al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011). The numbers of flight k therefore do
+not depend on the number or order of flights, on other parameters or on neighbouring seeds.
 
-A design gives each flight and parameter a number in [0, 1], the probability at which the inverse of
-the parameter's distribution is evaluated. ``random``, ``sobol`` and ``halton`` give flight k the
-same numbers for any number of flights; for the other designs, the numbers depend on the number of
-flights, which for ``corners``, ``grid`` and ``one_at_a_time`` follows from the parameters.
+A design assigns a probability in [0, 1] to each flight and parameter, which the inverse of the
+parameter's distribution converts to a value. With ``random``, ``sobol`` and ``halton``, flight k
+has the same numbers for any number of flights. With the other designs, the numbers depend on the
+number of flights; for ``corners``, ``grid`` and ``one_at_a_time``, the parameters determine it.
 
 A Gaussian copula correlates samples and preserves the marginals: the Cholesky factor of the
-correlation matrix mixes standard normal variables of a flight. A rank correlation (Spearman's rho)
-corresponds to the normal correlation 2 sin(pi rho / 6): Kruskal, JASA 53 (1958).
+correlation matrix combines the standard normal variables of a flight. A rank correlation
+(Spearman's rho) corresponds to the normal correlation 2 sin(pi rho / 6) (Kruskal, JASA 53, 1958).
 """
 
 import hashlib
@@ -33,7 +33,7 @@ EXTENSIBLE = frozenset(
 )  # designs in which additional flights do not change the samples of earlier flights
 FACTORIAL = frozenset({"corners", "grid", "one_at_a_time"})
 
-_BITS = 30  # number of bits of a Sobol point: at most 2**30 flights
+_BITS = 30  # number of bits of a Sobol point, which limits designs to 2**30 flights
 _PIECE = 4096  # number of points drawn together; Sobol sequences require a power of two
 NOMINAL = -1.0  # marks a nominal value in a factorial design
 _WORDS = 4  # number of 64-bit words of one Philox4x64 counter value
@@ -54,7 +54,7 @@ def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
 
 
 def make_generator(seed: int, name: str, purpose: str) -> np.random.Generator:
-    """Return the random generator for the scrambles and permutations of a campaign."""
+    """Return the random generator for the scrambling and permutations of a design."""
     return np.random.Generator(
         np.random.Philox(np.random.SeedSequence(stream_key(seed, name, purpose)))
     )
@@ -68,7 +68,7 @@ class Design:
     seed: int
     names: tuple[str, ...]
     flights: int
-    levels: int = 2  # number of values per parameter; for one_at_a_time, on each side of nominal
+    levels: int = 2  # number of values per parameter; ``one_at_a_time`` adds a nominal flight
     parameters: Parameters = OURS
 
     def draw(self, first: int, stop: int) -> Floats:
@@ -109,9 +109,9 @@ def _draw_latin_hypercube(design: Design, name: str, first: int, stop: int) -> F
 def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
     """Draw a column of a Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998).
 
-    The dimension is the parameter's index in the table of parameters, and the scramble depends on
-    the seed and the parameter's name, so that neither depends on other parameters of the campaign.
-    Only the last dimension of the sampler is used.
+    The dimension of the sequence is the parameter's index in the table of parameters, and the
+    scrambling depends on the seed and the parameter's name. The column therefore does not depend on
+    other parameters of the campaign. Only the last dimension of the sampler is used.
     """
     from scipy.stats import qmc
 
@@ -124,7 +124,7 @@ def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
 def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
     """Draw a column of a Halton sequence with digit permutations (Owen 2017).
 
-    Dimensions are chosen as for Sobol sequences.
+    The dimension of the sequence is chosen as for Sobol sequences.
     """
     from scipy.stats import qmc
 
@@ -180,13 +180,13 @@ _COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
 
 
 def normal_correlation(rank_correlation: float) -> float:
-    """Return the correlation of normal variables that has a given rank correlation."""
+    """Return the correlation of normal variables with a given rank correlation."""
     return 2.0 * math.sin(math.pi / 6.0 * rank_correlation)
 
 
 @dataclass(frozen=True)
 class Copula:
-    """Gaussian copula: correlated columns and the Cholesky factor of their correlation."""
+    """Gaussian copula: columns and the Cholesky factor of their correlation matrix."""
 
     columns: tuple[int, ...]
     factor: Floats  # [column, column]

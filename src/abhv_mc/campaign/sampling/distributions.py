@@ -1,8 +1,8 @@
 """Distributions in campaign files, and their conversion to marginals.
 
-Values have the unit of the parameter; values of a factor are numbers or percentages. ``half_width``
-and ``sigma`` of a factor are relative to the nominal value 1; for an error, they are in
-the parameter's unit, about the nominal value 0.
+Values have the unit of the parameter; values of a factor are numbers or percentages. For a factor,
+``half_width`` and ``sigma`` are relative to the nominal value 1. For an error, they are deviations
+from the nominal value 0 in the parameter's unit.
 """
 
 import math
@@ -40,7 +40,7 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """Return the marginal of a parameter's drawn values in SI. Raise Refusal if invalid."""
+        """Return the marginal of the drawn values in SI units. Raise Refusal if invalid."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
         """Return the marginal in SI units, including ``probability``. Raise Refusal if invalid."""
@@ -82,18 +82,21 @@ class _Ranged(_Distribution):
         if self.half_width is not None:
             if low is not None or high is not None:
                 raise Refusal(
-                    "half_width together with low or high", "either half_width, or low and high"
+                    "half_width cannot be combined with low or high",
+                    "either half_width, or low and high",
                 )
             if not math.isfinite(center):
-                raise Refusal(f"a half_width about {center:g}", "low and high", ("half_width",))
+                raise Refusal(
+                    f"the half_width has the center {center:g}", "low and high", ("half_width",)
+                )
             half_width = self._positive("half_width", parameter)
             return center - half_width, center + half_width
         if low is None or high is None:
-            raise Refusal("no range", "half_width, or low and high")
+            raise Refusal("the range is missing", "half_width, or low and high")
         if not low < high:
             raise Refusal(
-                f"an empty range from {low:g} to {high:g}",
-                "a value of 'low' below 'high'",
+                f"the range from {low:g} to {high:g} is empty",
+                "'low' to be less than 'high'",
                 ("high",),
             )
         return low, high
@@ -144,7 +147,7 @@ class TruncatedNormal(_Ranged):
         ends = (low - mean) / sigma, (high - mean) / sigma
         if not ndtr(ends[1]) - ndtr(ends[0]) > 1e-9:
             raise Refusal(
-                "a range that the normal distribution never reaches",
+                "the normal distribution has practically no probability in the range",
                 "a range nearer to the mean",
                 ("sigma",),
             )
@@ -162,7 +165,8 @@ class Triangular(_Ranged):
         low, high = self._range(parameter, mode)
         if not low <= mode <= high:
             raise Refusal(
-                f"a mode of {mode:g} outside {low:g} .. {high:g}", "a mode within the range"
+                f"the mode {mode:g} is outside the range from {low:g} to {high:g}",
+                "a mode within the range",
             )
         return ContinuousMarginal("triang", ((mode - low) / (high - low), low, high - low))
 
@@ -183,12 +187,12 @@ class Lognormal(_Distribution):
             raise Refusal(f"{self.sigma}", "a positive sigma", ("sigma",))
         if median <= 0.0:
             where = ("median",) if self.median is not None else ()
-            raise Refusal(f"a median of {median:g}", "a positive median", where)
+            raise Refusal(f"the median is {median:g}", "a positive median", where)
         return ContinuousMarginal("lognorm", (sigma, 0.0, median))
 
 
 class Beta(_Ranged):
-    """Beta distribution with exponents a and b, scaled to a range."""
+    """Beta distribution with shape parameters a and b, scaled to a range."""
 
     distribution: Literal["beta"] = Field(description=_KIND)
     a: Annotated[float, Field(gt=0.0)] = Field(description="first shape parameter")
@@ -216,7 +220,7 @@ class Discrete(_Distribution):
         )
         weights = _shares(self.weights, len(values))
         if len(np.unique(values)) != len(values):
-            raise Refusal("a value twice", "different values", ("values",))
+            raise Refusal("a value is listed twice", "different values", ("values",))
         order = np.argsort(values)
         cumulative = np.cumsum(weights[order])
         cumulative[-1] = 1.0
@@ -239,7 +243,7 @@ class Scipy(_Distribution):
 
         names = [name for name, law in vars(stats).items() if isinstance(law, stats.rv_continuous)]
         if self.law not in names:
-            raise Refusal(f"law '{self.law}'", one_of(names, self.law), ("law",))
+            raise Refusal(f"unknown law '{self.law}'", one_of(names, self.law), ("law",))
         law = getattr(stats, self.law)
         shapes = [
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
@@ -254,8 +258,8 @@ class Scipy(_Distribution):
         )
         if not np.all(np.isfinite(marginal.ppf(np.array([1e-6, 0.5, 1.0 - 1e-6])))):
             raise Refusal(
-                f"shapes that '{self.law}' does not take",
-                "shape parameters in the distribution's domain",
+                f"the shape parameters are outside the domain of '{self.law}'",
+                "shape parameters for which the distribution is defined",
             )
         return marginal
 
@@ -282,8 +286,8 @@ class Mixture(_Distribution):
         for i, component in enumerate(self.parts):
             if component.probability < 1.0:
                 raise Refusal(
-                    "a component with a probability",
-                    "a weight of the component, or a probability of the mixture",
+                    "a component of the mixture has a probability",
+                    "a weight for the component, or a probability for the whole mixture",
                     ("parts", i),
                 )
             try:
@@ -328,7 +332,7 @@ def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
 def _or(value: float | None, parameter: Parameter) -> float:
     if value is None and not math.isfinite(parameter.nominal):
         raise Refusal(
-            "a distribution about a nominal value that is infinite",
+            "the parameter has an infinite nominal value",
             "an explicit mean, mode or median",
         )
     return parameter.nominal if value is None else value

@@ -33,7 +33,7 @@ class Marginal(Protocol):
 class _Uniform(NamedTuple):
     """Uniform distribution, bit-identical to scipy.stats.uniform.
 
-    Like :class:`_Normal`, it avoids the import of scipy.stats, which takes half a second.
+    Like :class:`_Normal`, this class avoids importing scipy.stats, which takes half a second.
     """
 
     low: float
@@ -120,7 +120,7 @@ class DiscreteMarginal:
     """Discrete distribution: ascending values and their cumulative probabilities."""
 
     values: Floats
-    cumulative: Floats  # cumulative probabilities; the last is 1
+    cumulative: Floats  # cumulative probability of each value; the last is 1
 
     def ppf(self, probability: Floats) -> Floats:
         return self.values[np.searchsorted(self.cumulative[:-1], probability, side="left")]
@@ -150,9 +150,8 @@ class MixtureMarginal:
         """Return quantiles by bisection between the quantiles of the components."""
         ends = np.stack([component.ppf(probability) for component in self.parts])
         low, high = ends.min(axis=0), ends.max(axis=0)
-        for _ in range(
-            _HALVINGS
-        ):  # Additional steps change nothing, so a quantile does not depend on the other quantiles.
+        # Further steps do not change a converged quantile, so quantiles do not affect each other.
+        for _ in range(_HALVINGS):
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):
                 break
@@ -190,9 +189,9 @@ class MixtureMarginal:
 class SometimesMarginal:
     """Distribution of a value that is drawn with some probability and nominal otherwise.
 
-    One uniform number determines both whether a value is drawn and its size, so that quantiles
-    increase. If the nominal value is infinite (a failure that never occurs), uniform numbers below
-    ``probability`` give drawn values.
+    One uniform number determines whether a value is drawn and which value it is, so that quantiles
+    increase with probability. If the nominal value is infinite (a failure that never occurs),
+    uniform numbers below ``probability`` yield drawn values.
     """
 
     drawn: Marginal
@@ -224,18 +223,18 @@ class SometimesMarginal:
     def at_fraction(self, fraction: Floats) -> Floats:
         """Return values at fractions of the range of the drawn distribution.
 
-        Factorial designs test a failure, whatever its probability.
+        Factorial designs therefore include a failure regardless of its probability.
         """
         return self.drawn.at_fraction(fraction)
 
 
-_SLACK = 1e-9  # tolerance for rounded values, relative to the width
+_SLACK = 1e-9  # tolerance for rounded values, relative to the width of the range
 
 
 def outside(marginal: Marginal, values: Floats, rounding: Floats | float = 0.0) -> Mask:
     """Return a mask [flight] of the values that are impossible for a distribution.
 
-    ``rounding`` [flight] is the tolerance of the values.
+    ``rounding`` [flight] is the rounding error of the values.
     """
     if isinstance(marginal, SometimesMarginal):
         off_nominal = np.abs(values - marginal.nominal) > rounding

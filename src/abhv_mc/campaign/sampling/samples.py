@@ -1,7 +1,7 @@
 """Samples of a campaign: parameter values of each flight, drawn or read from a file.
 
-Seeds of turbulence and sensor noise are columns of the samples but not dispersions. With a common
-seed all flights would have the same gusts and would not be independent.
+Seeds of turbulence and sensor noise are columns of the samples but not dispersions. Each flight has
+its own seeds, because flights with the same gusts would not be independent.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
 from abhv_mc.plant.parameters import OURS, Parameters
 
 NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
-"""Parameters that define the noise of each seed, by name of the seed."""
+"""Names of the noise parameters to which each seed applies, by name of the seed."""
 
 _WHOLE = 2.0**52  # upper bound on the integer seeds of a custom simulator
 
@@ -41,7 +41,7 @@ class SampleSource:
     flights: int
     draw: Callable[
         [int, int], Floats
-    ]  # returns SI values [flight, parameter] of flights first to stop - 1
+    ]  # function that returns SI values [flight, parameter] of flights first to stop - 1
 
 
 def drawn_samples(
@@ -82,7 +82,7 @@ def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str
 
 
 def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
-    """Draw noise seeds [flight], from 0 to 1, or integers for a custom simulator."""
+    """Draw noise seeds [flight]: numbers from 0 to 1, or integers for a custom simulator."""
     drawn = draw_uniforms(stream_key(seed, name), first, count)
     return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
 
@@ -134,7 +134,8 @@ def samples_at_points(
 ) -> SampleSource:
     """Return samples repeated at each of ``points`` [point, unknown].
 
-    Row k is sample k // points at point k % points. The unknowns' columns start at ``column``.
+    With n points, row k contains sample k // n at point k % n. The columns of the unknowns start at
+    index ``column``.
     """
 
     def draw(first: int, stop: int) -> Floats:
@@ -150,7 +151,7 @@ def samples_at_points(
 def full_rows(
     names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS
 ) -> Floats:
-    """Return full rows [flight, parameter], nominal except for sampled and derived columns."""
+    """Return rows of all parameters [flight, parameter], nominal where not sampled or derived."""
     rows = np.tile(parameters.nominal, (len(values), 1))
     rows[:, [parameters.index[name] for name in names]] = values
     derive(rows, derived, parameters)
@@ -176,18 +177,18 @@ def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
     for i, head in enumerate(table.heads):
         if i not in indices:
             expected = f"a parameter: {one_of(parameters.dispersible, head)}"
-            raise table.error(None, i, f"a column '{head}'", expected)
+            raise table.error(None, i, f"unknown column '{head}'", expected)
     flight = columns.pop("flight", None)
     if not columns:
         raise InputError(
-            path, "no column with the name of a parameter", "at least one column of a parameter", 1
+            path, "no column has the name of a parameter", "at least one column of a parameter", 1
         )
     if not len(table):
-        raise InputError(path, "no rows", "one row per flight", 1)
+        raise InputError(path, "the table has no rows", "one row per flight", 1)
     factors = [table.factor(column, parameters[name].unit) for name, column in columns.items()]
     values = table.numbers([column.position for column in columns.values()]) * factors
     if flight and not np.array_equal(
         table.numbers([flight.position])[:, 0], np.arange(len(values))
     ):
-        raise InputError(path, "a column 'flight' that does not count up from 0", "0, 1, 2, ...", 2)
+        raise InputError(path, "the column 'flight' does not count up from 0", "0, 1, 2, ...", 2)
     return SampleFile(tuple(columns), values)
