@@ -77,7 +77,7 @@ class Schedule(StrictModel):
         key = "over_time" if self.over_time is not None else "over_dynamic_pressure"
         for i, (left, right) in enumerate(zip(self.points()[:-1], self.points()[1:], strict=True)):
             if right[0] <= left[0]:
-                raise Refusal(f"{right[0]:g} after {left[0]:g}", "rising points", (key, i + 1))
+                raise Refusal(f"{right[0]:g} after {left[0]:g}", "increasing values", (key, i + 1))
         return self
 
     def points(self) -> list[tuple[float, float]]:

@@ -363,7 +363,7 @@ class Mission(StrictModel):
         for key, _, manoeuvre in self.list_manoeuvres():
             name = getattr(manoeuvre, "name", None)
             if name in names:
-                raise Refusal(f"duplicate name '{name}'", "another name", (*key, "name"))
+                raise Refusal(f"duplicate name '{name}'", "a unique name", (*key, "name"))
             names |= {name} if name is not None else set()
             if isinstance(manoeuvre, SManoeuvre):
                 lateral_speed = abs(
@@ -419,7 +419,7 @@ class Mission(StrictModel):
         return {manoeuvre.name: (begin, begin + manoeuvre.length) for begin, manoeuvre in named}
 
     def read_air(self) -> tuple[Floats | None, Floats | None]:
-        """Return the wind and density tables, or None. Raise InputError if one is invalid."""
+        """Return the wind and density tables, each or None. Raise InputError if one is invalid."""
         wind, density = self.wind, self.density
         return (
             None if isinstance(wind, str) else read_air_table(wind.file, WIND, wind.columns),

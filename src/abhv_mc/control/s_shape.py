@@ -13,12 +13,10 @@ def s_shape(
 ) -> tuple[Floats, Floats]:
     """Return lateral speed (m/s) and acceleration (m/s2) at times (s) since the start.
 
-    Both are zero outside the manoeuvre.
-
-    The motion is along ``offset`` (m). The acceleration is proportional to ``sign(c)
-    |c|^sharpness`` with ``c = cos(pi t / length)``, times a smooth step of order 5 over
-    ``bank_time`` (s) at both ends. If ``bank_time`` and ``sharpness`` have their defaults, ``y =
-    offset / 2 (1 - cos(pi t / length))``.
+    Speed and acceleration are zero outside the manoeuvre and positive along ``offset`` (m). The
+    acceleration is proportional to ``sign(c) |c|^sharpness`` with ``c = cos(pi t / length)``, times
+    a smooth step of order 5 over ``bank_time`` (s) at both ends. If ``bank_time`` and ``sharpness``
+    have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
     """
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:

@@ -72,7 +72,7 @@ def read_searched(
     """Return the campaign and the controller to search. Raise InputError if invalid."""
     campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
-        trust(source)  # Code in a file that the user passes directly may be run.
+        trust(source)  # The user consents to this code by passing the campaign file directly.
     controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:
@@ -103,7 +103,7 @@ def find_metric(
 def binding_requirements(
     campaign: Experiment, controller: str, metric: str
 ) -> tuple[Requirement, ...]:
-    """Return the requirements on a metric that bind the searched controller."""
+    """Return the requirements on a metric that apply to the searched controller."""
     return tuple(
         item
         for item in campaign.requirements
@@ -380,7 +380,7 @@ def _check_same(
     both = (inputs, stored := read_folder_inputs(flown.folder, manifest))
     axes = [
         list(item.data.get("dispersions") or ()) for item in both
-    ]  # dispersions of the search, in the order in which they are stored
+    ]  # names of the dispersions; their order is the order of the search's dimensions
     limits = [*describe_requirement_changes(stored.data, inputs.data)]
     if limits and before["kind"] == "rare":
         problem = f"a search with other requirements: {'; '.join(limits)}"

@@ -46,9 +46,9 @@ def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def solved_states(plan: FlightPlan) -> Ints:
-    """Return the indices of the custom states for which a trim solves.
+    """Return the indices of the custom states whose values a trim determines.
 
-    These are the custom states without an initial value.
+    A trim determines the custom states that have no initial value.
     """
     states = plan.vehicle_code.states if plan.vehicle_code else ()
     return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)
@@ -104,7 +104,7 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
 
 
 def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
-    """Return the memory [flight, row] of the effector actuators; no columns if there are none."""
+    """Return the memory [flight, row] of the effector actuators, without columns if none exist."""
     return np.ascontiguousarray(
         saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]
     )

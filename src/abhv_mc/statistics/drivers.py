@@ -19,7 +19,7 @@ from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # smallest absolute coefficient of a driver
 _FEWEST_SPARE = 10  # minimum excess of the number of flights over the number of inputs
-_PARTNERS = 0.3  # minimum rank correlation of an input that counts as related to a driver
+_PARTNERS = 0.3  # minimum rank correlation with a driver at which an input counts as related to it
 _TWINS = 0.9  # rank correlation above which a regression cannot distinguish two inputs
 _RESAMPLES = 300
 # maximum number of resampled flights; the standard errors are scaled to the number of all flights

@@ -62,7 +62,7 @@ class JudgedPoints(NamedTuple):
 
     points: Floats  # coordinates [point, unknown]
     shared: int
-    most_failures: tuple[MostFailures, ...]  # Each additional point is judged for one requirement.
+    most_failures: tuple[MostFailures, ...]  # additional points, each for a single requirement
 
 
 def corners(unknowns: int) -> Floats:
@@ -116,7 +116,7 @@ def search_worst(
         center[worse], worst[worse] = step[worse], value[worse]
         size[~worse] *= _SHRINK
     tried = np.vstack(points)
-    # Clipping may move several steps to one corner.
+    # Clipping may move several steps to the same corner.
     _, unique = np.unique(tried, axis=0, return_index=True)
     rows = np.sort(unique)
     return Search(
@@ -153,7 +153,7 @@ def choose_points(
 ) -> JudgedPoints:
     """Choose the points at which requirements are judged, from each controller's search.
 
-    For up to four unknowns, these are all corners, the centre and the worst point for each
+    For up to four unknowns, the points are all corners, the centre and the worst point for each
     controller and requirement. For more unknowns, only the worst corners and their opposites are
     used instead of all corners. Each requirement is also judged at the point with the most failures
     in a search, unless a judged point had as many failures, because the quantile that ranks points

@@ -44,7 +44,7 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
     if isinstance(mission.manoeuvre, m.Recorded):
         return _recorded(mission.manoeuvre, mission.duration, times)
     start, ones = mission.start, np.ones_like(times)
-    # Each quantity is followed by its rate; altitude also by its acceleration.
+    # rows of each array: the quantity and its rate; for altitude, also the acceleration
     altitude = np.outer([start.altitude, 0.0, 0.0], ones)
     speed, heading, path = (
         np.outer([value, 0.0], ones)

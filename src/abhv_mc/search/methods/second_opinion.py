@@ -43,9 +43,9 @@ _SETTLED = 1e-3  # increase of the mean log-likelihood below which a fit ends
 def find_failures(
     evaluate: Evaluate, dimension: int, threshold: float, probability: float, seed: int
 ) -> Floats:
-    """Return failures [point, dimension] of all detected branches, possibly none.
+    """Return the failures [point, dimension] found by the second search, possibly none.
 
-    These failures are about as likely as the failures found by the first search.
+    Their density is similar to the density of the failures found by the first search.
     """
     draw = make_generator(seed, _PLACE)
     directions = draw.standard_normal((_DIRECTIONS, dimension))
