@@ -173,7 +173,7 @@ class _Handler(BaseHTTPRequestHandler):
             elif url.path == "/behind":
                 self._send_json(self.server.behind(str(data["controller"]), str(data["channel"])))
             else:
-                self._refuse(HTTPStatus.NOT_FOUND, "no such question")
+                self._refuse(HTTPStatus.NOT_FOUND, "no such request")
         except (InputError, ValueError, KeyError, TypeError, RecursionError) as error:
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
 

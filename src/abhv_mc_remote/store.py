@@ -47,7 +47,7 @@ class Remote:
             if not is_inside(name):  # Names of objects can be any string.
                 problem = f"the name of the object '{name}' points outside the folder"
                 raise InputError(
-                    str(self.store.address), problem, "the folder of a campaign, unchanged"
+                    str(self.store.address), problem, "the unchanged folder of a campaign"
                 )
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)

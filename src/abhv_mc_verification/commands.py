@@ -134,7 +134,7 @@ def _print_rows(rows: "list[Row]") -> None:
         say(
             f"{alone} not judged: the tolerance is the difference between two simulators, but only "
             "one "
-            "has a file"
+            "simulator has a file"
         )
 
 

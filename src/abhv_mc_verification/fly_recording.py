@@ -27,7 +27,7 @@ from abhv_mc.vehicle.actuators import drive
 if TYPE_CHECKING:
     import pandas as pd
 
-_EVEN = 0.02  # tolerance of spacing, because printed times are rounded
+_EVEN = 0.02  # relative tolerance of evenly spaced times, because printed times are rounded
 _INF = math.inf
 _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 
@@ -62,7 +62,7 @@ def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
     step = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
     if uniform and off.size:
-        problem = f"{steps[off[0]]:g} s since the row before"
+        problem = f"{steps[off[0]]:g} s since the previous row"
         raise InputError(path, problem, f"evenly spaced rows, {step:g} s apart", int(off[0]) + 3)
 
 
@@ -75,7 +75,7 @@ def make_start(
     *,
     latitude: float = 0.0,
 ) -> Floats:
-    """Return the state [state] of a level vehicle at longitude 0, in SI units and radians.
+    """Return the initial state [state] of a level vehicle at longitude 0, in SI and radians.
 
     `rates` are inertial body rates.
     """
@@ -104,7 +104,7 @@ def make_replay_plan(
         controller="recorded",
         law="recorded",
         vehicle=vehicle,
-        trim_tables=vehicle.tables,  # not used without guidance
+        trim_tables=vehicle.tables,  # Without guidance, trim tables are not used.
         effectiveness=make_effectiveness(vehicle),
         earth=earth,
         timing=timing,

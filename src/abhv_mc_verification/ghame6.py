@@ -122,8 +122,8 @@ def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Float
     """Convert positions [..., 3] in E (m) to geodetic latitude, longitude and altitude.
 
     Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323) is accurate to
-    rounding: a few 1e-9 m near the ground, where a double resolves 1e-9 m. On the axis the
-    longitude is 0.
+    rounding: a few 1e-9 m near the ground, where a double resolves 1e-9 m. The longitude of points
+    on the Earth's axis is 0.
     """
     x, y, z = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
     a, f = earth.equatorial_radius, earth.flattening

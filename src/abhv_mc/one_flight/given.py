@@ -58,7 +58,7 @@ def make_document(kind: str, source: Input) -> Document:
                 keys = node if isinstance(node, dict) else ()
                 problem = f"no entry '{'.'.join(path[: i + 1])}'"
                 raise InputError(
-                    document.path, problem, one_of(keys, name) if keys else "a mapping"
+                    document.path, problem, one_of(keys, name) if keys else "the key of a mapping"
                 )
             node = node[name]
         if not isinstance(node, dict):
