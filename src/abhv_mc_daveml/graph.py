@@ -53,7 +53,7 @@ class Variable:
 
     @property
     def words(self) -> str:
-        """Description of a variable: its name, units and sign, and the text in the file."""
+        """Text with the name, units and sign of a variable, and its description in the file."""
         sign = f" ({self.sign})" if self.sign else ""
         return f"{self.name}, {self.units}{sign}" + (
             f": {self.description}" if self.description else ""
@@ -112,7 +112,7 @@ class Model:
 
 
 def read_model(path: Path) -> Model:
-    """Read a DAVE-ML file. Raise InputError with line and column."""
+    """Read a DAVE-ML file. Raise InputError, with line and column, if it is invalid."""
     root, content = read_xml(path, "a DAVE-ML file")
     if root.name != "DAVEfunc":
         raise root.refuse(f"the element '{root.name}'", "the element 'DAVEfunc' of a DAVE-ML file")

@@ -189,7 +189,7 @@ def _write_parts(
 
 
 def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
-    """Return reference lengths and mass properties in SI, each from the first file with it."""
+    """Return reference lengths and mass properties in SI, from the first file that has each."""
     expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz",
                 "inertia_zx", "inertia_xy", "inertia_yz", "center_of_gravity_x",
                 "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip

@@ -49,7 +49,10 @@ class LookUp:
 
 
 def read_look_ups(root: Node) -> dict[str, LookUp]:
-    """Return the functions by dependent variable (varID). Raise InputError if invalid."""
+    """Return the look-up functions by dependent variable (varID).
+
+    Raise InputError if a function is invalid.
+    """
     grids = {node.attributes.get("bpID", ""): _rising(node, node.first("bpVals") or node)
              for node in root.all("breakpointDef")}  # fmt: skip
     tables = {

@@ -30,7 +30,7 @@ _SHARES = {
     "all": "",
     "failed": "and outcome <> 'ok'",
     "ok": "and outcome = 'ok'",
-}  # SQL conditions of the choices of outcome, in addition to a choice for each requirement
+}  # SQL conditions of the outcome filters; each requirement adds a further filter
 _OWN = (
     "rank",
     "flight",
@@ -142,7 +142,10 @@ def _ranks(results: FlownCampaign) -> Any:
 
 
 def parse_selection(data: Any, table: FlightTable) -> Selection:
-    """Parse a selection sent by the browser. Raise InputError or ValueError if invalid."""
+    """Parse a selection sent by the browser.
+
+    Raise InputError or ValueError if the selection is invalid.
+    """
     selection = TypeAdapter(Selection).validate_python(data)
     for name in (selection.x, selection.y, *selection.brushes, *({selection.sort} - set(_OWN))):
         if name not in table.ranges:

@@ -58,7 +58,7 @@ class Fmu(NamedTuple):
     """FMU with a library loaded into this process."""
 
     version: int
-    functions: tuple[Any, ...]  # functions called in flights
+    functions: tuple[Any, ...]  # functions called during a flight
     typed: tuple[Any, ...]  # functions for variables that are not 64-bit floats
     instantiate: Callable[[], int]  # returns the address of an instance, or 0
     free: Any
@@ -248,8 +248,8 @@ def _wire(
 ) -> Wire:
     """Return a variable with its assigned quantity, or a parameter with its ``value``.
 
-    Raise InputError if the variable does not exist, has an unsuitable type, or a unit of another
-    dimension.
+    Raise InputError if the variable does not exist, has an unsuitable type, or has a unit of
+    another dimension.
     """
     variables = {variable.name: variable for variable in description.modelVariables}
     variable = variables.get(name)

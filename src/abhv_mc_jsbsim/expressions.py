@@ -50,7 +50,10 @@ Resolve = Callable[[str, Node], str]
 
 
 def operand_of(function: Node) -> Node:
-    """Return the element that defines a function. Raise InputError unless there is one only."""
+    """Return the element that defines a function.
+
+    Raise InputError if there is not exactly one element.
+    """
     operands = [child for child in function.children if child.name not in _WORDS]
     if len(operands) != 1:
         raise function.refuse(f"the function has {len(operands)} elements", "one element")

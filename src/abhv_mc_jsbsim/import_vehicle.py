@@ -68,7 +68,7 @@ class Imported:
 
 
 def import_jsbsim(path: Path, folder: Path) -> Imported:
-    """Write a model to a folder. Raise InputError, with location, if it is unsuitable."""
+    """Import a JSBSim model into a folder. Raise InputError if the model is unsuitable."""
     root, content = read_xml(path, "a JSBSim model")
     if root.name != "fdm_config":
         raise root.refuse(

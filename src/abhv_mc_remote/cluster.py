@@ -73,7 +73,7 @@ def fly_remote(
 ) -> FlightBlock:
     """Compute a block on a worker of the cluster, and sign it.
 
-    A flight that exceeds the time limit ends the process, which Dask treats as a dead worker.
+    A flight that exceeds the time limit terminates the process, which Dask treats as a dead worker.
     """
     plan = rebuild_sent(arrays, code)
     if source and code_hash() != source:

@@ -29,7 +29,7 @@ class Remote:
     """Folder in object storage with its local copy."""
 
     def __init__(self, store: Objects, local: Path, lease: Lease | None = None) -> None:
-        """Pair the folders; nothing is written to the store once ``lease`` is lost."""
+        """Pair a folder with its local copy; if ``lease`` is lost, nothing more is uploaded."""
         self.store, self.local, self._lease = store, local, lease
         # Size and time of the local file for each object, by name.
         self._stamps: dict[str, tuple[int, int] | None] = {}

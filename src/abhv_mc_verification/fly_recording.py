@@ -33,9 +33,10 @@ _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 
 
 def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) -> "pd.DataFrame":
-    """Read columns of a ``.csv`` or ``.csv.gz`` file. Raise InputError if invalid.
+    """Read columns of a ``.csv`` or ``.csv.gz`` file.
 
     Columns in `perhaps` are optional. The first of several columns with the same name is used.
+    Raise InputError if the file is invalid.
     """
     import pandas as pd
 

@@ -110,7 +110,7 @@ class Channel(StrictModel):
 
 
 class VelocityLoop(StrictModel):
-    """Poles of sub-loop 2, for the velocity."""
+    """Closed-loop poles of the velocity loop (sub-loop 2)."""
 
     flight_path_angle: Channel = Field(description="poles of the flight-path-angle error dynamics")
     heading: Channel = Field(description="poles of the heading error dynamics")
@@ -118,7 +118,7 @@ class VelocityLoop(StrictModel):
 
 
 class AttitudeLoop(StrictModel):
-    """Poles of sub-loop 3, for the attitude."""
+    """Closed-loop poles of the attitude loop (sub-loop 3)."""
 
     angle_of_attack: Channel = Field(description="poles of the angle-of-attack error dynamics")
     sideslip: Channel = Field(description="poles of the sideslip error dynamics")
@@ -126,7 +126,7 @@ class AttitudeLoop(StrictModel):
 
 
 class RateLoop(StrictModel):
-    """Poles of sub-loop 4, for the body rates about the forward, right and down axes."""
+    """Closed-loop poles of the body-rate loop (sub-loop 4); axes forward, right and down."""
 
     roll_rate: Channel = Field(description="poles of the roll-rate error dynamics")
     pitch_rate: Channel = Field(description="poles of the pitch-rate error dynamics")

@@ -49,7 +49,7 @@ def s_shape(
 
 
 def _growth(since: Floats, length: float, bank_time: float, sharpness: float) -> Floats:
-    """Return the acceleration in the first half, normalized to at most 1."""
+    """Return the acceleration in the manoeuvre's first half, normalized to at most 1."""
     x = np.clip(since / bank_time, 0.0, 1.0) if bank_time else 1.0
     return np.cos(np.pi * since / length).clip(0.0) ** sharpness * (
         x**3 * (10.0 - 15.0 * x + 6.0 * x**2)

@@ -39,7 +39,10 @@ Quantity = float | str  # number in SI (angles in rad), or a string with a unit
 
 
 def make_document(kind: str, source: Input) -> Document:
-    """Return a vehicle, mission or control input as a document. Raise InputError if invalid."""
+    """Return a vehicle, mission or controller as a document.
+
+    Raise InputError if the input is invalid.
+    """
     if callable(source):
         return _make_law_document(kind, source)
     if not isinstance(source, Mapping):

@@ -269,7 +269,7 @@ def _check_smooth(space: Space, is_noisy: bool) -> None:
 def find_requirement(campaign: Experiment, controller: str, name: str) -> Requirement:
     """Return the requirement that has the ID or the metric `name`.
 
-    Raise InputError if there is not exactly one, or if the metric has plateaus.
+    Raise InputError if there is not exactly one such requirement, or if the metric has plateaus.
     """
     bound = [
         item for item in campaign.requirements if not item.named or controller in item.controllers

@@ -2,7 +2,7 @@
 
 The algorithms are deterministic functions of their seed and of the values they receive. Therefore a
 search is resumed by running it again: stored batches are read from their blocks, other batches are
-simulated. `abhv-mc replay`, `query` and `verify campaign` read the folder like a campaign's.
+simulated. `abhv-mc replay`, `query` and `verify campaign` also read the folder of a search.
 """
 
 import contextlib
@@ -69,7 +69,7 @@ _DRAWN_STEP = 0.1  # time step of the histories in s
 def read_searched(
     path: Paths, controller: str | None, seed: int | None, engine: Engine | None = None
 ) -> tuple[Experiment, str]:
-    """Return the campaign and the controller to search. Raise InputError if invalid."""
+    """Return the campaign and the controller to search, or raise InputError if one is invalid."""
     campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
         trust(source)  # The user consents to this code by passing the campaign file directly.
@@ -135,8 +135,8 @@ class SearchFlights:
     ) -> None:
         """Prepare the flights of a search.
 
-        `campaign` has the searched controller as its only system; `margins` adds stability margins
-        to every flight. `writer` is a thread that writes a block while the next block is simulated.
+        `campaign` contains only the searched controller; `margins` adds stability margins to every
+        flight. `writer` is a thread that writes a block while the next block is simulated.
         """
         self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)

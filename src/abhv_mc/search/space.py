@@ -79,8 +79,8 @@ class Space:
         """Return the lower and upper end of the box in each dimension [dimension, 2].
 
         The ends are the range of a bounded distribution, or +-`box` sigma of any other
-        distribution. For a failure that occurs in some flights only, they are the range of its
-        parameters when it occurs.
+        distribution. For a failure that occurs in some flights only, the ends are the range of its
+        parameter in these flights.
         """
         from scipy.special import ndtr
 

@@ -1,4 +1,4 @@
-"""Search for the worst value of a metric (``abhv-mc worst``) and for smallest margins.
+"""Search for the worst value of a metric (``abhv-mc worst``) and for the smallest margins.
 
 ``abhv-mc margins CAMPAIGN --worst`` finds the smallest margins over dispersions and unknowns by
 linear analysis.

@@ -139,9 +139,10 @@ def margins_of_flights(
 ) -> FlightMargins:
     """Return the smallest margins over `times` of flights [flight, parameter].
 
-    `steady` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same files. A
-    flight that is unstable, has ended or is saturated at any of the times has zero margins. If no
-    perturbation destabilizes a loop, the values are 60 dB, 180 deg and 1000 ms.
+    `steady` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same vehicle,
+    mission and controller. A flight that is unstable, has ended or is saturated at any of the times
+    has zero margins. If no perturbation destabilizes a loop, the values are 60 dB, 180 deg and 1000
+    ms.
     """
     count = len(parameters)
     least = np.tile(

@@ -39,7 +39,7 @@ class Loops(NamedTuple):
 
 
 def make_loops(linear: Linear) -> Loops:
-    """Return the loops of linear models."""
+    """Return the plant and controller matrices of linear models, with A in Hessenberg form."""
     closes = (linear.cut == 0)[:, :, None]  # The command of a stuck surface belongs to no loop.
     plant = to_hessenberg(linear.A, linear.B, linear.sense)
     law = to_hessenberg(linear.law_A, linear.law_B, np.where(closes, linear.law_C, 0.0))

@@ -1,8 +1,9 @@
 """Period of multi-rate controllers, and derivatives of the controllers over the period.
 
-Counters, clocks and modes in the memory are not affected by small changes of the measurement. They
-are not perturbed, because half a tick of a counter has no meaning. During a period, the
-measurement, the reference and the gains are constant; time and the controller's memory advance.
+Counters, clocks and modes in the memory are not affected by small changes of the measurement.
+Derivatives with respect to counters, clocks and modes are not computed, because half a tick of a
+counter has no meaning. During a period, the measurement, the reference and the gains are constant;
+time and the controller's memory advance.
 """
 
 import hashlib

@@ -111,7 +111,7 @@ def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
 
 
 def actuator_columns(vehicle: Vehicle) -> list[int]:
-    """Return the saved-row columns of each input's position and rate, alternating."""
+    """Return the columns of saved flights with each input's position and rate, alternating."""
     first = s.X + s.AILERON, s.X + s.AILERON_RATE
     pairs = [(first[0] + i, first[1] + i) for i in range(3)]
     if vehicle.constants.driven:

@@ -134,7 +134,7 @@ class Points(NamedTuple):
     controls: Floats  # positions [point, input] of the inputs in abhv_mc.stability.plant_inputs
     latitude: Floats  # latitude [point]
     mass: Floats  # mass [point]
-    measured: Floats  # measurement seen by the controller [point, 10]
+    measured: Floats  # measurement used by the controller [point, 10]
     memory: Floats  # controller's memory before its tick [point, memory]
     # [point, row] the kernel's memory in the tick, with dispersions, wind and failures
     lane: Floats
@@ -146,7 +146,7 @@ def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> S
     """Return path rates, sideslip, measurement and custom rates with their slopes.
 
     Values have the shape [point, 10 + 1 + measured + custom]; slopes are derivatives with respect
-    to path coordinates, controls and custom states. The sideslip is aerodynamic.
+    to path coordinates, controls and custom states. The sideslip is relative to the air.
     """
     n = 10 + points.controls.shape[1]
 
@@ -179,7 +179,7 @@ def ask_at(
     point: Ints,
     hold_slow: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
-    """Evaluate the plants at coordinates, positions and custom states."""
+    """Evaluate the plants of points at path coordinates, input positions and custom states."""
     axes = as_axes(plan.vehicle, controls)
     states = path.make_states(coordinates, axes, points.latitude[point], points.mass[point])
     positions = controls if plan.vehicle.constants.driven else None

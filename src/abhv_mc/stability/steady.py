@@ -263,7 +263,7 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mas
     The memory [point, memory] is constant and the commands equal the points' controls. If no memory
     satisfies both conditions, as for controllers without integrators, the memory is constant and
     the commands are as close to the controls as possible. All conditions apply over the
-    controller's period: carried memory continues, and the command is the mean over the period.
+    controller's period: counters and clocks may advance, and commands are averaged.
     """
     period, count = find_period(plan), len(law_memory_rows(plan))
     memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)

@@ -49,7 +49,7 @@ def first_where(low: int, holds: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=4096)
 def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
-    """Return the number of flights that show the success `probability` despite `failures`."""
+    """Return the number of flights that demonstrates `probability` if `failures` flights fail."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
         failures + 1,

@@ -92,7 +92,7 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
 def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:
     """Return the bootstrap standard errors of `slopes`, resampling the flights.
 
-    All outputs share the resamples. For each resample, the ranks are recomputed, and the
+    The resamples are the same for all outputs. For each resample, the ranks are recomputed, and the
     coefficients follow from the coefficients of all flights by one Newton step.
     """
     used, count = min(len(values), _MOST_RESAMPLED), len(slopes)

@@ -403,7 +403,7 @@ def _values(condition: Condition[int], column: Callable[[int], Floats]) -> Float
 
 
 def _standardise(values: Floats) -> Floats:
-    """Scale values [flight] to zero mean and unit standard deviation; they must vary."""
+    """Scale values [flight], which must vary, to zero mean and unit standard deviation."""
     return (values - np.mean(values)) / np.std(values)
 
 

@@ -50,10 +50,10 @@ def holm(p_values: Sequence[float], risk: float) -> list[bool]:
 def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     """Return verdicts whose chance of any false PASS is at most `risk`.
 
-    A PASS that Holm's procedure does not confirm becomes NOT SHOWN; a FAIL is unchanged, because a
-    FAIL does not accept a system. The consumer's risk of a verdict NOT SHOWN becomes `risk` divided
-    by the number of verdicts (Bonferroni): at this risk, Holm's procedure confirms a PASS whatever
-    the other verdicts are.
+    A PASS that Holm's procedure does not confirm becomes NOT SHOWN; a FAIL is unchanged, because
+    the procedure limits only the chance of a false PASS. The consumer's risk of a verdict NOT SHOWN
+    becomes `risk` divided by the number of verdicts (Bonferroni): at this risk, Holm's procedure
+    confirms a PASS whatever the other verdicts are.
     """
     rejected = holm([verdict.p_value for verdict in verdicts], risk)
     joint_verdicts = []

@@ -120,7 +120,7 @@ class Band:
         return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
 
     def p_value(self, history: Floats) -> float:
-        """Return the share of flights that deviate no less than ``history``, itself included."""
+        """Return the share of flights, including ``history``, that deviate at least as much."""
         largest = self.deviations(history).max()
         return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 

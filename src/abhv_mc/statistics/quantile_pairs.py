@@ -60,9 +60,9 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
 def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
     """Return the minimum number of flights that bounds a difference of two quantiles.
 
-    All flights must be complete. The bound on the worse side is a value of the first controller
-    above its quantile; there is no such value if all flights lie below the quantile. The number of
-    flights must be large enough that the chance of this, for the scores used, is at most one tail.
+    The number is valid if no flight terminates early. The bound on the worse side is a value of the
+    first controller above its quantile; there is no such value if all flights lie below the
+    quantile. With the returned number, this happens for at most one tail of the random scores.
     """
     tail, draws = _draws(confidence)
     # The bound is infinite if all flights lie below the quantile for more than `rank` scores.

@@ -58,7 +58,7 @@ class MostFailures(NamedTuple):
 
 
 class JudgedPoints(NamedTuple):
-    """Points at which requirements are judged; the first `shared` apply to all requirements."""
+    """Points at which requirements are judged; the first `shared` points are for all of them."""
 
     points: Floats  # coordinates [point, unknown]
     shared: int
@@ -200,7 +200,7 @@ def _key(point: Floats) -> tuple[float, ...]:
 def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
     """Return the factor of excess failures that a search detects with a chance of about 1/2.
 
-    At this factor, two failures are expected; `benchmarks/unknowns.py` simulates one bad corner.
+    At this factor, two failures are expected; see `benchmarks/unknowns.py` for a simulation.
     """
     return _SHOWING / (flights * (1.0 - probability))
 

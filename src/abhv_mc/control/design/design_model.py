@@ -187,7 +187,7 @@ def wrench_at(
 ) -> Wrench:
     """Return the forces and moments computed from the full tables.
 
-    ``rates`` contains (p, q, r), ``deflections`` (aileron, rudder, elevator).
+    ``rates`` contains (p, q, r), and ``deflections`` contains (aileron, rudder, elevator).
     """
     constants = vehicle.constants
     half_span, half_chord = constants.span / (2.0 * speed), constants.chord / (2.0 * speed)

@@ -117,7 +117,7 @@ def _smooth(since: Floats, length: float) -> Floats:
 
 
 def _integral(times: Floats, rate: Floats, acceleration: Floats) -> Floats:
-    """Return the integral since the first time, by the end-corrected trapezoidal rule."""
+    """Return the integral from the first time, by the end-corrected trapezoidal rule."""
     h = np.diff(times)
     parts = h * (rate[:-1] + rate[1:]) / 2.0 + h**2 * (acceleration[:-1] - acceleration[1:]) / 12.0
     return np.concatenate([[0.0], np.cumsum(parts)])

@@ -22,7 +22,7 @@ from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 # Largest cell sizes for which errors are below 0.0005 deg in angle of attack and 0.01 deg in
 # elevator deflection.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
-# length to which Mach cells may be shortened to avoid nodes at steady Mach numbers
+# smallest length of Mach cells that are shortened to avoid nodes at steady Mach numbers
 _SHORTEST = 0.04
 
 _ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])

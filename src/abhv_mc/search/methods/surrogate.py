@@ -190,7 +190,7 @@ def _fit(
 
 
 def _spread_points(number: int, dimension: int, generator: np.random.Generator) -> Floats:
-    """Return a Latin hypercube [point, dimension] of normal numbers, wider than unit variance."""
+    """Return a Latin hypercube [point, dimension] of normal numbers with enlarged variance."""
     from scipy.special import ndtri
 
     ranks = np.argsort(generator.random((number, dimension)), axis=0)
