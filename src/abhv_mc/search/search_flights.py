@@ -399,6 +399,6 @@ def _check_same(
         )
     if changes:
         raise InputError(
-            root, "a folder that contains another search:  " + ", ".join(changes), expected
+            root, "a folder that contains another search: " + ", ".join(changes), expected
         )
     check_source(flown.folder, manifest, simulator)

@@ -1,4 +1,4 @@
-"""Severity of a flight: a number, continuous if possible, that is larger for worse flights."""
+"""Severity of a flight: a number that is larger for worse flights, continuous if possible."""
 
 from dataclasses import dataclass
 

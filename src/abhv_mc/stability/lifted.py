@@ -166,7 +166,7 @@ def _phase_margins(law: _Lifted, grid: Floats, L: Complexes) -> tuple[Floats, Fl
 
 
 def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tuple[Floats, Floats]:
-    """Return the frequencies at which loci have magnitude 1, and the delays that turn them to -1.
+    """Return frequencies at which loci have magnitude 1, and delays that turn the loci to -1.
 
     Frequencies and delays are computed by Newton's method.
     """

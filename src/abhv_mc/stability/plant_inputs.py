@@ -104,7 +104,7 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
 
 
 def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
-    """Return the memory [flight, row] of the effector actuators, without columns if none exist."""
+    """Return the memory [flight, row] of the effector actuators; no rows if none exist."""
     return np.ascontiguousarray(
         saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]
     )

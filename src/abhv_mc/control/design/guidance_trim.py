@@ -36,7 +36,7 @@ class GuidanceTrim(NamedTuple):
     equivalence_ratio: Floats
     elevator: Floats
     mass: Floats  # mass at the point, after subtracting the fuel burnt before it
-    # sum of flags, such as NO_EQUIVALENCE_RATIO, for controls at a limit; 0 if no control is limited
+    # sum of flags, such as NO_EQUIVALENCE_RATIO, for controls at a limit; 0 if no flag is set
     status: NDArray[np.int64]
 
 

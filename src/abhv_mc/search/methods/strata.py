@@ -75,7 +75,7 @@ def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], floa
 
 @dataclass
 class _Sampler:
-    """Plain Monte Carlo flights of a stratum, and the estimate of a finished subset simulation."""
+    """Plain Monte Carlo flights of a stratum, and its estimate by subset simulation, if any."""
 
     on: tuple[int, ...] | None
     rows: Switched  # switches of each combination [combination, switch]
