@@ -185,7 +185,7 @@ def _read_table(node: Node, axes: int) -> tuple[list[Floats], Floats]:
     if axes != 3 or not blocks:
         raise node.refuse(
             f"a table with {axes} axes and {len(blocks)} blocks",
-            "1 to 3 axes, and one block unless there are 3 axes",
+            "one block for 1 or 2 axes, or at least one block for 3 axes",
         )
     levels = np.array([block.number(block.attributes.get("breakPoint", "")) for block in blocks])
     tables = [_read_block(block, 2) for block in blocks]

@@ -66,7 +66,7 @@ class Objects:
             self.system.delete_file(f"{self.base}/{name}")
 
     def ages(self, *names: str) -> list[Any]:
-        """Return the times of the objects by the clock of the store; None for missing objects."""
+        """Return modification times of objects by the store's clock; None if one is missing."""
         return [
             info.mtime
             for info in self.system.get_file_info([f"{self.base}/{name}" for name in names])

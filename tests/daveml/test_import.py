@@ -303,7 +303,7 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
         ),
         ("F16_aero", "<cn>180.</cn>", "<cn>&amp;&other;</cn>", "entity"),
         ("F16_aero", "<ci>el</ci>", "<ci>__import__('os')</ci>", "unknown variable '__import__"),
-        ("F16_aero", '<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the breakpoints 'DE9'"),
+        ("F16_aero", '<bpRef bpID="DE1"/>', '<bpRef bpID="DE9"/>', "the unknown breakpoints 'DE9'"),
         ("F16_aero", "-.099,-.081", "-.099", "a table of 59 values"),
         ("F16_aero", "<cn>25.0</cn>", "<ci>cz</ci>", "a circular definition"),
         ("F16_prop", "12680.0,  9150.0, 6200.0", "12690.0,  9150.0, 6200.0", "12690.0 for 'FEX'"),

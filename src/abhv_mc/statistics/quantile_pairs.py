@@ -62,7 +62,8 @@ def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
 
     The number is valid if no flight terminates early. The bound on the worse side is a value of the
     first controller above its quantile; there is no such value if all flights lie below the
-    quantile. With the returned number, this happens for at most one tail of the random scores.
+    quantile. The returned number limits the chance of this event to one tail of the confidence
+    interval.
     """
     tail, draws = _draws(confidence)
     # The bound is infinite if all flights lie below the quantile for more than `rank` scores.

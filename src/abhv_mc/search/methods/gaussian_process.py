@@ -67,7 +67,10 @@ class GaussianProcess:
 
 
 def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tuple[Floats, Floats]:
-    """Return prior covariances, and -2 times their slopes over the squared distance."""
+    """Return prior covariances and their derivatives.
+
+    The derivatives are with respect to the squared distance, multiplied by -2.
+    """
     constant, linear, quadratic, stationary = np.exp(logs[: _TERMS + 1])
     lengths = np.exp(logs[_TERMS + 2 :])
     a, b = first / lengths, second / lengths

@@ -48,7 +48,7 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
             * generator.standard_normal((filled - len(expected), dimension))
             / np.sqrt(dimension)
         )
-        if tops:  # Half of the random points lie on the line from the center to a fitted maximum.
+        if tops:  # Half of the random points lie on the line through center and fitted maximum.
             half = len(around) // 2
             around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - center)
         values = record.call(

@@ -38,8 +38,8 @@ _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # share of the flights that is reserved for importance sampling
 # minimum effective number of failures for which importance sampling can raise the upper end
 _SEEN = 8.0
-_ENOUGH = 30.0  # minimum effective number of failures to replace a smaller estimate
-EXPECTED = 100.0  # minimum effective number of failures to show that the estimate is too high
+_ENOUGH = 30.0  # minimum effective number of failures at which a smaller estimate is replaced
+EXPECTED = 100.0  # minimum effective number of failures that shows an estimate to be too high
 _HEAVY = 1.5  # factor on the standard error, because most samples miss the largest weights
 _FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
 _SHARE_OF_LANES = 10_000  # number of available flights for every LANES chains of a repetition
@@ -74,7 +74,7 @@ class RareEstimate:
 
     @property
     def plain(self) -> tuple[int, int]:
-        """Numbers of failures and flights in the first levels, which are plain Monte Carlo."""
+        """Failure and flight counts of the first levels, which are plain Monte Carlo samples."""
         return sum(repetition.plain_failures for repetition in self.repetitions), sum(
             len(repetition.points) for repetition in self.repetitions
         )

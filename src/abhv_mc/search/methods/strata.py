@@ -122,7 +122,7 @@ def estimate_switched(
 ) -> tuple[RareEstimate, tuple[Stratum, ...]]:
     """Return P(severity > threshold), and the contribution of each combination of switches.
 
-    `probabilities` [switch] are the chances that each switch is active. `evaluate` takes standard
+    `probabilities` contains the probability that each switch is active. `evaluate` takes standard
     normal points [point, dimension] and a mask of active switches [point, switch], and returns
     severities [point]. Pilot flights are simulated for all combinations. The most probable
     combination is estimated by subset simulation unless plain flights are enough; the remaining
