@@ -46,7 +46,7 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
         expected = "all columns to be compared"
         raise table.error(None, None, f"no column {', '.join(missing)}", expected)
     if len(table) < 2:
-        raise InputError(path, "1 row of numbers", "at least 2")
+        raise InputError(path, "1 row of numbers", "at least 2 rows")
     columns = [*names, *(name for name in perhaps if name in table.heads)]
     numbers = table.numbers([table.heads.index(name) for name in columns])
     return pd.DataFrame(numbers, columns=columns)

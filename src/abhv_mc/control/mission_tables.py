@@ -26,7 +26,7 @@ def read_trajectory(path: str | Path, duration: float) -> Floats:
         problem = f"the speed {samples[row, 2]:g} m/s"
         raise table.error(int(row), "speed", problem, "a positive speed")
     if len(samples) < 4:
-        raise InputError(path, f"{len(samples)} samples", "at least 4")
+        raise InputError(path, f"{len(samples)} samples", "at least 4 samples")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
         problem = f"times from {first:g} to {last:g} s"
@@ -89,7 +89,7 @@ def read_air_table(
     numbers.check_rising("altitude", "m", or_falling=True)
     altitude, *values = numbers.values.T
     if not 2 <= len(altitude) <= _MAX_ROWS:
-        raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS}")
+        raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS} rows")
     standard = np.array([atmosphere(height) for height in altitude.tolist()])
     if "temperature" in names:
         kelvin = values[1] * factor + offset
