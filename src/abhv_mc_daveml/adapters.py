@@ -12,7 +12,7 @@ from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.s119_units import parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
 
-# number in units of the file, signal of the program, or no answer yet
+# number in the units of the file, sum of signals of abhv-mc, or None if no answer was given yet
 Answer = float | str | None
 
 _AIR = {
@@ -91,7 +91,7 @@ def _factor_of(model: Model, variable: Variable, name: str) -> float:
 
 
 def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
-    """Return the factor from a variable's to a quantity's unit. Raise InputError if invalid."""
+    """Return the factor from a variable's unit to SI. Raise InputError for a wrong dimension."""
     try:
         factor, exponents = parse_s119_unit(variable.units)
     except Refusal as refusal:
@@ -141,7 +141,7 @@ def _call(
             command = f"commands.{key}"
             if (
                 quantity == "cross_track"
-            ):  # The cross-track error is to the right of the commanded track.
+            ):  # The cross-track error is positive to the right of the commanded track.
                 command = f"({command} - {command}{MEASURED} * measured.cross_track)"
             arguments[key] = _scaled(command, command_unit(variable)[1], "/")
     return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in arguments.items()))}")
@@ -238,7 +238,7 @@ def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
             fields.append(
                 declare(
                     f"{key}{MEASURED}",
-                    "1: relative to the measured cross-track, 0: as commanded",
+                    "1: relative to the measured cross-track error, 0: as commanded",
                     1.0,
                 )
             )

@@ -45,7 +45,7 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
         ]
         if not all(0.0 < value < math.inf for value in values):
             problem = f"no positive {' and '.join(quantities)} at {altitude:g} m"
-            raise InputError(model.path, problem, f"values up to {ALTITUDES[-1]:g} m")
+            raise InputError(model.path, problem, f"positive values up to {ALTITUDES[-1]:g} m")
         if quantities == ("density", "pressure"):
             density, pressure = values
             values = [pressure, pressure / (density * _GAS_CONSTANT)]

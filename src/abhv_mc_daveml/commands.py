@@ -17,7 +17,7 @@ def daveml(
 ) -> None:
     """Import DAVE-ML files (ANSI/AIAA S-119) as readable Python functions.
 
-    Their check shots must pass. Missing numbers are requested in DIR/import.yaml.
+    The check shots of the files must pass. Missing numbers are requested in DIR/import.yaml.
     """
     from abhv_mc_daveml.import_vehicle import import_daveml
 
@@ -31,5 +31,6 @@ def daveml(
     for path in imported.paths:
         say(path)
     announce_warnings(
-        f"{path} was edited; the new version is written next to it" for path in imported.kept
+        f"{path} was edited and is kept; the new version is written next to it"
+        for path in imported.kept
     )

@@ -99,7 +99,8 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             len(piece_node.children) for piece_node in (*pieces, otherwise)
         ] != [2] * len(pieces) + [1]:
             raise element.refuse(
-                "a piecewise", "pieces with a value and a condition, and 'otherwise' with a value"
+                "an invalid 'piecewise'",
+                "pieces with a value and a condition, and 'otherwise' with a value",
             )
         expression = value(otherwise.children[0])
         for piece in reversed(pieces):
@@ -119,13 +120,13 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             return f"({' * '.join([base] * int(exponent_value))})"
         if abs(exponent_value) <= 64 and exponent_value == int(
             exponent_value
-        ):  # The root of a negative base is real.
+        ):  # Integer exponents are valid for a negative base.
             return f"({base} ** {int(exponent_value)})"
         return f"power({base}, {exponent})"
 
     def apply(element: Node) -> tuple[str, bool]:
         if not element.children:
-            raise element.refuse("an empty apply", "an operator and operands")
+            raise element.refuse("an empty 'apply'", "an operator and operands")
         head, *arguments = element.children
         if head.name == "piecewise" and not arguments:
             return piecewise(head), False

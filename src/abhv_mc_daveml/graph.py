@@ -27,7 +27,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Variable:
-    """Variable: computed by a formula or look-up, an input, or given an initial value."""
+    """Variable of a model: an input, a constant, or the result of a formula or look-up."""
 
     identifier: str  # varID of the variable
     key: str  # name in Python, equal to the identifier if possible
@@ -40,7 +40,7 @@ class Variable:
     initial: float | None
     formula: str | None  # Python expression
     look_up: LookUp | None
-    needs: tuple[str, ...]  # variables (varID) in the formula
+    needs: tuple[str, ...]  # varIDs of the variables on which the formula depends
     is_input: bool
     is_output: bool
     line: int
@@ -53,7 +53,7 @@ class Variable:
 
     @property
     def words(self) -> str:
-        """Description of a variable: its name, units and sign, and the text in the file."""
+        """Text with the name, units and sign of a variable, and its description in the file."""
         sign = f" ({self.sign})" if self.sign else ""
         return f"{self.name}, {self.units}{sign}" + (
             f": {self.description}" if self.description else ""
@@ -112,10 +112,10 @@ class Model:
 
 
 def read_model(path: Path) -> Model:
-    """Read a DAVE-ML file. Raise InputError with line and column."""
+    """Read a DAVE-ML file. Raise InputError, with line and column, if it is invalid."""
     root, content = read_xml(path, "a DAVE-ML file")
     if root.name != "DAVEfunc":
-        raise root.refuse(f"the element '{root.name}'", "a DAVE-ML file: 'DAVEfunc'")
+        raise root.refuse(f"the element '{root.name}'", "the element 'DAVEfunc' of a DAVE-ML file")
     look_ups, names = read_look_ups(root), _name_variables(root.all("variableDef"))
     variables = {}
     for node in root.all("variableDef"):
@@ -227,8 +227,8 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
                 circle = " of ".join([*pending[pending.index(waiting[0]) :], waiting[0]])
                 raise InputError(
                     path,
-                    f"{circle}: a circle",
-                    "variables without a circular definition",
+                    f"{circle}: a circular definition",
+                    "variables that do not depend on themselves",
                     variables[name].line,
                 )
             else:

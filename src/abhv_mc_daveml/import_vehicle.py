@@ -89,7 +89,7 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
             folder.mkdir(parents=True, exist_ok=True)
             write_text(path, texts[ANSWERS])
         problem = f"no value for {', '.join(left)}"
-        raise InputError(path, problem, "numbers in this file, then the same command again")
+        raise InputError(path, problem, "numbers in this file before the command is repeated")
     if texts:
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / ANSWERS, texts[ANSWERS])
@@ -102,7 +102,7 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
 def _read_answers(
     path: Path, models: Sequence[Model], questions: Mapping[str, Sequence[Variable]]
 ) -> tuple[Answers, dict[str, Any], bool]:
-    """Return the user's answers, the named effectors, and whether the answers are complete.
+    """Return the answers, the custom effectors, and whether the answers are complete.
 
     Raise InputError if the file is invalid.
     """
@@ -189,7 +189,7 @@ def _write_parts(
 
 
 def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
-    """Return reference lengths and mass properties in SI from the first file that has them."""
+    """Return reference lengths and mass properties in SI, from the first file that has each."""
     expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz",
                 "inertia_zx", "inertia_xy", "inertia_yz", "center_of_gravity_x",
                 "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
@@ -259,7 +259,7 @@ def _vehicle(
             for axis in ("x", "z")
         ),
         "",
-        "surfaces: # actuators are not described by the files",
+        "surfaces: # the files do not describe actuators",
         "  ideal: true",
         "  limit: 30 deg",
     ]
@@ -301,8 +301,8 @@ def _limits(models: Sequence[Model]) -> list[str]:
 def _controller(model: Model, module: str) -> str:
     lines = [
         (
-            f"# The control law of {fold(model.path.name)}; commands change at times: {{0 s: ..., "
-            "5 s: ...}."
+            f"# The control law of {fold(model.path.name)}; commands can change over time: {{0 s: "
+            "..., 5 s: ...}."
         ),
         "law: python",
         f"file: {module}",

@@ -49,7 +49,10 @@ class LookUp:
 
 
 def read_look_ups(root: Node) -> dict[str, LookUp]:
-    """Return the functions by dependent variable (varID). Raise InputError if invalid."""
+    """Return the look-up functions by dependent variable (varID).
+
+    Raise InputError if a function is invalid.
+    """
     grids = {node.attributes.get("bpID", ""): _rising(node, node.first("bpVals") or node)
              for node in root.all("breakpointDef")}  # fmt: skip
     tables = {
@@ -76,10 +79,13 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
         table, title, axes, points, values = contents
         number = len(axes) if points is None else points.shape[1]
         if len(arguments) != number:
-            raise node.refuse(f"{len(arguments)} arguments for a table of {number} axes", "as many")
+            raise node.refuse(
+                f"{len(arguments)} arguments for a table of {number} axes",
+                "one argument for each axis",
+            )
         variable = dependent.attributes["varID"]
         if variable in look_ups:
-            raise node.refuse(f"a second function of '{variable}'", "one")
+            raise node.refuse(f"a second function of '{variable}'", "one function of the variable")
         title = node.words("description") or title or name
         look_ups[variable] = LookUp(
             name=name,
@@ -115,7 +121,7 @@ def _find_table(node: Node, tables_by_key: Mapping[str, Node]) -> Node:
     for reference in definition.all("griddedTableRef", "ungriddedTableRef"):
         if _key(reference) not in tables_by_key:
             raise reference.refuse(
-                f"the table '{_key(reference)}'", one_of(tables_by_key, _key(reference))
+                f"the unknown table '{_key(reference)}'", one_of(tables_by_key, _key(reference))
             )
         tables.append(tables_by_key[_key(reference)])
     if len(tables) != 1:
@@ -136,13 +142,14 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
         ]
         for key in keys:
             if key not in grids:
-                raise node.refuse(f"the breakpoints '{key}'", one_of(grids, key))
+                raise node.refuse(f"the unknown breakpoints '{key}'", one_of(grids, key))
         axes = tuple((key, grids[key]) for key in keys)
         return name, title, axes, None, _shaped(node.first("dataTable") or node, axes)
     rows = [_numbers(point) for point in node.all("dataPoint")]
     if len(rows) < 2 or any(row.size != arguments + 1 for row in rows):
         raise node.refuse(
-            "an ungridded table", f"points with {arguments} coordinates and one value each"
+            "an invalid ungridded table",
+            f"at least two points with {arguments} coordinates and one value each",
         )
     points, values = np.split(np.array(rows), [-1], axis=1)
     order = np.lexsort(points.T[::-1])
@@ -154,7 +161,7 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
         axes = tuple((f"{name}_{i}", axis) for i, axis in enumerate(along))
         return name, title, axes, None, values[order].reshape(shape)
     if len(np.unique(points, axis=0)) != len(points):
-        raise node.refuse("a point twice", "each point once")
+        raise node.refuse("a duplicate point", "each point once")
     return name, title, (), points, values[:, 0]
 
 
@@ -175,7 +182,7 @@ def _shaped(node: Node, axes: Grids) -> Floats:
     values, shape = _numbers(node), [points.size for _, points in axes]
     if not axes or values.size != np.prod(shape):
         expected = (
-            f"{' x '.join(map(str, shape))}values, as given by the breakpoints"
+            f"{' x '.join(map(str, shape))} values, as given by the breakpoints"
             if axes
             else "breakpoints"
         )

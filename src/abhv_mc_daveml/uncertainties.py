@@ -44,7 +44,7 @@ def write_dispersions(models: Sequence[Model]) -> str:
         f"dispersions:{'' if entries else ' {}'}",
         *(f"  {name}: {json.dumps(law)}" for name, law in entries.values()),
     ]
-    # An increment has the sign of abhv-mc; a factor is the same for both signs.
+    # An additive uncertainty depends on the sign convention; a factor does not.
     signs = {
         v.identifier: sign_of(quantity_of(v) or "", v) or 1 if own.effect == "additive" else 1
         for v, own in stated

@@ -141,7 +141,7 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
             arguments = [add(f"GRID_{grid}", sequence(points)) for grid, points in look_up.grids]
             arguments.append(sequence(look_up.values))
             ends = tuple(argument.extrapolate for argument in look_up.arguments)
-            if set(ends) != {"neither"}:  # separate table for this function
+            if set(ends) != {"neither"}:  # A function that extrapolates has its own table.
                 arguments.append(f"extrapolate={ends!r}")
                 name = f"{name}_to_{'_'.join(ends)}"
             value = call("table", arguments)
@@ -193,7 +193,7 @@ def _differences(model: Model) -> Iterator[InputError]:
         missing = [v.name for v in model.inputs if v.initial is None and v.key not in inputs]
         if missing:
             problem = f"the check shot '{shot.name}' lacks {', '.join(missing)}"
-            yield InputError(model.path, problem, "it", shot.line)
+            yield InputError(model.path, problem, "a value for each input", shot.line)
             continue
         found_values = function(**inputs)
         for signal in shot.outputs:

@@ -22,8 +22,9 @@ def explore(
 ) -> None:
     """Show up to a million flights in the browser, to brush, filter and re-run them.
 
-    The server accepts only connections from this machine, at an address with a token, until Ctrl-C.
-    It reads only the Parquet files of the campaign; clicking on a flight re-runs it like `replay`.
+    The server accepts only connections from this machine, at an address with a token; Ctrl-C stops
+    it. It reads only the Parquet files of the campaign; clicking on a flight re-runs it like
+    `replay`.
     """
     import webbrowser
     from contextlib import suppress

@@ -30,14 +30,15 @@ _SHARES = {
     "all": "",
     "failed": "and outcome <> 'ok'",
     "ok": "and outcome = 'ok'",
-}  # columns in addition to violated requirements
+}  # SQL conditions of the outcome filters; each requirement adds a further filter
 _OWN = (
     "rank",
     "flight",
     "controller",
     "outcome",
-)  # columns of the list without numeric values
-_RANK, _BY = '"its rank"', "worst in"  # Names of metrics contain no spaces.
+)  # columns by which the list can be sorted in addition to the numeric columns
+# columns of the rank and worst metric; their names contain spaces, which names of metrics do not
+_RANK, _BY = '"its rank"', "worst in"
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,10 @@ def _ranks(results: FlownCampaign) -> Any:
 
 
 def parse_selection(data: Any, table: FlightTable) -> Selection:
-    """Parse a selection sent by the browser. Raise InputError or ValueError if invalid."""
+    """Parse a selection sent by the browser.
+
+    Raise InputError or ValueError if the selection is invalid.
+    """
     selection = TypeAdapter(Selection).validate_python(data)
     for name in (selection.x, selection.y, *selection.brushes, *({selection.sort} - set(_OWN))):
         if name not in table.ranges:
@@ -161,10 +165,10 @@ def parse_selection(data: Any, table: FlightTable) -> Selection:
 def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
     """Return the flights within all brushes as points or counts in cells, and histograms.
 
-    Few flights are returned as points. ``ends`` are the ranges of both axes; ``cells`` contains
-    [controller, column, row, flights]; ``points`` contains [controller, x, y, flight, lost];
-    ``strips`` contains the histograms [bar, flights]; ``rows`` contains [controller, flight,
-    outcome, metrics...].
+    At most MOST_POINTS flights are returned as points. ``ends`` are the ranges of both axes;
+    ``cells`` contains [controller, column, row, flights]; ``points`` contains [controller, x, y,
+    flight, whether it terminated early]; ``strips`` contains the histograms [bar, flights];
+    ``rows`` contains [controller, flight, outcome, metrics...].
     """
     cursor, order = table.cursor(), table.order
     where, values = _condition(table, selection)
@@ -275,7 +279,7 @@ def list_flights(table: FlightTable, selection: Selection) -> tuple[list[str], I
 
 
 def _ended(table: FlightTable) -> str:
-    """Return the SQL expression of an outcome, as in `topics.flights.model.ended_words`."""
+    """Return the SQL expression of the outcome text; see `topics.flights.model.ended_words`."""
     required = len(table.view["requirements"])
     missed = " + ".join(f'"missed {k}"::integer' for k in range(required)) or "0"
     return (
@@ -326,7 +330,7 @@ def _finite(name: str) -> str:
 
 
 def _ends(name: str) -> str:
-    """Return SQL for the smallest and largest finite values of a column; 0 if there are none."""
+    """Return SQL for the smallest and largest finite value of a column; 0 if none is finite."""
     return f"coalesce(min({_finite(name)}), 0), coalesce(max({_finite(name)}), 0)"
 
 

@@ -11,7 +11,7 @@
   const view = await ask("view");
   document.getElementById("name").textContent = view.name;
   document.getElementById("folder").textContent = view.folder;
-  const counted = new Map(); // cached, because the counts of all flights do not depend on the selection
+  const counted = new Map(); // cache of the counts without brushes, which never change
   const count = (asked) => {
     if (Object.keys(asked.brushes).length || asked.fit) return ask("counts", asked);
     const key = JSON.stringify(asked);

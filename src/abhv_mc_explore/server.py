@@ -157,7 +157,7 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             length = int(self.headers.get("Content-Length", "0"))
             if not 0 < length <= _MOST_BYTES:
-                raise InputError("request", f"{length} bytes", f"1 to {_MOST_BYTES}")
+                raise InputError("request", f"{length} bytes", f"1 to {_MOST_BYTES} bytes")
             data = json.loads(self.rfile.read(length))
             if url.path == "/counts":
                 self._send_json(
@@ -173,7 +173,7 @@ class _Handler(BaseHTTPRequestHandler):
             elif url.path == "/behind":
                 self._send_json(self.server.behind(str(data["controller"]), str(data["channel"])))
             else:
-                self._refuse(HTTPStatus.NOT_FOUND, "no such question")
+                self._refuse(HTTPStatus.NOT_FOUND, "no such request")
         except (InputError, ValueError, KeyError, TypeError, RecursionError) as error:
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
 

@@ -58,7 +58,7 @@ class Fmu(NamedTuple):
     """FMU with a library loaded into this process."""
 
     version: int
-    functions: tuple[Any, ...]  # functions called in flights
+    functions: tuple[Any, ...]  # functions called during a flight
     typed: tuple[Any, ...]  # functions for variables that are not 64-bit floats
     instantiate: Callable[[], int]  # returns the address of an instance, or 0
     free: Any
@@ -77,8 +77,8 @@ def _describe(source: UserSource) -> tuple[Path, Any]:
     try:
         import fmpy
     except ImportError:
-        remedy = "pip install fmpy"
-        raise InputError(source.file, "FMUs need the package fmpy", remedy) from None
+        remedy = "fmpy, which FMUs need (pip install fmpy)"
+        raise InputError(source.file, "the package fmpy is not installed", remedy) from None
     recipe: Any = source.recipe
     try:
         file = str(unpack(source) / recipe["file"])
@@ -86,7 +86,7 @@ def _describe(source: UserSource) -> tuple[Path, Any]:
             f"fmu_{source.hash[:24]}", lambda target: fmpy.extract(file, str(target))
         )
         return folder, fmpy.read_model_description(str(folder), validate=False)
-    except Exception as error:  # zipfile, lxml and fmpy raise various errors
+    except Exception as error:  # zipfile, lxml and fmpy have no common base class of errors.
         raise InputError(source.file, f"the FMU cannot be read ({error})", "a valid FMU") from None
 
 
@@ -174,7 +174,7 @@ def _read_wires(
 ) -> tuple[tuple[tuple[Wire, ...], ...], list[Misfit]]:
     """Return the parameters, inputs and outputs of a law, and errors in their assignment.
 
-    In each group 64-bit floats come first.
+    In each group, 64-bit floats come before other types.
     """
     misfits: list[Misfit] = []
 
@@ -248,8 +248,8 @@ def _wire(
 ) -> Wire:
     """Return a variable with its assigned quantity, or a parameter with its ``value``.
 
-    Raise InputError if the variable does not exist, has an unsuitable type, or a unit of another
-    dimension.
+    Raise InputError if the variable does not exist, has an unsuitable type, or has a unit of
+    another dimension.
     """
     variables = {variable.name: variable for variable in description.modelVariables}
     variable = variables.get(name)
@@ -259,7 +259,7 @@ def _wire(
     kind = kinds.get(variable.type)
     if kind is None or variable.shape:
         problem = f"the variable '{name}' has the type {variable.type}"
-        raise InputError(file, problem, f"a scalar of {one_of(kinds)}")
+        raise InputError(file, problem, f"a scalar with a type that is {one_of(kinds)}")
     unit = variable.unit or (
         variable.declaredType.unit if variable.declaredType is not None else None
     )
@@ -276,10 +276,10 @@ def _wire(
         )
     except Refusal:
         problem = f"the FMU does not define the unit '{unit}' of '{name}'"
-        raise InputError(file, problem, "a unit with its base units") from None
+        raise InputError(file, problem, "a unit that is defined by base units") from None
     expected = find_unit(quantity) if value is None else unit_of(value)
     dimension = parse_unit(expected or "")[1]
-    # The unit radian is often omitted.
+    # Units of FMUs often omit the radian, so it is not compared for quantities with a dimension.
     compared = 5 if value is not None and not any(dimension) else 3
     if expected is not None and exponents[:compared] != dimension[:compared]:
         problem = (
@@ -303,9 +303,9 @@ def open_fmu(
 ) -> OpenLaw:
     """Open the law for ``width`` lanes, with an instance for each of ``flights`` flights.
 
-    ``effectors`` are the vehicle's effectors. With ``memory``, the lanes' rows store the declared
-    states of the FMU, like the memory of a compiled law, and an instance is reset and receives the
-    states at each tick. Raise InputError if the FMU or the assignment is unsuitable.
+    ``effectors`` are the vehicle's effectors. If ``memory`` is given, the rows of the lanes store
+    the declared states of the FMU, like the memory of a compiled law, and each tick resets an
+    instance and sets its states. Raise InputError if the FMU or the assignment is unsuitable.
     """
     fmu = load_fmu(source)
     states = tuple(reference for reference, _ in fmu.states.values()) if memory is not None else ()
@@ -318,7 +318,7 @@ def open_fmu(
     if unknown:
         raise InputError(
             source.file,
-            f"an input is assigned to the unknown '{unknown[0]}'",
+            f"an input has the unknown source '{unknown[0]}'",
             one_of([f"gains.{g}" for g in gains]),
         )
     recipe: Any = source.recipe

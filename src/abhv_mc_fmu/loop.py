@@ -97,8 +97,8 @@ def compile_fmu_adapter(
     """Compile the loop for an assignment of variables.
 
     ``remade`` is the number of states stored in the lanes and set at each tick. ``effectors`` are
-    the names and rows of the commanded effectors. All 64-bit float variables are set and read in
-    one call; each variable of another type has eight bytes and a separate call.
+    the names and rows of the commanded effectors. One call sets or reads all variables that are
+    64-bit floats; each variable of another type has eight bytes and a separate call.
     """
     written = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True)) | {
         f"effectors.{name}": row for name, row in effectors

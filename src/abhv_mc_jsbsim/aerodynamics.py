@@ -75,8 +75,8 @@ class Aerodynamics:
     ) -> None:
         """Read the functions of the element ``node``.
 
-        ``metrics``, ``values`` and full deflections (rad) are by property; ``reserved`` lists
-        names that the generated module must not define.
+        The keys of ``metrics``, ``values`` and ``full_deflections`` (rad) are property names;
+        ``reserved`` lists names that the generated module must not define.
         """
         self.settings: dict[str, Setting] = {}  # settings by property
         self.notes: list[str] = []

@@ -50,7 +50,10 @@ Resolve = Callable[[str, Node], str]
 
 
 def operand_of(function: Node) -> Node:
-    """Return the element that defines a function. Raise InputError unless exactly one does."""
+    """Return the element that defines a function.
+
+    Raise InputError if there is not exactly one element.
+    """
     operands = [child for child in function.children if child.name not in _WORDS]
     if len(operands) != 1:
         raise function.refuse(f"the function has {len(operands)} elements", "one element")
@@ -71,7 +74,7 @@ def factors_of(node: Node) -> list[Node]:
 
 
 class Expressions:
-    """Translator of elements to Python expressions; it collects each table once."""
+    """Translator of elements to Python expressions, which also collects the distinct tables."""
 
     def __init__(self, resolve: Resolve, reserved: set[str]) -> None:
         self._resolve, self._taken = resolve, reserved
@@ -143,7 +146,7 @@ class Expressions:
             value = float(ast.literal_eval(exponent))
         except ValueError:
             return f"power({base}, {exponent})"
-        is_integer = abs(value) <= 64 and value == int(value)  # The base may be negative.
+        is_integer = abs(value) <= 64 and value == int(value)  # valid for a negative base
         return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
 
     def _table(self, node: Node, name: str) -> str:
@@ -180,7 +183,10 @@ def _read_table(node: Node, axes: int) -> tuple[list[Floats], Floats]:
         *grids, values = _read_block(blocks[0], axes)
         return grids, values
     if axes != 3 or not blocks:
-        raise node.refuse(f"a table with {axes} axes and {len(blocks)} blocks", "1 to 3 axes")
+        raise node.refuse(
+            f"a table with {axes} axes and {len(blocks)} blocks",
+            "one block for 1 or 2 axes, or at least one block for 3 axes",
+        )
     levels = np.array([block.number(block.attributes.get("breakPoint", "")) for block in blocks])
     tables = [_read_block(block, 2) for block in blocks]
     rows = np.unique(np.concatenate([block[0] for block in tables]))
@@ -202,7 +208,7 @@ def _read_block(data: Node, axes: int) -> tuple[Floats, ...]:
     width = len(head) + 1
     if not lines or any(len(line) != width for line in lines):
         raise data.refuse(
-            f"rows of {sorted({len(line) for line in lines})} numbers", f"rows of {width}"
+            f"rows of {sorted({len(line) for line in lines})} numbers", f"rows of {width} numbers"
         )
     cells = np.array(lines)
     if axes == 1:

@@ -68,7 +68,7 @@ class Imported:
 
 
 def import_jsbsim(path: Path, folder: Path) -> Imported:
-    """Write a model to a folder. Raise InputError, with location, if it is unsuitable."""
+    """Import a JSBSim model into a folder. Raise InputError if the model is unsuitable."""
     root, content = read_xml(path, "a JSBSim model")
     if root.name != "fdm_config":
         raise root.refuse(
@@ -233,7 +233,7 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
         air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
         try:
             coefficients = function(air, controls, rates, settings)
-        except (ArithmeticError, ValueError):  # for example from a division by an angle of 0
+        except (ArithmeticError, ValueError):  # A function may, e.g., divide by an angle of 0.
             return _ANGLES
         lift.append(
             coefficients.CL + coefficients.CX * np.sin(angle) - coefficients.CZ * np.cos(angle)

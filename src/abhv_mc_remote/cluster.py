@@ -1,6 +1,6 @@
 """Flights on a Dask cluster: each block is a task, and plans are sent as arrays.
 
-If a worker dies, Dask runs its block on another worker. A block that ends several workers is
+If a worker dies, Dask runs its block on another worker. A block that terminates several workers is
 reported as lost and computed in smaller pieces (see :mod:`abhv_mc.execution.retry`). Workers may
 join and leave during a campaign.
 """
@@ -48,7 +48,7 @@ _CONNECT = 10.0  # time limit in s for connecting to the scheduler
 _PER_THREAD = 2  # number of blocks submitted per worker thread, so that threads need not wait
 _MOST_PLANS = 32  # maximum number of plans stored on the cluster
 _FEWEST = 16  # minimum number of submitted blocks, for workers that join later
-_COMPILING = "abhv-mc-compiling"  # topic of events sent by workers
+_COMPILING = "abhv-mc-compiling"  # topic of the events by which workers report a compilation
 _warm: set[tuple[str, bool, str, str]] = set()
 _warming = threading.Lock()
 
@@ -73,7 +73,7 @@ def fly_remote(
 ) -> FlightBlock:
     """Compute a block on a worker of the cluster, and sign it.
 
-    A flight that exceeds the time limit ends the process, which Dask treats as a dead worker.
+    A flight that exceeds the time limit terminates the process, which Dask treats as a dead worker.
     """
     plan = rebuild_sent(arrays, code)
     if source and code_hash() != source:
@@ -104,7 +104,7 @@ def fly_remote(
 
 @contextmanager
 def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
-    """Report to the launching command that this worker compiles, unless another worker does."""
+    """Report to the launching command that this worker compiles, unless another one compiles."""
     from distributed import get_worker
 
     with suppress(ValueError):  # The thread may not belong to a worker.
@@ -116,7 +116,7 @@ def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
 
 def _print_compiling(event: tuple[float, str]) -> None:
     print(
-        f"worker {event[1]} compiles the flight (a minute, once per machine and kind of campaign)",
+        f"worker {event[1]} compiles the flight code (a minute per machine and kind of campaign)",
         file=sys.stderr,
         flush=True,
     )
@@ -131,8 +131,8 @@ def fly_user_remote(
     """
     if source and code_hash() != source:
         raise UnusableError(
-            "a worker of the cluster has another version of the program: restart it with the "
-            "version of the campaign"
+            "a worker of the cluster has another version of abhv-mc: restart the worker with the "
+            "version used by this command"
         )
     try:
         return sign(fly(plan, parameters, recorded))
@@ -214,7 +214,7 @@ class Cluster:
             raise
         except KilledWorker as error:
             problem = (
-                "several workers of the cluster ended while computing the block "
+                "several workers of the cluster terminated while computing the block "
                 f"({error.last_worker.address})"
             )
             raise FlightLostError(problem, process=True) from None
@@ -235,7 +235,7 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
     try:
         from distributed import Client
     except ImportError:
-        expected = "pip install dask distributed"
+        expected = "the packages dask and distributed (pip install dask distributed)"
         raise InputError("--scheduler", "Dask is not installed", expected) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
@@ -243,7 +243,7 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         problem = f"no scheduler at '{address}' ({reason})"
         raise InputError("--scheduler", problem, "an address such as tcp://host:8786") from None
-    # The command reports the error itself.
+    # The client need not log connection errors, because abhv-mc reports them.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with client:
         client.subscribe_topic(_COMPILING, _print_compiling)
@@ -251,7 +251,7 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
         try:
             while not client.nthreads():
                 if not has_waited:
-                    print(f"waiting for workers of {address}", file=sys.stderr, flush=True)
+                    print(f"waiting for workers at {address}", file=sys.stderr, flush=True)
                     has_waited = True
                 time.sleep(0.2)
             yield partial(Cluster, client)

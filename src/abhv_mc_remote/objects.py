@@ -1,9 +1,9 @@
 """Objects in a folder of object storage, and the lease of the process that writes.
 
-An object store (accessed by pyarrow.fs) has neither locks nor renames, but objects appear complete
-and with the time of the store. One object, the lease, therefore names the writing process, which
-renews it in a thread. If two processes start within a second of each other, the later writer of the
-lease keeps it.
+An object store (accessed by pyarrow.fs) has neither locks nor renames, but an object appears only
+when it is complete and has a time stamp of the store. Therefore one object, the lease, names the
+writing process, which renews the lease in a thread. If two processes start within a second of each
+other, the process that writes the lease later keeps it.
 """
 
 import _thread
@@ -66,7 +66,7 @@ class Objects:
             self.system.delete_file(f"{self.base}/{name}")
 
     def ages(self, *names: str) -> list[Any]:
-        """Return the age of the object by the clock of the store, or None if it is missing."""
+        """Return modification times of objects by the store's clock; None if one is missing."""
         return [
             info.mtime
             for info in self.system.get_file_info([f"{self.base}/{name}" for name in names])
@@ -89,7 +89,7 @@ def open_objects(address: Address) -> Objects:
 
 
 class Lease:
-    """Claim of this process to write at an address."""
+    """Exclusive right of this process to write to an address."""
 
     def __init__(self, store: Objects) -> None:
         self._store, self._token = store, uuid.uuid4().hex

@@ -29,7 +29,7 @@ class Remote:
     """Folder in object storage with its local copy."""
 
     def __init__(self, store: Objects, local: Path, lease: Lease | None = None) -> None:
-        """Pair the folders; nothing is written to the store once ``lease`` is lost."""
+        """Pair a folder with its local copy; if ``lease`` is lost, nothing more is uploaded."""
         self.store, self.local, self._lease = store, local, lease
         # Size and time of the local file for each object, by name.
         self._stamps: dict[str, tuple[int, int] | None] = {}
@@ -47,7 +47,7 @@ class Remote:
             if not is_inside(name):  # Names of objects can be any string.
                 problem = f"the name of the object '{name}' points outside the folder"
                 raise InputError(
-                    str(self.store.address), problem, "the folder of a campaign, unchanged"
+                    str(self.store.address), problem, "the unchanged folder of a campaign"
                 )
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -128,7 +128,7 @@ def _numbers(data: Any, prefix: str = "") -> Any:
 
 
 def _scaled(entry: Any, factor: float) -> str | float:
-    """Return an entry multiplied by a factor, with its unit and six digits."""
+    """Return an entry multiplied by a factor, with its unit and six significant digits."""
     match: Any = _NUMBER.match(str(entry))
     number, unit = match.groups()
     value = f"{float(number) * factor:.6g}"
@@ -180,7 +180,8 @@ class Candidates:
     def make(self, point: Floats, file: Path, steady: bool) -> Candidate | None:
         """Return the candidate of a point, or None if its parameters are invalid.
 
-        ``file`` exists during the call. Raise InputError if the initial parameters are invalid.
+        The controller is written to ``file``, which is deleted at the end of the call. Raise
+        InputError if the initial parameters are invalid.
         """
         model = self.campaign.model
         try:

@@ -4,7 +4,7 @@ All candidates are scored with the same random numbers, so that their difference
 chance. CMA-ES needs only the order of candidates: feasible candidates come first, ordered by
 objective, and infeasible candidates follow, ordered by constraint violation (K. Deb, "An efficient
 constraint handling method for genetic algorithms", Computer Methods in Applied Mechanics and
-Engineering 186 (2000)). A search overfits its flights, so that the result must be compared with the
+Engineering 186 (2000)). A search overfits its flights, so the result must be compared with the
 start on other flights.
 """
 

@@ -130,7 +130,7 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
     if result.shown:
         answers.append(
             "The improvement is shown for this campaign's dispersions, mission, vehicle and limits."
-            " It may not hold for others, and better parameters may exist."
+            " It may differ for others, and better parameters may exist."
         )
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
@@ -165,7 +165,7 @@ def _numbers(result: TuneFound) -> Table:
     caption = (
         "Each parameter was varied on a logarithmic scale by up to its factor in both directions."
     )
-    heads = ("number", "start", "low end", "result", "high end", "")
+    heads = ("parameter", "start", "low end", "result", "high end", "")
     rows = [
         [
             key,
@@ -174,4 +174,4 @@ def _numbers(result: TuneFound) -> Table:
         ]
         for key in columns[0]
     ]
-    return make_table("Free numbers", caption, heads, rows)
+    return make_table("Free parameters", caption, heads, rows)

@@ -34,7 +34,7 @@ class Trial:
     """Metrics and stability margins of one candidate."""
 
     columns: tuple[str, ...]  # names of the metrics
-    metrics: Floats  # [flight, metric]; NaN for early terminations and lost flights
+    metrics: Floats  # [flight, metric]; NaN if a flight terminated early or failed to run
     margins: Floats  # [vehicle, margin], nominal first; empty without limits on margins
 
     def column(self, metric: str) -> Floats:
@@ -43,7 +43,7 @@ class Trial:
 
 
 def vehicles_of(campaign: Experiment, block: Tune) -> Floats:
-    """Return rows [vehicle, parameter] of the vehicles with limited margins."""
+    """Return rows [vehicle, parameter] of the vehicles whose margins are limited."""
     vehicles = [limit.vehicles for limit in block.limits if limit.is_margin]
     return (
         make_corners(campaign) if "corners" in vehicles else nominal_parameters()[: len(vehicles)]
@@ -156,9 +156,10 @@ class Trials:
 
 
 def severities_of(trial: Trial, metric: Metric) -> Floats:
-    """Return the severities [flight] of a metric; larger is worse; infinite if lost.
+    """Return the severities [flight] of a metric; early terminations are infinite.
 
-    The severity of a metric with two limits is the distance outside the limits.
+    Larger severities are worse. The severity of a metric with two limits is the distance outside
+    the limits.
     """
     values = trial.column(metric.name)
     return (
@@ -169,7 +170,7 @@ def severities_of(trial: Trial, metric: Metric) -> Floats:
 def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
     """Return a quantile of a metric over the flights, ordered from best to worst.
 
-    Lost flights count as the worst value.
+    Early terminations count as the worst value.
     """
     value = sorted_quantile(np.sort(severities_of(trial, metric)), quantile)
     return -value if metric.bad == "low" and not metric.band else value

@@ -105,7 +105,7 @@ class TuneFound:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the content of the output of ``--json``."""
+        """Return the result as the JSON values that ``--json`` writes."""
         gain = self.difference
         front = self.tuning.front
         return {
@@ -138,7 +138,10 @@ class _TuneFile(StrictModel):
 def read_tune_block(
     campaign: Experiment, path: Paths | None
 ) -> tuple[Tune, Document, tuple[str, ...]]:
-    """Return the ``tune`` block with its document and keys. Raise InputError if missing."""
+    """Return the ``tune`` block with its document and keys.
+
+    Raise InputError if the block is missing.
+    """
     keys: tuple[str, ...] = ("tune",)
     document = campaign.document
     if path is None:

@@ -33,7 +33,7 @@ def nesc(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Simulate NASA's atmospheric check-cases and compare with published results.
+    """Simulate NASA's atmospheric check-cases and compare them with published results.
 
     Each case from 1 to 16 in DIR is compared with the results of each simulator in DIR.
 
@@ -78,7 +78,7 @@ def everything(
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
-    """Compare with other simulators and publications, and print one table."""
+    """Compare abhv-mc with other simulators and publications, and print one table."""
     from abhv_mc_verification.everything import verify_everything
 
     folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)
@@ -134,7 +134,7 @@ def _print_rows(rows: "list[Row]") -> None:
         say(
             f"{alone} not judged: the tolerance is the difference between two simulators, but only "
             "one "
-            "has a file"
+            "simulator has a file"
         )
 
 

@@ -26,7 +26,7 @@ _CONE_MISSIONS = ("level", "turn", "level_mach15", "turn_mach15")
 
 
 def verify_paper(scale: float = 1.0) -> list[Row]:
-    """Return rows for the trim and nominal missions of the winged cone.
+    """Return verification rows for the trim and nominal missions of the winged cone.
 
     The trim is at Mach 15; the missions are simulated with TLC. `scale` multiplies the tolerances.
     For missions, the tolerances are the campaign's requirements on tracking errors, which are taken
@@ -69,15 +69,15 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
 
 
 def verify_everything(folder: Path | None, scale: float = 1.0) -> list[Row]:
-    """Return rows for the reference data in a folder (``nesc``, ``cadac-ghame6``) and papers.
+    """Return verification rows for papers and the reference data in a folder.
 
-    `scale` multiplies the tolerances.
+    The folder contains ``nesc`` and ``cadac-ghame6``. `scale` multiplies the tolerances.
     """
     rows: list[Row] = []
     if folder is not None:
         recordings = sorted((folder / "cadac-ghame6").glob("*.csv*"))
         if not recordings:
-            raise InputError(folder, "no recording", "a CSV file in its folder cadac-ghame6")
+            raise InputError(folder, "no recording", "a CSV file in the subfolder cadac-ghame6")
         rows = verify_nesc(folder / "nesc", scale)
         for recording in recordings:
             rows += verify_ghame6(recording, scale)

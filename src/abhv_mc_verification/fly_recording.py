@@ -27,15 +27,16 @@ from abhv_mc.vehicle.actuators import drive
 if TYPE_CHECKING:
     import pandas as pd
 
-_EVEN = 0.02  # tolerance of spacing, because printed times are rounded
+_EVEN = 0.02  # relative tolerance of evenly spaced times, because printed times are rounded
 _INF = math.inf
 _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 
 
 def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) -> "pd.DataFrame":
-    """Read columns of a ``.csv`` or ``.csv.gz`` file. Raise InputError if invalid.
+    """Read columns of a ``.csv`` or ``.csv.gz`` file.
 
     Columns in `perhaps` are optional. The first of several columns with the same name is used.
+    Raise InputError if the file is invalid.
     """
     import pandas as pd
 
@@ -45,7 +46,7 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
         expected = "all columns to be compared"
         raise table.error(None, None, f"no column {', '.join(missing)}", expected)
     if len(table) < 2:
-        raise InputError(path, "1 row of numbers", "at least 2")
+        raise InputError(path, "1 row of numbers", "at least 2 rows")
     columns = [*names, *(name for name in perhaps if name in table.heads)]
     numbers = table.numbers([table.heads.index(name) for name in columns])
     return pd.DataFrame(numbers, columns=columns)
@@ -62,7 +63,7 @@ def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
     step = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
     if uniform and off.size:
-        problem = f"{steps[off[0]]:g} s since the row before"
+        problem = f"{steps[off[0]]:g} s since the previous row"
         raise InputError(path, problem, f"evenly spaced rows, {step:g} s apart", int(off[0]) + 3)
 
 
@@ -75,7 +76,7 @@ def make_start(
     *,
     latitude: float = 0.0,
 ) -> Floats:
-    """Return the state [state] of a level vehicle at longitude 0, in SI units and radians.
+    """Return the initial state [state] of a level vehicle at longitude 0, in SI and radians.
 
     `rates` are inertial body rates.
     """
@@ -104,7 +105,7 @@ def make_replay_plan(
         controller="recorded",
         law="recorded",
         vehicle=vehicle,
-        trim_tables=vehicle.tables,  # not used without guidance
+        trim_tables=vehicle.tables,  # Without guidance, trim tables are not used.
         effectiveness=make_effectiveness(vehicle),
         earth=earth,
         timing=timing,

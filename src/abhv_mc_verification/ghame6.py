@@ -78,7 +78,10 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read an evenly spaced time history of CADAC++ GHAME6. Raise InputError if invalid."""
+    """Read an evenly spaced time history of CADAC++ GHAME6.
+
+    Raise InputError if the file is invalid.
+    """
     needed = ["time", *POSITION, *VELOCITY, *ATTITUDE, *RATES, *CONTROLS, *COMPARED]
     table = read_columns(path, needed, ["vmass", "fmasse"])
     if "vmass" not in table and "fmasse" not in table:
@@ -122,8 +125,8 @@ def geodetic_from_ecef(earth: Earth, position: ArrayLike) -> tuple[Floats, Float
     """Convert positions [..., 3] in E (m) to geodetic latitude, longitude and altitude.
 
     Bowring's iteration of the reduced latitude (Survey Review 23 (1976) 323) is accurate to
-    rounding: a few 1e-9 m near the ground, where a double resolves 1e-9 m. On the axis the
-    longitude is 0.
+    rounding: a few 1e-9 m near the ground, where a double resolves 1e-9 m. The longitude of points
+    on the Earth's axis is 0.
     """
     x, y, z = np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0)
     a, f = earth.equatorial_radius, earth.flattening
@@ -166,7 +169,7 @@ def ned_from_ecef_matrix(latitude: ArrayLike, longitude: ArrayLike) -> Floats:
 
 
 def verify_ghame6(path: Path, scale: float = 1.0) -> list[Row]:
-    """Replay a recorded flight and return rows; `scale` multiplies the tolerances."""
+    """Replay a recorded flight and return verification rows; `scale` multiplies tolerances."""
     recording = read_recording(path)
     vehicle = load_vehicle(shipped_configs() / "vehicle" / "ghame.yaml")
     flown = fly_recording(vehicle, recording)

@@ -32,7 +32,7 @@ from abhv_mc_verification.fly_recording import make_replay_plan, replay
 from abhv_mc_verification.nesc_cases import ELLIPSOID
 
 RATE = 500.0  # rate in Hz of the autopilot, which is continuous in the cases
-_TRIM_STEP = 1e-3  # time step in s of the accelerations in the trim
+_TRIM_STEP = 1e-3  # time step in s over which the trim computes accelerations
 _FULL_STICK = math.radians(-25.0)  # elevator deflection in rad at full aft stick
 
 
@@ -133,9 +133,10 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
 def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
     """Return the commands: initial course and airspeed, and the steps of the case.
 
-    The stick and throttle commands are solved for with the autopilot off, as its notes require. In
-    the variants of case 13, they also compensate for the difference between the autopilot's design
-    point and this trim, because in the published flights the elevator does not move at the start.
+    The stick and throttle commands are solved for with the autopilot off, as required by its notes.
+    In the variants of case 13, these commands also compensate for the difference between the
+    autopilot's design point and the trim, because in the published flights the elevator does not
+    move at the start.
     """
     speed = math.hypot(*case.velocity)
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])

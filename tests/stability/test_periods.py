@@ -161,7 +161,7 @@ def test_a_mode_that_stays_is_named(tmp_path):
         (
             "path = throttle = clock == 0.0; clock = (clock + 1.0) % 150.0",
             0,
-            "up to 100 ticks",
+            "within 100 ticks",
         ),
         (SUM, 10, "after 11 ticks, not 10"),
     ],

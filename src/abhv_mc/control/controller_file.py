@@ -77,7 +77,7 @@ class Schedule(StrictModel):
         key = "over_time" if self.over_time is not None else "over_dynamic_pressure"
         for i, (left, right) in enumerate(zip(self.points()[:-1], self.points()[1:], strict=True)):
             if right[0] <= left[0]:
-                raise Refusal(f"{right[0]:g} after {left[0]:g}", "rising points", (key, i + 1))
+                raise Refusal(f"{right[0]:g} after {left[0]:g}", "increasing values", (key, i + 1))
         return self
 
     def points(self) -> list[tuple[float, float]]:
@@ -110,7 +110,7 @@ class Channel(StrictModel):
 
 
 class VelocityLoop(StrictModel):
-    """Poles of sub-loop 2, for the velocity."""
+    """Closed-loop poles of the velocity loop (sub-loop 2)."""
 
     flight_path_angle: Channel = Field(description="poles of the flight-path-angle error dynamics")
     heading: Channel = Field(description="poles of the heading error dynamics")
@@ -118,7 +118,7 @@ class VelocityLoop(StrictModel):
 
 
 class AttitudeLoop(StrictModel):
-    """Poles of sub-loop 3, for the attitude."""
+    """Closed-loop poles of the attitude loop (sub-loop 3)."""
 
     angle_of_attack: Channel = Field(description="poles of the angle-of-attack error dynamics")
     sideslip: Channel = Field(description="poles of the sideslip error dynamics")
@@ -126,7 +126,7 @@ class AttitudeLoop(StrictModel):
 
 
 class RateLoop(StrictModel):
-    """Poles of sub-loop 4, for the body rates about the forward, right and down axes."""
+    """Closed-loop poles of the body-rate loop (sub-loop 4); axes forward, right and down."""
 
     roll_rate: Channel = Field(description="poles of the roll-rate error dynamics")
     pitch_rate: Channel = Field(description="poles of the pitch-rate error dynamics")

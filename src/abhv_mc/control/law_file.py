@@ -64,7 +64,7 @@ class PythonController(ControllerModel):
     def _check(self) -> "PythonController":
         for key in ("rate", "period", "commands"):
             if self.around is not None and key in self.model_fields_set:
-                raise Refusal(f"'{key}' of a filter", f"no '{key}': 'around' defines it", (key,))
+                raise Refusal(f"'{key}' of a filter", f"no '{key}' besides 'around'", (key,))
         find_files(self)
         return self
 
@@ -122,13 +122,17 @@ class CController(ControllerModel):
             raise Refusal("both or neither of library and sources", "exactly one of them")
         for name, unit in self.units.items():
             if name not in self.settings:
-                raise Refusal(f"a unit of '{name}'", one_of(self.settings, name), ("units", name))
+                raise Refusal(
+                    f"a unit of '{name}', which is not a setting",
+                    one_of(self.settings, name),
+                    ("units", name),
+                )
             with _located("units", name):
                 if parse_unit(unit)[0] != 1.0:
                     raise Refusal(f"'{unit}'", "the SI unit of the struct's member, such as rad")
         for name, value in self.settings.items():
             if not _NAME.fullmatch(name):
-                raise Refusal(f"the setting '{name}'", "an identifier of C", ("settings", name))
+                raise Refusal(f"the setting '{name}'", "a C identifier", ("settings", name))
             parse_numbers(value, ("settings", name), self.units.get(name))
         find_files(self)
         return self

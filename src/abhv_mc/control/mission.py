@@ -306,7 +306,7 @@ _BY_NAME = Discriminator(lambda value: "name" if isinstance(value, str) else "gi
 
 
 class Mission(StrictModel):
-    """Mission of a flight."""
+    """Mission of a flight: start, manoeuvres, limits, environment and end."""
 
     name: str = Field(description="name of the mission")
     start: Start = Field(description="position, speed and attitude at the start")
@@ -363,7 +363,7 @@ class Mission(StrictModel):
         for key, _, manoeuvre in self.list_manoeuvres():
             name = getattr(manoeuvre, "name", None)
             if name in names:
-                raise Refusal(f"duplicate name '{name}'", "another name", (*key, "name"))
+                raise Refusal(f"duplicate name '{name}'", "a unique name", (*key, "name"))
             names |= {name} if name is not None else set()
             if isinstance(manoeuvre, SManoeuvre):
                 lateral_speed = abs(
@@ -419,7 +419,10 @@ class Mission(StrictModel):
         return {manoeuvre.name: (begin, begin + manoeuvre.length) for begin, manoeuvre in named}
 
     def read_air(self) -> tuple[Floats | None, Floats | None]:
-        """Return the wind and density tables, or None. Raise InputError if one is invalid."""
+        """Return the wind table and the density table, or None for a table that is not used.
+
+        Raise InputError if a table is invalid.
+        """
         wind, density = self.wind, self.density
         return (
             None if isinstance(wind, str) else read_air_table(wind.file, WIND, wind.columns),
@@ -429,7 +432,7 @@ class Mission(StrictModel):
         )
 
     def make_air(self) -> Floats:
-        """Return the nominal air [level, column], see :mod:`abhv_mc.kernel.plant.air_data`.
+        """Return the nominal air [level, column]; see :mod:`abhv_mc.kernel.plant.air_data`.
 
         Raise InputError if a table is invalid.
         """

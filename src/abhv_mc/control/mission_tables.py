@@ -1,4 +1,4 @@
-"""Reading of a mission's CSV tables: recorded trajectory and nominal air over altitude."""
+"""Functions to read a mission's CSV tables: recorded trajectory and nominal air."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,7 +26,7 @@ def read_trajectory(path: str | Path, duration: float) -> Floats:
         problem = f"the speed {samples[row, 2]:g} m/s"
         raise table.error(int(row), "speed", problem, "a positive speed")
     if len(samples) < 4:
-        raise InputError(path, f"{len(samples)} samples", "at least 4")
+        raise InputError(path, f"{len(samples)} samples", "at least 4 samples")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
         problem = f"times from {first:g} to {last:g} s"
@@ -48,7 +48,7 @@ AIR = {
 WIND = ("wind_north", "wind_east"), ("wind_speed", "wind_direction")
 DENSITIES = ("density_factor",), ("density",), ("pressure", "temperature")
 _MAX_ROWS = 10_000
-_HIGHEST = 1e6  # m; altitudes above it are in a wrong unit
+_HIGHEST = 1e6  # largest plausible altitude of a table, m; larger values have a wrong unit
 
 
 def read_air_table(
@@ -69,7 +69,7 @@ def read_air_table(
             columns.setdefault(stem, Column(index, unit))
     for name, head in heads.items():
         if name not in columns:
-            raise table.error(None, None, f"no column '{head}'", f"the header of '{name}'")
+            raise table.error(None, None, f"no column '{head}'", f"the header of the {name} column")
     names = next((names for names in choices if set(names) <= columns.keys()), None)
     if names is None:
         expected = ", or ".join(" and ".join(choice) for choice in choices)
@@ -89,7 +89,7 @@ def read_air_table(
     numbers.check_rising("altitude", "m", or_falling=True)
     altitude, *values = numbers.values.T
     if not 2 <= len(altitude) <= _MAX_ROWS:
-        raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS}")
+        raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS} rows")
     standard = np.array([atmosphere(height) for height in altitude.tolist()])
     if "temperature" in names:
         kelvin = values[1] * factor + offset
@@ -112,7 +112,7 @@ def read_air_table(
 
 
 def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
-    """Return a warning if a flight leaves a table [level, column], or the table leaves the air."""
+    """Return a warning if a table [level, column] does not fit the altitudes of a flight."""
     low, high, lowest, highest = *table[[0, -1], 0], altitude.min(), altitude.max()
     if low <= lowest and highest <= high <= _HIGHEST:
         return []
@@ -122,8 +122,8 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
             hint = f"; are its altitudes in {unit}?"
             break
     return [
-        f"{path.name} has levels from {low:g} to {high:g} m and the flight altitudes from "
-        f"{lowest:.0f} to {highest:.0f} m; beyond the table's ends the last level is used{hint}"
+        f"{path.name} has levels from {low:g} to {high:g} m, but the flight is at altitudes from "
+        f"{lowest:.0f} to {highest:.0f} m; outside the table, its nearest level is used{hint}"
     ]
 
 

@@ -13,12 +13,10 @@ def s_shape(
 ) -> tuple[Floats, Floats]:
     """Return lateral speed (m/s) and acceleration (m/s2) at times (s) since the start.
 
-    Both are zero outside the manoeuvre.
-
-    The motion is along ``offset`` (m). The acceleration is proportional to ``sign(c)
-    |c|^sharpness`` with ``c = cos(pi t / length)``, times a smooth step of order 5 over
-    ``bank_time`` (s) at both ends. If ``bank_time`` and ``sharpness`` have their defaults, ``y =
-    offset / 2 (1 - cos(pi t / length))``.
+    Speed and acceleration are zero outside the manoeuvre and positive along ``offset`` (m). The
+    acceleration is proportional to ``sign(c) |c|^sharpness`` with ``c = cos(pi t / length)``, times
+    a smooth step of order 5 over ``bank_time`` (s) at both ends. If ``bank_time`` and ``sharpness``
+    have their defaults, ``y = offset / 2 (1 - cos(pi t / length))``.
     """
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:
@@ -51,7 +49,7 @@ def s_shape(
 
 
 def _growth(since: Floats, length: float, bank_time: float, sharpness: float) -> Floats:
-    """Return the acceleration in the first half, normalized to at most 1."""
+    """Return the acceleration in the manoeuvre's first half, normalized to at most 1."""
     x = np.clip(since / bank_time, 0.0, 1.0) if bank_time else 1.0
     return np.cos(np.pi * since / length).clip(0.0) ** sharpness * (
         x**3 * (10.0 - 15.0 * x + 6.0 * x**2)

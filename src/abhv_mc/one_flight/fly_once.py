@@ -72,9 +72,10 @@ def fly(
         entries with dotted keys, as in ``{"base": "tlc", "limits.bank": "60 deg"}``. A controller
         may also be a control-law function.
     dispersions
-        Parameters that are not nominal (``abhv-mc list parameters`` lists all). A number is a
-        factor or in SI, a text has a unit, as in ``{"aero.drag": "110 %", "wind.north": 12.0}``. A
-        parameter without effect is an error.
+        Values of the parameters that are not nominal (``abhv-mc list parameters`` lists all
+        parameters). A number is a factor or in SI units; a text has a unit, as in
+        ``{"aero.drag": "110 %", "wind.north": 12.0}``. A parameter without effect on the flight is
+        an error.
     every
         Control ticks between rows of the result.
 
@@ -121,7 +122,7 @@ def fly(
 def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) -> None:
     """Raise InputError for a dispersion that has no effect on the flight.
 
-    Flights with the nominal and with a larger value are compared bit by bit.
+    Flights with the nominal value and with a larger value are compared bit by bit.
     """
     import numpy as np
 

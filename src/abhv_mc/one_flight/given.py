@@ -39,7 +39,10 @@ Quantity = float | str  # number in SI (angles in rad), or a string with a unit
 
 
 def make_document(kind: str, source: Input) -> Document:
-    """Return a vehicle, mission or control input as a document. Raise InputError if invalid."""
+    """Return a vehicle, mission or controller as a document.
+
+    Raise InputError if the input is invalid.
+    """
     if callable(source):
         return _make_law_document(kind, source)
     if not isinstance(source, Mapping):
@@ -58,7 +61,7 @@ def make_document(kind: str, source: Input) -> Document:
                 keys = node if isinstance(node, dict) else ()
                 problem = f"no entry '{'.'.join(path[: i + 1])}'"
                 raise InputError(
-                    document.path, problem, one_of(keys, name) if keys else "a mapping"
+                    document.path, problem, one_of(keys, name) if keys else "the key of a mapping"
                 )
             node = node[name]
         if not isinstance(node, dict):

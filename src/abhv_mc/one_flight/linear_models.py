@@ -37,7 +37,7 @@ _MARGIN_UNITS = {
 }
 _MOST_BANK = 1.4  # maximum bank angle, rad
 _FREQUENCIES = 1000
-_SLOW = 0.1  # Poles of larger magnitude (1/s) belong to the attitude motion.
+_SLOW = 0.1  # magnitude above which a pole belongs to the attitude motion, 1/s
 HELD = ("altitude", "speed", "heading")
 
 
@@ -142,7 +142,7 @@ def take_point(
     angle = to_si(bank, ANGLE, "bank")
     if angle and time != "trim":
         raise InputError(
-            "bank", "a bank", "the point 'trim', the only point with a bank angle to choose"
+            "bank", "a bank angle", "the point 'trim', because other points have their own bank"
         )
     if abs(angle) > _MOST_BANK:
         raise InputError("bank", f"{angle:g} rad", "-80 to 80 deg")
@@ -171,7 +171,7 @@ def take_point(
             expected = (
                 "an initial condition with a trim, or a time of the flight instead of the trim"
             )
-            raise InputError(mission_document.path, f"at the start {taken.faults[0]}", expected)
+            raise InputError(mission_document.path, f"at the start, {taken.faults[0]}", expected)
     else:
         plan = prepare(craft, mission_document, law, name).lean_for(dispersions or ())
         if not 0.0 <= time <= plan.timing.duration:
@@ -226,7 +226,7 @@ def analyse_place(
             elif pole.imag >= 0.0:
                 turning = f" +- {pole.imag:.2g}j" if pole.imag > 0.0 else ""
                 removed.append(f"{pole.real:+.2g}{turning}")
-        text = f"{name}: {', '.join(hold)} held"
+        text = f"{name}: {', '.join(hold)} held constant"
         return (
             linear,
             stability,
@@ -326,8 +326,8 @@ def margins(
         See :func:`abhv_mc.linearize`.
     hold
         States among ``altitude``, ``speed`` and ``heading`` that are held constant, for a
-        controller that leaves them open, such as an attitude hold. A warning gives the removed
-        poles.
+        controller that does not control these states, such as an attitude hold. A warning gives the
+        removed poles.
 
     Returns
     -------
@@ -397,7 +397,7 @@ def fly_on(
     Returns
     -------
     pandas.DataFrame
-        States without delayed measurements, in double precision, one column each, indexed by time.
+        States of the closed loop in double precision, except delayed measurements, indexed by time.
 
     Raises
     ------

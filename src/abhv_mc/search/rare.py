@@ -39,8 +39,8 @@ from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 
 _PILOT = 2 * LANES  # number of points that are simulated twice to measure the noise
-_PLACE = 1 << 22  # key of the random numbers for these points
-_UNLIKELY = 0.5  # noise share above which an estimate below 1e-4 is unlikely to be reached
+_PLACE = 1 << 22  # key of the random numbers for the points that measure the noise
+_UNLIKELY = 0.5  # noise share above which probabilities below 1e-4 can hardly be estimated
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class RareFound:
 
     @property
     def unwarned(self) -> str:
-        """Clause on failures without warning, for the end of the sentence with the estimate."""
+        """Clause on failures without warning, which ends the sentence with the estimate."""
         high, (_, flights) = self.estimate.unwarned_high, self.estimate.plain
         if high is None:
             return ""
@@ -85,15 +85,15 @@ class RareFound:
             )
         if self.includes_unwarned:
             return (
-                "; the upper end is that of the level estimates, because failures without warning "
-                "are below "
+                "; the upper end comes from the levels, because the probability of failures "
+                "without warning is below "
                 f"{high:.1e}"
             )
         if len(self.space.names) <= MOST_LOOKED:
             return ""
         return (
-            ", as far as the severity gives warning; failures without warning are below "
-            f"{high:.1e}, according to the {flights:,} plain flights"
+            ", without failures that occur without warning; their probability is below "
+            f"{high:.1e} according to the {flights:,} plain flights"
         )
 
     @property
@@ -106,7 +106,8 @@ class RareFound:
         if check is None:
             return f"none (requires spare flights and at most {MOST_SAMPLED} dispersions)"
         return (
-            f"{check.probability:.1e} by importance sampling, worth {check.effective:.0f} failures"
+            f"{check.probability:.1e} by importance sampling ({check.effective:.0f} effective "
+            "failures)"
         )
 
     @property
@@ -163,7 +164,7 @@ class RareFound:
 
 
 def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
-    """Estimate the probability of failing one requirement. Raise InputError if invalid."""
+    """Estimate the probability that a flight fails one requirement, or raise InputError."""
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement = find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)
@@ -196,9 +197,9 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             noise = noise_share((evaluate(points, off), evaluate(points, off)))
             if noise > _UNLIKELY:
                 print(
-                    f"warning: {100.0 * noise:.0f} % of the variance of the severity's ranks is "
-                    f"noise, from {_PILOT} points with two seeds each: an estimate is unlikely if "
-                    "the probability is below 1e-4",
+                    f"warning: {100.0 * noise:.0f} % of the variance of the severity ranks is "
+                    f"noise ({_PILOT} points were simulated with two seeds each); a probability "
+                    "below 1e-4 can hardly be estimated",
                     file=sys.stderr,
                     flush=True,
                 )
@@ -268,7 +269,7 @@ def _check_smooth(space: Space, is_noisy: bool) -> None:
 def find_requirement(campaign: Experiment, controller: str, name: str) -> Requirement:
     """Return the requirement that has the ID or the metric `name`.
 
-    Raise InputError if there is not exactly one, or if the metric has plateaus.
+    Raise InputError if there is not exactly one such requirement, or if the metric has plateaus.
     """
     bound = [
         item for item in campaign.requirements if not item.named or controller in item.controllers
@@ -282,7 +283,7 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
         problem = f"'{metric}', which can be {values} in many flights"
         remedy = (
             "a metric that differs between flights: on a plateau, no flight is closer to failure "
-            "than others"
+            "than another"
         )
         raise campaign.document.error(where if own else (), problem, remedy)
     if len(own) == 1:
@@ -293,5 +294,5 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
         expected = one_of(names, metric) if names else "a requirement with this limit"
         raise campaign.document.error(where if names else (), problem, expected)
     raise campaign.document.error(
-        where, f"{len(own)} requirements on '{metric}'", "one requirement, by its 'id'"
+        where, f"{len(own)} requirements on '{metric}'", "the 'id' of one of these requirements"
     )

@@ -2,7 +2,7 @@
 
 The algorithms are deterministic functions of their seed and of the values they receive. Therefore a
 search is resumed by running it again: stored batches are read from their blocks, other batches are
-simulated. `abhv-mc replay`, `query` and `verify campaign` read the folder like a campaign's.
+simulated. `abhv-mc replay`, `query` and `verify campaign` also read the folder of a search.
 """
 
 import contextlib
@@ -69,10 +69,10 @@ _DRAWN_STEP = 0.1  # time step of the histories in s
 def read_searched(
     path: Paths, controller: str | None, seed: int | None, engine: Engine | None = None
 ) -> tuple[Experiment, str]:
-    """Return the campaign and the controller to search. Raise InputError if invalid."""
+    """Return the campaign and the controller to search, or raise InputError if one is invalid."""
     campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
-        trust(source)  # Code in a file that the user passes directly may be run.
+        trust(source)  # The user consents to this code by passing the campaign file directly.
     controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:
@@ -103,7 +103,7 @@ def find_metric(
 def binding_requirements(
     campaign: Experiment, controller: str, metric: str
 ) -> tuple[Requirement, ...]:
-    """Return the requirements on a metric that bind the searched controller."""
+    """Return the requirements on a metric that apply to the searched controller."""
     return tuple(
         item
         for item in campaign.requirements
@@ -135,8 +135,8 @@ class SearchFlights:
     ) -> None:
         """Prepare the flights of a search.
 
-        `campaign` has the searched controller as its only system; `margins` adds stability margins
-        to every flight. `writer` is a thread that writes a block while the next block is simulated.
+        `campaign` contains only the searched controller; `margins` adds stability margins to every
+        flight. `writer` is a thread that writes a block while the next block is simulated.
         """
         self._writer, self._writing = writer, Future[Any]()
         self._writing.set_result(None)
@@ -380,7 +380,7 @@ def _check_same(
     both = (inputs, stored := read_folder_inputs(flown.folder, manifest))
     axes = [
         list(item.data.get("dispersions") or ()) for item in both
-    ]  # dispersions of the search, in the order in which they are stored
+    ]  # names of the dispersions; their order is the order of the search's dimensions
     limits = [*describe_requirement_changes(stored.data, inputs.data)]
     if limits and before["kind"] == "rare":
         problem = f"a search with other requirements: {'; '.join(limits)}"
@@ -399,6 +399,6 @@ def _check_same(
         )
     if changes:
         raise InputError(
-            root, "a folder that contains another search:  " + ", ".join(changes), expected
+            root, "a folder that contains another search: " + ", ".join(changes), expected
         )
     check_source(flown.folder, manifest, simulator)

@@ -1,4 +1,4 @@
-"""Severity of a flight: one number, continuous if possible, that is larger if worse."""
+"""Severity of a flight: a number that is larger for worse flights, continuous if possible."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from abhv_mc.statistics.estimates import Criterion
 
 # Severity of an early termination, to which the missing flight time (s) is added.
 ENDED_EARLY = 1e9
-# Failures are above this value, so that a metric exactly at its limit fails.
+# A flight fails if its severity exceeds this value, e.g. if a metric is exactly at its limit.
 FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 
 
@@ -57,9 +57,9 @@ def rank_distinct(
 ) -> list[int]:
     """Return the flights with the largest severities and distinct samples, worst first.
 
-    Each flight is farther than `min_distance` from all worse flights (rms over the columns of
-    `samples` [flight, parameter], scaled by their range). The distance of an infinite value, such
-    as the time of a failure that does not occur, from a finite value is one range.
+    Each flight is farther than `min_distance` from all worse returned flights (rms over the columns
+    of `samples` [flight, parameter], scaled by their range). An infinite value, such as the time of
+    a failure that does not occur, is one range away from any finite value.
     """
     order = np.argsort(-severities, kind="stable")
     order = order[np.isfinite(severities[order])]

@@ -21,7 +21,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.plant.parameters import OURS, Parameters
 
 _SMALLEST = 2.0**-53
-# number of random flights tried, and minimum number of these inside the box
+# number of random flights that are tried, and minimum number of flights that must be in the box
 _TRIED, _FEWEST_INSIDE = 65536, 10
 _SEEDS = {
     "wind.turbulence_seed": "wind.turbulence",
@@ -78,8 +78,9 @@ class Space:
     def bounds(self, box: float) -> Floats:
         """Return the lower and upper end of the box in each dimension [dimension, 2].
 
-        The ends are the range of a bounded distribution, or +-`box` sigma of any other. For a
-        parameter that occurs with a probability, they apply to its values if it occurs.
+        The ends are the range of a bounded distribution, or +-`box` sigma of any other
+        distribution. For a failure that occurs in some flights only, the ends are the range of its
+        parameter in these flights.
         """
         from scipy.special import ndtr
 
@@ -113,8 +114,8 @@ class Space:
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
         """Return random values [flight, dimension] of the campaign's distributions in the box.
 
-        Values outside the box are redrawn; a parameter that does not occur is always inside the
-        box. Raise InputError if almost no random flight is inside the box.
+        Flights outside the box are redrawn; the parameter of a failure that does not occur is
+        always inside the box. Raise InputError if almost no random flight is inside the box.
         """
         absent = np.array(
             [m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals]
@@ -149,7 +150,7 @@ class Space:
 
 
 def _when_it_comes(marginal: Marginal) -> Marginal:
-    """Return the conditional distribution of a parameter's values, given that it occurs."""
+    """Return the distribution of a failure's parameter, given that the failure occurs."""
     return marginal.drawn if isinstance(marginal, SometimesMarginal) else marginal
 
 
@@ -176,7 +177,7 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     }
     names = tuple(name for name in marginals if name not in _SEEDS)
     if not names:
-        raise document.error((), "no dispersions", "something to vary")
+        raise document.error((), "no dispersions", "at least one dispersion")
     moved = (*names, *(record.name for record in campaign.derived))
     seeds = tuple(
         record.name

@@ -1,4 +1,4 @@
-"""Search for the worst value of a metric (``abhv-mc worst``) and for smallest margins.
+"""Search for the worst value of a metric (``abhv-mc worst``) and for the smallest margins.
 
 ``abhv-mc margins CAMPAIGN --worst`` finds the smallest margins over dispersions and unknowns by
 linear analysis.
@@ -74,7 +74,7 @@ class WorstFound:
         """Number of re-seeded worst flights, number terminated early, and range of the metric.
 
         The range is the smallest, median and largest value over completed flights. The result is
-        None without seeds.
+        None if the campaign has no seeds.
         """
         rows = slice(self.searched + self.random, None)
         early, absent = ended_early(self.flights)[rows], not_computed(self.flights)[rows]
@@ -105,14 +105,14 @@ class WorstFound:
     def side(self) -> str:
         """Adjective for the direction of the search, such as 'largest'."""
         if self.criterion.limits is not None:
-            return "farthest out"
+            return "most extreme"
         return {"high": "largest", "low": "smallest", "size": "largest absolute"}[
             self.criterion.bad
         ]
 
     @property
     def at_bounds(self) -> list[str]:
-        """Parameters that are at an end of their range."""
+        """Parameters that are at an end of their range in the worst flight."""
         return [
             name
             for name, is_at_bound in zip(self.names, self.case.at_bounds, strict=True)
@@ -221,8 +221,8 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
 def _combine(space: Space, best: Floats) -> Iterator[Floats]:
     """Yield the best point [1, dimension] with all combinations of discrete values.
 
-    Yield nothing if there are too many combinations. The search itself moves one or all parameters
-    at a time, and discrete values have no slope.
+    Yield nothing if there are too many combinations. The search itself may miss combinations,
+    because it moves one or all parameters at a time and discrete values have no slope.
     """
     values = {
         i: marginal.values

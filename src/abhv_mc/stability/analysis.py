@@ -29,7 +29,7 @@ _TOGETHER = 64  # number of flights analysed together; the states of one flight 
 # values of the margin metrics if no perturbation destabilizes a loop
 NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
-NO_SLOPES = "the vehicle or the controller has no finite derivatives there"
+NO_SLOPES = "the derivatives of the vehicle or the controller are not finite"
 
 Time = Literal["trim"] | float  # time of linearization, s
 
@@ -54,7 +54,8 @@ class Stability(NamedTuple):
 class FlightMargins(NamedTuple):
     """Smallest margins of each flight over all loops and times; 0 if there is no margin."""
 
-    # [flight, 4] smaller gain margin (dB), phase margin (deg), delay margin (ms), disk margin
+    # [flight, 4] smaller of the lower and upper gain margin (dB), phase margin (deg), delay margin
+    # (ms) and disk margin
     table: Floats
     faults: list[list[str]]  # [time][flight] reason why there is no margin; '' if there is a margin
 
@@ -138,9 +139,10 @@ def margins_of_flights(
 ) -> FlightMargins:
     """Return the smallest margins over `times` of flights [flight, parameter].
 
-    `steady` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same files. A
-    flight that is unstable, has ended or is saturated at any of the times has zero margins. If no
-    perturbation destabilizes a loop, the values are 60 dB, 180 deg and 1000 ms.
+    `steady` is the plan of :func:`abhv_mc.stability.steady.make_steady_plan` for the same vehicle,
+    mission and controller. A flight that is unstable, has ended or is saturated at any of the times
+    has zero margins. If no perturbation destabilizes a loop, the values are 60 dB, 180 deg and 1000
+    ms.
     """
     count = len(parameters)
     least = np.tile(
@@ -222,7 +224,7 @@ def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, flo
 
 
 def cut_loops(stability: Stability, system: int = 0) -> dict[str, str]:
-    """Return the reason for each loop that is cut: `stuck` or `no effect` (no fuel)."""
+    """Return the cut loops by name, with the reason `stuck` or `no effect` (no fuel)."""
     return {
         name: REASONS[why]
         for name, loop_stability, i in _loops(stability)

@@ -2,13 +2,13 @@
 
 A controller that repeats after N ticks of T responds to a frequency w with all frequencies w + 2 pi
 m / (N T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant gain factor at
-an actuator is a multiple of the identity, so that a single loop, with the other loops closed, has N
+an actuator is a multiple of the identity, so a single loop, with the other loops closed, has N
 characteristic loci instead of one (Bittanti and Colaneri, Periodic Systems, 2009, chapters 2 and
 6). If all ticks are equal, the margins equal those of a single-rate controller.
 
-Responses are computed from the N inputs to the N commands of a period. They are related to the
-responses between harmonics by a unitary transformation, have the same loci and norms, and are
-cheaper to compute.
+Responses are computed from the N inputs to the N commands of a period. These responses are related
+to the responses between harmonics by a unitary transformation, have the same loci and norms, and
+are cheaper to compute.
 """
 
 from functools import partial
@@ -166,9 +166,9 @@ def _phase_margins(law: _Lifted, grid: Floats, L: Complexes) -> tuple[Floats, Fl
 
 
 def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tuple[Floats, Floats]:
-    """Return the frequencies at which loci have magnitude 1, and the delays that turn them to -1.
+    """Return frequencies at which loci have magnitude 1, and delays that turn the loci to -1.
 
-    Both are found by Newton's method.
+    Frequencies and delays are computed by Newton's method.
     """
 
     def left(x: Floats) -> Floats:

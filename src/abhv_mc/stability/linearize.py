@@ -1,6 +1,6 @@
 """Linearization of the closed loop about points of flights as a sampled system.
 
-The plant is continuous in path coordinates. Surfaces and engine have actuators of their kind,
+The plant is continuous in path coordinates. The actuators of surfaces and engine are modelled
 without limits, dead zones and backlash. The zero-order hold over the control period is modelled
 exactly. The controller is represented by the derivatives of its compiled tick, including its
 memory. The first dimension of arrays is the point.
@@ -49,8 +49,8 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     """
     plant = plant_slopes(plan, points)
     m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
-    # Forces act on the path coordinates and the custom states; the actuator states are between
-    # them.
+    # rows and columns of the path coordinates and custom states, without sideslip, measurements and
+    # controls
     rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
     moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
     driven = slice(_N_PATH, _N_PATH + k)
@@ -141,7 +141,7 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
-        if kind == FIRST_ORDER:  # The rate of a first-order actuator follows almost instantly.
+        if kind == FIRST_ORDER:  # The rate state follows the actual rate almost instantly.
             A[:, 2 * i, 2 * i], B[:, 2 * i, i] = -w, w
             A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE * w, -_AT_ONCE
             B[:, 2 * i + 1, i] = _AT_ONCE * w
@@ -190,7 +190,7 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
     sense = linear.sense[point]
     measured, p = sense.shape
     n = p + m + measured * d
-    # matrix that maps the whole state to the measurement seen by the controller
+    # matrix that maps the state of the open loop to the measurement used by the controller
     seen = np.zeros((measured, n))
     if d:
         seen[:, n - measured :] = np.eye(measured)

@@ -5,8 +5,8 @@ commands -L v for an input v. For loop i alone, with the other loops closed, ``L
 with ``S = (1 + L)^-1`` and ``T = S L``. Disk margins: Seiler, Packard and Gahinet, IEEE Control
 Systems 40 (2020) 78-95, with the symmetric disk (skew 0).
 
-Responses are computed in Hessenberg form (Laub, IEEE Trans. Automatic Control 26 (1981) 407-408):
-in double precision, polynomial roots of models with 18 to 36 states are meaningless.
+Responses are computed in Hessenberg form (Laub, IEEE Trans. Automatic Control 26 (1981) 407-408),
+because in double precision the polynomial roots of models with 18 to 36 states are meaningless.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ class Loops(NamedTuple):
 
 
 def make_loops(linear: Linear) -> Loops:
-    """Return the loops of linear models."""
+    """Return the plant and controller matrices of linear models, with A in Hessenberg form."""
     closes = (linear.cut == 0)[:, :, None]  # The command of a stuck surface belongs to no loop.
     plant = to_hessenberg(linear.A, linear.B, linear.sense)
     law = to_hessenberg(linear.law_A, linear.law_B, np.where(closes, linear.law_C, 0.0))
@@ -213,7 +213,7 @@ def _crossings(
 def gain_margins(
     loci: Loci, grid: Floats, values: Complexes, period: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the neutral gains [row] closest to 1 from below and above, with frequencies."""
+    """Return the destabilizing gains [row] nearest to 1 below and above, with frequencies."""
 
     def turned(gains: Complexes) -> Floats:  # Zero gains are not valid loci and are sorted last.
         return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))
@@ -232,7 +232,7 @@ def gain_margins(
         crosses = np.isfinite(k) & (k > 1.0 / _FARTHEST) & (k < _FARTHEST)
         crosses &= np.abs(value.imag) < 1e-3 * np.abs(
             value.real
-        )  # The locus must not jump through infinity.
+        )  # Exclude sign changes at which the locus jumps through infinity.
     low, high = np.zeros(rows.size), np.full(rows.size, np.inf)
     low_at, high_at = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
     order = np.argsort(
@@ -253,12 +253,12 @@ def _delays_at_once(_: Ints, frequency: Floats, locus: Complexes) -> tuple[Float
 def phase_margins(
     loci: Loci, grid: Floats, values: Complexes, delays: Delays = _delays_at_once
 ) -> tuple[Floats, Floats, Floats]:
-    """Return phase margin (rad), its frequency (rad/s) and delay margin (s) [row].
+    """Return the phase margin (rad), its frequency (rad/s) and the delay margin (s) [row].
 
-    The margins are evaluated at frequencies where a locus has size 1.
+    The margins are evaluated at the frequencies at which a locus has magnitude 1.
     """
     row, where, value = _crossings(loci, _log_size, grid, values)
-    turn = np.angle(value) + np.pi  # angle between 0 and 2 pi
+    turn = np.angle(value) + np.pi  # angle between -1 and the locus, from 0 to 2 pi
     where, late = delays(row, where, value)
     phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
     crossover = np.full(len(grid), np.nan)
@@ -272,7 +272,7 @@ def phase_margins(
 
 
 def _log_size(gains: Complexes) -> Floats:
-    """Return the logarithm of the size of gains; the gain of a loop that is cut is zero."""
+    """Return the logarithm of the magnitude of gains, which are zero for cut loops."""
     return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
 
 

@@ -33,8 +33,8 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     `plant` maps commands to the measurement; `loop` maps actuator inputs to minus the controller's
     commands, with all loops cut; `closed` maps disturbances of the commands to true outputs and
     commands. `plant_continuous` has the actuator commands as inputs. All other models are sampled
-    with `period`. If a controller repeats after several `ticks`, these models apply to the tick of
-    the point, and `closed_over_ticks` is the map over all ticks.
+    with `period`. If a controller repeats after several `ticks`, the sampled models apply to the
+    tick of the point, and `closed_over_ticks` is the closed loop over all ticks.
     """
     m, d = linear.law_A.shape[1], int(linear.delay[0])
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]

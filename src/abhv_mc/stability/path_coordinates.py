@@ -88,7 +88,7 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     v, dv = x[s.U : s.W + 1], dx[s.U : s.W + 1]
     q, dq = x[s.Q0 : s.Q3 + 1], dx[s.Q0 : s.Q3 + 1]
     C = _axes(q)
-    # The matrix is quadratic in the quaternion, so that any central difference is exact.
+    # The matrix is quadratic in the quaternion, so any central difference is exact.
     dC = 0.5 * (_axes(q + dq) - _axes(q - dq))
     n, dn = (
         np.einsum("ijp,jp->ip", C, v),

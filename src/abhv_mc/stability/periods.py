@@ -1,8 +1,9 @@
 """Period of multi-rate controllers, and derivatives of the controllers over the period.
 
-Counters, clocks and modes in the memory are not affected by small changes of the measurement. They
-are not perturbed, because half a tick of a counter has no meaning. During a period, measurement,
-reference and gains are constant; time and the controller's memory advance.
+Counters, clocks and modes in the memory are not affected by small changes of the measurement.
+Derivatives with respect to counters, clocks and modes are not computed, because half a tick of a
+counter has no meaning. During a period, the measurement, the reference and the gains are constant;
+time and the controller's memory advance.
 """
 
 import hashlib
@@ -33,22 +34,22 @@ SWITCHES = "the controller switches at its equilibrium"
 
 
 class Period(NamedTuple):
-    """Ticks after which a controller repeats, and memory that small changes do not affect."""
+    """Ticks after which a controller repeats, and memory that measurements do not affect."""
 
     ticks: int
     carried: Mask  # [memory] whether small changes of the measurement have no effect
     # [memory] memory after the transient, in the tick before tick m N + 1 (N: period, m: integer)
     start: Floats
-    modes: tuple[str, ...]  # names and values of the carried memory that is constant
+    modes: tuple[str, ...]  # names and values of constant memory that measurements do not affect
 
 
 _known: dict[str, Period] = {}
 
 
 def find_period(plan: FlightPlan) -> Period:
-    """Return the period that the plan declares, or else the smallest period detected.
+    """Return the declared period of the controller or, by default, the smallest one detected.
 
-    Raise InputError if the controller does not repeat, or contradicts its declaration.
+    Raise InputError if the controller is not periodic or contradicts the declared period.
     """
     if plan.commanding_law not in USER_LAWS:
         count = len(law_memory_rows(plan))
@@ -107,13 +108,13 @@ def _find_period(plan: FlightPlan) -> Period:
     if repeat is None:
         raise InputError(
             file,
-            f"a controller without a period up to {LONGEST} ticks",
-            "a period, for margins",
+            f"a controller that does not repeat within {LONGEST} ticks",
+            "a periodic controller, which margins require",
         )
     if plan.period % repeat:
         problem = f"a controller that repeats after {repeat} ticks, not {plan.period}"
         raise InputError(
-            file, problem, f"'period: {repeat}', or a multiple of it, in its controller file"
+            file, problem, f"'period: {repeat}', or a multiple of it, in the controller file"
         )
     period = plan.period or repeat
     stay = carried & (before == before[0]).all(axis=0)
@@ -128,7 +129,7 @@ def _find_period(plan: FlightPlan) -> Period:
 def _repeats(N: int, responses: Floats, clocks: Floats, command: Floats) -> bool:
     """Return whether the controller's behaviour [tick, ...] repeats after `N` ticks.
 
-    The commands may also drift.
+    Commands that drift at a constant rate also count as repeating.
     """
     size = np.abs(responses).max(axis=0)
     difference = np.abs(responses[N:] - responses[:-N]).max(axis=0)
@@ -141,7 +142,7 @@ def _repeats(N: int, responses: Floats, clocks: Floats, command: Floats) -> bool
 
 
 def go_on(plan: FlightPlan, tick: int, ticks: int) -> FlightPlan:
-    """Return the plan extended by `ticks` ticks, with reference and gains fixed from `tick`."""
+    """Return the plan extended by `ticks`, with constant reference and gains after `tick`."""
     rows = np.minimum(np.arange(tick + ticks + 2), min(tick, len(plan.reference) - 1))
     reference = plan.reference[rows]
     reference[tick:, ref.TIME] = plan.timing.tick * np.arange(tick, len(rows))

@@ -46,9 +46,9 @@ def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def solved_states(plan: FlightPlan) -> Ints:
-    """Return the indices of the custom states for which a trim solves.
+    """Return the indices of the custom states whose values a trim determines.
 
-    These are the custom states without an initial value.
+    A trim determines the custom states that have no initial value.
     """
     states = plan.vehicle_code.states if plan.vehicle_code else ()
     return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)
@@ -104,14 +104,14 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
 
 
 def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
-    """Return the memory [flight, row] of the effector actuators; no columns if there are none."""
+    """Return the memory [flight, row] of the effector actuators; no rows if none exist."""
     return np.ascontiguousarray(
         saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]
     )
 
 
 def actuator_columns(vehicle: Vehicle) -> list[int]:
-    """Return the saved-row columns of each input's position and rate, alternating."""
+    """Return the columns of saved flights with each input's position and rate, alternating."""
     first = s.X + s.AILERON, s.X + s.AILERON_RATE
     pairs = [(first[0] + i, first[1] + i) for i in range(3)]
     if vehicle.constants.driven:

@@ -1,7 +1,8 @@
 """Derivatives of plant and controller at points of flights by fourth-order differences.
 
-Tables are linear between their nodes, so derivatives jump at nodes. Near a node, the difference is
-one-sided, on the side of the point; exactly at a node, it is on the right, as in the table look-up.
+Tables are linear between their nodes, so derivatives jump at nodes. Near a node, a one-sided
+difference on the side of the point is used; exactly at a node, the side of larger values is used,
+as in the table look-up.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,7 @@ _MORE_STEPS = np.array(
     [0.02, 1e-5, 1e-4, *[2e-5] * 3, *[1e-7] * 2, 0.5, 0.5, 0.02, 0.5, *[1e-3] * 3]
 )
 _CHANGE = 2e-5  # change of a command that a difference step of the memory should cause, rad
-_NO_CHANGE = 1e-14  # largest change of a command caused by memory that acts only at later ticks
+_NO_CHANGE = 1e-14  # largest change of a command that counts as zero
 _TURNING = (path.CHI, path.BANK)  # angles measured between -180 and 180 deg
 
 # offsets in steps, the weights at these offsets and, if not zero, the weight of the point itself
@@ -62,7 +63,7 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     count, width = points.shape
     value, cells = function(points, np.arange(count))
     expected = np.ones((count, width), dtype=bool)
-    # Differences are central inside a cell, otherwise on the side with more space in the cell.
+    # Differences that would leave the table cell are one-sided instead of central.
     answer, near = _ask(function, points, steps, expected, np.tile(_CENTRAL[0], (count, width, 1)))
     inside = (near == cells[:, None, None, :]).all(axis=-1)
     slope = np.einsum("pcov,o->pvc", answer, _CENTRAL[1]) / steps[:, None, :]
@@ -78,7 +79,7 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
 
 
 def newton_step(J: Floats, left: Floats) -> Floats:
-    """Return the least-squares Newton step [point, unknown]; zero if not finite."""
+    """Return the least-squares Newton step [point, unknown], or zero if it is not finite."""
     is_finite, step = (
         np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1),
         np.zeros((len(J), J.shape[2])),
@@ -92,7 +93,8 @@ def newton_step(J: Floats, left: Floats) -> Floats:
 def _is_uneven(change: Floats) -> Mask:
     """Return whether the one-sided slopes differ.
 
-    If the step is doubled, the change grows fourfold for a curve and twofold for a kink.
+    If the step is doubled, the second difference grows fourfold for a smooth curve and twofold for
+    a kink.
     """
     _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
     near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
@@ -132,7 +134,7 @@ class Points(NamedTuple):
     controls: Floats  # positions [point, input] of the inputs in abhv_mc.stability.plant_inputs
     latitude: Floats  # latitude [point]
     mass: Floats  # mass [point]
-    measured: Floats  # measurement seen by the controller [point, 10]
+    measured: Floats  # measurement used by the controller [point, 10]
     memory: Floats  # controller's memory before its tick [point, memory]
     # [point, row] the kernel's memory in the tick, with dispersions, wind and failures
     lane: Floats
@@ -144,7 +146,7 @@ def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> S
     """Return path rates, sideslip, measurement and custom rates with their slopes.
 
     Values have the shape [point, 10 + 1 + measured + custom]; slopes are derivatives with respect
-    to path coordinates, controls and custom states. The sideslip is aerodynamic.
+    to path coordinates, controls and custom states. The sideslip is relative to the air.
     """
     n = 10 + points.controls.shape[1]
 
@@ -177,7 +179,7 @@ def ask_at(
     point: Ints,
     hold_slow: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
-    """Evaluate the plants at coordinates, positions and custom states."""
+    """Evaluate the plants of points at path coordinates, input positions and custom states."""
     axes = as_axes(plan.vehicle, controls)
     states = path.make_states(coordinates, axes, points.latitude[point], points.mass[point])
     positions = controls if plan.vehicle.constants.driven else None

@@ -1,8 +1,8 @@
 """Vectorized evaluation of the compiled plant and controllers at single points.
 
-Linearization differentiates these functions, so that the linear model represents the simulated
-code. Evaluation starts from the kernel's memory of a flight, which includes the vehicle's
-dispersions and failures at the tick.
+Linearization differentiates these functions, so the linear model represents the simulated code.
+Evaluation starts from the kernel's memory of a flight, which includes the vehicle's dispersions and
+failures at the tick.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ from abhv_mc.kernel.stability.probes import (
 from abhv_mc.stability.plant_inputs import from_axes, mixes, moving_of
 from abhv_mc.user_code.child import in_child
 
-# memory rows of the built-in controllers, including the last commands where they are used
+# memory rows of the built-in controllers, including the previous commands if a controller uses them
 _INTEGRALS = (
     *("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "sideslip", "bank"),
     *("roll_rate", "pitch_rate", "yaw_rate"),
@@ -70,7 +70,7 @@ _MEMORY: dict[str, dict[str, int]] = {
     },
     "lqr": {},
 }
-_LONGEST = 600.0  # maximum duration of native controller ticks, s
+_LONGEST = 600.0  # maximum computing time of the ticks of a compiled custom controller, s
 _WIDE = 1e6  # limit larger than any command, for controllers linearized without limits
 # number of recorded values: table variables, guidance commands and actuator commands
 _N_SEEN = len(VARIABLES) + 7
@@ -95,7 +95,7 @@ class LawTick(NamedTuple):
 
 @cache
 def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
-    """Return the compiled probe, or the full probe if the cache contains it."""
+    """Return the probe that `make` compiles; a cached full probe replaces a lean probe."""
     if not lean:
         return make(False)
     full = choose_probe(make, False)
@@ -147,9 +147,9 @@ def ask_plant(
     """Evaluate the plant of each `flight` [point] at `states` [point, state].
 
     `lane` [flight, row] is the memory of the flights. `custom` [point, state] contains custom
-    states, by default those of `lane`. If `hold_slow`, effectors that a failure slows down are held
-    over a tick at the positions that the mix of the state gives. `effectors_at` [point, input]
-    gives the positions of effectors with actuators.
+    states, by default those of `lane`. If `hold_slow`, effectors that a failure slows down keep the
+    positions given by the mixed surface positions in `states`. `effectors_at` [point, input]
+    contains the positions of effectors with actuators.
     """
     points = len(states)
     count = measured_count(plan)
@@ -299,7 +299,7 @@ def _run_law(
 
 
 def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
-    """Return the plan without command limits; for tick 0, its row 0 also applies to tick 1."""
+    """Return the plan without command limits; for tick 0, its first row applies to two ticks."""
     constants = plan.vehicle.constants._replace(
         surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
     )

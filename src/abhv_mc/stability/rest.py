@@ -1,8 +1,8 @@
 """Equilibria of controllers that do not maintain the trim, e.g. without integrators.
 
-The limits of a custom controller are in its code, and at a trim that it does not maintain it may be
-saturated: NASA's F-16 controller commands full aft stick at an altitude error of two metres.
-Derivatives at a saturated point do not describe a closed loop.
+The limits of a custom controller are in its code. A controller that does not maintain the trim may
+be saturated there: NASA's F-16 controller commands full aft stick at an altitude error of two
+metres. Derivatives at a saturated point do not describe a closed loop.
 """
 
 import numpy as np
@@ -61,7 +61,7 @@ def _limited(plan: FlightPlan, points: Points, free: Slopes) -> Mask:
 
 
 def _strengths(slope: Floats) -> Floats:
-    """Return sizes [point, input, 2] of the slopes along speed, and along angles and rates."""
+    """Return norms [point, input, 2] of the slopes over speed, and over angles and rates."""
     angles = np.linalg.norm(slope[:, :, path.GAMMA : path.R + 1], axis=2)
     return np.stack([np.abs(slope[:, :, path.SPEED]), angles], axis=2)
 

@@ -88,7 +88,7 @@ def refine_peaks(
     return np.asarray(f_middle), np.asarray(np.exp(middle))
 
 
-def _choose(  # The first applicable case is used.
+def _choose(  # If both masks are set, the first mask is used.
     a: Mask, xa: Floats, fa: Floats, b: Mask, xb: Floats, *, fb: Floats, x: Floats, f: Floats
 ) -> tuple[Floats, Floats]:
     return np.where(a, xa, np.where(b, xb, x)), np.where(a, fa, np.where(b, fb, f))
@@ -104,6 +104,6 @@ def frequency_grid(poles: list[Complexes], period: float, count: int) -> Floats:
         s = np.log(system_poles[system_poles != 0.0].astype(np.complex128)) / period
         slow = s[(s.imag > 1e-3) & (s.imag < 0.999 * top)]
         chosen = slow[np.argsort(np.abs(slow.real) / slow.imag)][:own].imag
-        spare = np.geomspace(0.1, 100.0, own - chosen.size)  # typical frequencies of margins
+        spare = np.geomspace(0.1, 100.0, own - chosen.size)  # typical crossover frequencies, rad/s
         grid[i] = np.sort(np.concatenate([base, chosen, np.minimum(spare, top)]))
     return grid

@@ -1,7 +1,7 @@
 """Sensor dynamics in linear models: lags and sampled values as states, and scale factors.
 
-The order is that of :mod:`abhv_mc.kernel.flight.sensors`. A delay commutes with a lag, and shifts
-the ticks at which a sampled measurement changes.
+The sensor effects have the same order as in :mod:`abhv_mc.kernel.flight.sensors`. A delay commutes
+with a lag, and shifts the ticks at which a sampled measurement changes.
 """
 
 import math

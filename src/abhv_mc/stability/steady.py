@@ -41,10 +41,11 @@ from abhv_mc.user_code.design import DesignModel
 _ITERATIONS = 25
 _AT_REST = 1e-12  # largest change of the controller's memory in a tick at a trim
 _STILL = 1e-10  # step of the memory below which the iteration has converged
-# change per tick that shows the lack of an equilibrium; it corresponds to the integration of 6e-4
-# deg of sideslip
+# change of the memory per tick that shows the lack of an equilibrium, as from the integration of
+# 6e-4 deg of sideslip
 _GROWS = 1e-7
-# weight of the equilibrium relative to the weight of the controls, if they are incompatible
+# weight of constant memory relative to the weight of equal commands and controls, if no memory
+# satisfies both conditions
 _RESTING = 1e5
 _BALANCED = 1e-9  # largest rate at a trim, rad/s2 and similar units
 _UNKNOWNS = [
@@ -76,7 +77,7 @@ def make_steady_plan(
     bank: float = 0.0,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Return a plan of steady flight at the start of the mission, with the gains there.
+    """Return a plan of steady flight at the start of the mission, with the gains of the start.
 
     `bank` (rad) is the bank of the guidance trim in a steady turn; 0 means straight flight.
     `user_code` belongs to a custom controller. Raise InputError if no steady turn has this bank.
@@ -232,7 +233,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     frozen = (plant.slope[:, _EXPECTED.stop : last] == 0.0).all(axis=2)
     measured[:, :10][frozen[:, :10]] = coordinates[:, :10][
         frozen[:, :10]
-    ]  # whether the fault occurs in this steady flight
+    ]  # A frozen measurement equals its true value in steady flight.
     points = points._replace(
         path=coordinates[:, :10], controls=positions, custom=custom, measured=measured
     )
@@ -262,7 +263,7 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mas
     The memory [point, memory] is constant and the commands equal the points' controls. If no memory
     satisfies both conditions, as for controllers without integrators, the memory is constant and
     the commands are as close to the controls as possible. All conditions apply over the
-    controller's period: carried memory continues, and the command is the mean over the period.
+    controller's period: counters and clocks may advance, and commands are averaged.
     """
     period, count = find_period(plan), len(law_memory_rows(plan))
     memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)

@@ -13,10 +13,10 @@ from scipy.special import betainc, betaincinv
 
 def _check(failures: int, runs: int, **probabilities: float) -> None:
     if not 0 <= failures <= runs:
-        raise ValueError(f"failures must lie in 0..{runs}, found {failures}")
+        raise ValueError(f"failures must be between 0 and {runs}, found {failures}")
     for name, value in probabilities.items():
         if not 0.0 < value < 1.0:
-            raise ValueError(f"{name} must lie between 0 and 1, found {value}")
+            raise ValueError(f"{name} must be between 0 and 1, found {value}")
 
 
 def consumer_risk(failures: int, runs: int, probability: float) -> float:
@@ -49,7 +49,7 @@ def first_where(low: int, holds: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=4096)
 def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
-    """Return the number of flights that demonstrates `probability` with `failures` failures."""
+    """Return the number of flights that demonstrates `probability` if `failures` flights fail."""
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
         failures + 1,

@@ -19,7 +19,7 @@ from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # smallest absolute coefficient of a driver
 _FEWEST_SPARE = 10  # minimum excess of the number of flights over the number of inputs
-_PARTNERS = 0.3  # minimum rank correlation of an input that counts as related to a driver
+_PARTNERS = 0.3  # minimum rank correlation with a driver at which an input counts as related to it
 _TWINS = 0.9  # rank correlation above which a regression cannot distinguish two inputs
 _RESAMPLES = 300
 # maximum number of resampled flights; the standard errors are scaled to the number of all flights
@@ -92,7 +92,7 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
 def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:
     """Return the bootstrap standard errors of `slopes`, resampling the flights.
 
-    All outputs share the resamples. For each resample, the ranks are recomputed, and the
+    The resamples are the same for all outputs. For each resample, the ranks are recomputed, and the
     coefficients follow from the coefficients of all flights by one Newton step.
     """
     used, count = min(len(values), _MOST_RESAMPLED), len(slopes)

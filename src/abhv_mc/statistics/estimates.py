@@ -1,7 +1,7 @@
 """Quantiles with exact intervals, and the severities by which flights are ranked.
 
 A failed flight counts as worse than every other flight: its severity is +infinity. Therefore a
-quantile is finite only if more flights lie beyond it than have failed.
+quantile of the severity is finite only if more flights lie above the quantile than have failed.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class Interval:
 
 
 def severity(values: Floats, sense: Sense, failed: Mask | None = None) -> Floats:
-    """Return values with the sign for which larger is worse; failures and NaN are +infinity."""
+    """Return values with a sign such that larger is worse; failures and NaN are +infinity."""
     worse = {"high": 1.0, "low": -1.0, "size": 1.0}[sense] * (
         np.abs(values) if sense == "size" else values
     )
@@ -82,9 +82,9 @@ def spread(values: Floats) -> float:
 def worst_first(lost_at: Floats, beyond: Floats) -> NDArray[np.intp]:
     """Return the flight indices, worst first.
 
-    Lost flights come first, sorted by the time `lost_at` [flight] at which they ended, which is
-    infinite for completed flights. Completed flights follow by their excess `beyond` a limit
-    [flight], largest first.
+    Early terminations come first, sorted by their time `lost_at` [flight], which is infinite for
+    completed flights. Completed flights follow, sorted by their excess `beyond` a limit [flight],
+    largest first.
     """
     return np.lexsort((-beyond, lost_at))
 

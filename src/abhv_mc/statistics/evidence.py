@@ -19,7 +19,7 @@ from scipy.special import betainc, betaincc, betaln
 
 from abhv_mc.statistics.binomial import first_where
 
-# minimum number of failures for a FAIL, because a single failure does not show a rate
+# minimum number of failures for a FAIL, because a single failure does not determine a rate
 _FEWEST_TO_FAIL = 2
 _ENOUGH = 1e-300  # value of an incomplete beta function below which its logarithm is inaccurate
 
@@ -63,7 +63,7 @@ def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
 
 
 def log_coin_evidence(heads: int, tails: int) -> float:
-    """Return the log mean likelihood ratio of coins with P(heads) > 1/2 versus a fair coin."""
+    """Return the log of the mean likelihood ratio of coins that favour heads to a fair coin."""
     return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
 
 

@@ -33,7 +33,7 @@ _COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
     np.uint8
 )  # index of the decile bin that contains each fine bin
 _CLEAR = 2.0  # score, in standard deviations, below which two ends are not tested together
-_DIFFERED = 6  # number of inputs, those most related to failures, whose differences are tested
+_DIFFERED = 6  # number of inputs, most related to failures, whose differences are tested
 _MOST_RULES = 20
 _CHUNK = 4096
 _NEAR = 0.05  # largest shift of a threshold from its quantile, as a share of the flights
@@ -130,7 +130,7 @@ def _rule(
 
 
 def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
-    """Keep the two half-lines of an input, or the union of its ends if more significant."""
+    """Keep the half-lines of each input, or the union of both ends if it is more significant."""
     if len(candidates) < 3:
         return candidates
     below, above, both = _p_values(candidates)
@@ -366,7 +366,7 @@ def _sharpen(
         values = _values(condition, column)
         order = np.argsort(
             -values if condition.above else values, kind="stable"
-        )  # values in order, the most extreme value first
+        )  # indices of the flights, sorted by value, starting inside the region
         size_inside = int(np.sum(_meets(condition, values)))
         near = max(2, round(_NEAR * failed.size))
         tried = np.arange(max(1, size_inside - near), min(failed.size - 1, size_inside + near) + 1)
@@ -403,7 +403,7 @@ def _values(condition: Condition[int], column: Callable[[int], Floats]) -> Float
 
 
 def _standardise(values: Floats) -> Floats:
-    """Scale values [flight] to zero mean and unit standard deviation; they must vary."""
+    """Scale values [flight], which must vary, to zero mean and unit standard deviation."""
     return (values - np.mean(values)) / np.std(values)
 
 

@@ -50,14 +50,15 @@ def holm(p_values: Sequence[float], risk: float) -> list[bool]:
 def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     """Return verdicts whose chance of any false PASS is at most `risk`.
 
-    A PASS that Holm's procedure does not confirm becomes NOT SHOWN; a FAIL is unchanged, because it
-    accepts no system. The consumer's risk of a verdict NOT SHOWN becomes Bonferroni's share: at
-    that risk Holm's procedure confirms a PASS whatever the other verdicts are.
+    A PASS that Holm's procedure does not confirm becomes NOT SHOWN; a FAIL is unchanged, because
+    the procedure limits only the chance of a false PASS. The consumer's risk of a verdict NOT SHOWN
+    becomes `risk` divided by the number of verdicts (Bonferroni): at this risk, Holm's procedure
+    confirms a PASS whatever the other verdicts are.
     """
     rejected = holm([verdict.p_value for verdict in verdicts], risk)
     joint_verdicts = []
-    note = f"PASS on its own, but not with a chance of at most {100.0 * risk:g} % of any false PASS"
-    note += f" among {len(verdicts)} verdicts"
+    note = f"PASS on its own, but not jointly (chance of any false PASS at most {100.0 * risk:g} %"
+    note += f" among {len(verdicts)} verdicts)"
     for verdict, is_rejected in zip(verdicts, rejected, strict=True):
         share = min(verdict.consumer_risk, risk / len(verdicts))
         if verdict.status == "PASS" and not is_rejected:

@@ -34,7 +34,7 @@ def ever_chance(
     rates: Floats,
     status: Literal["PASS", "FAIL"] = "PASS",
 ) -> Floats:
-    """Return the chance [rate] that the status is reached at any flight up to `runs`."""
+    """Return the chance [rate] that the verdict becomes `status` at any flight up to `runs`."""
     failures, flights = _boundary(runs, probability, risk, status)
     return np.array([_reach(failures, flights, float(rate), status == "PASS") for rate in rates])
 
@@ -42,9 +42,10 @@ def ever_chance(
 def _boundary(
     runs: int, probability: float, risk: float, status: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return numbers of failures, and the number of flights at which each decides a verdict.
+    """Return numbers of failures, and for each the number of flights that decides the verdict.
 
-    This is the smallest number of flights for a PASS and the largest number for a FAIL.
+    The verdict is decided at the smallest number of flights for a PASS, or at the largest number of
+    flights for a FAIL.
     """
     passes = status == "PASS"
     if passes:

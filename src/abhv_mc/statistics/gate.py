@@ -1,9 +1,9 @@
 """Regression gate: non-inferiority of controller `b` to `a` on the same flights.
 
-Non-inferiority is shown only for the median of the pairs. Tail quantiles, lost flights and failed
-flights are only tested for being worse, because a non-inferiority test of a tail quantile with 300
-flights would pass an identical controller in only 67 of 100 campaigns. The risks were computed by
-`benchmarks/gate.py`.
+Non-inferiority is shown only for the median of the pairs. Tail quantiles, early terminations and
+violated requirements are only tested for a significant deterioration, because a non-inferiority
+test of a tail quantile with 300 flights would pass an identical controller in only 67 of 100
+campaigns. The risks were computed by `benchmarks/gate.py`.
 """
 
 from collections.abc import Sequence
@@ -54,12 +54,14 @@ def judge_change(
     *,
     risk: float = RISK,
 ) -> Gate:
-    """Judge severities [pair] of `a` and `b`: larger is worse, +infinity marks a lost flight.
+    """Judge the change from controller `a` to `b` by their severities [pair]; larger is worse.
 
-    `lost` and each item of `missed` (a requirement) contain masks [pair] of `a` and `b`. The sign
-    test shows that on most flights `b` is worse by at most `margin` |a|: for positive metrics, the
-    median ratio b / a is at most 1 + margin. `risk` applies to each test for being worse. A flight
-    lost under both controllers does not count against `b`.
+    Early terminations have the severity +infinity and are marked in the masks `lost` [pair] of `a`
+    and `b`. Each item of `missed` contains the masks [pair] of a requirement that `a` and `b`
+    violate. The sign test shows that `b` is worse by at most `margin` |a| in most flights: for
+    positive metrics, the median ratio b / a is at most 1 + margin. `risk` applies to each test for
+    a deterioration. A flight that terminates early under both controllers does not count against
+    `b`.
     """
     with np.errstate(invalid="ignore"):
         allowed = np.where(np.isfinite(a), a + margin * np.abs(a), a)

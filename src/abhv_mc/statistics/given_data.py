@@ -5,8 +5,8 @@ analysis: a novel generation of mighty estimators based on rank statistics", Ber
 an input determines the output, flights with neighbouring values of the input have similar outputs.
 The interaction of two inputs is the variance between the cells of a two-dimensional grid that its
 rows and columns do not explain. The total index is the first-order index plus the indices of the
-input's significant pairs. Outputs are replaced by their ranks, so that lost flights and heavy tails
-need no exclusion.
+input's significant pairs. Outputs are replaced by their ranks, so early terminations and heavy
+tails need not be excluded.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
 FALSE_DISCOVERY_RATE = 0.005
-LEAST_SHARE = 0.1  # smallest share of the variance for which an input is named
+LEAST_SHARE = 0.1  # smallest share of the variance at which an input is reported
 FEWEST_FLIGHTS = 200
 _CELL = 12  # approximate number of flights in each cell of a pair's grid
 _MOST_CELLS = 8  # maximum number of grid cells along each input
@@ -80,13 +80,13 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
 def _pairs(
     ranks: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
 ) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """Return the variance share [input, output] that pairs add, best partner and p-value."""
+    """Return the variance share [input, output] due to pairs, the best partner and p-value."""
     flights, count = ranks.shape
     added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
     partner, strongest = np.full(added.shape, -1, dtype=np.intp), np.zeros(added.shape)
     cells = int(np.clip(np.sqrt(flights / _CELL), 2, _MOST_CELLS))
     bins = ranks * cells // flights
-    # A grid separates rows from columns only if both inputs are nearly independent.
+    # A grid separates the effects of two inputs only if the inputs are nearly independent.
     usable = np.flatnonzero(varying)
     pairs = [
         (i, j) for n, i in enumerate(usable) for j in usable[n + 1 :] if together[i, j] < _PARTNERS

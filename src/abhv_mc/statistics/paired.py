@@ -25,7 +25,7 @@ class PairedMetric:
 
 
 def compare_metric(a: Floats, b: Floats) -> PairedMetric:
-    """Compare severities [pair] on the same flights; +infinity marks a lost flight."""
+    """Compare severities [pair] on the same flights; +infinity marks an early termination."""
     difference = pair_differences(a, b)
     a_better, b_better = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
     return PairedMetric(

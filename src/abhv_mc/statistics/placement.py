@@ -1,8 +1,9 @@
 """Comparison of test flights with simulated flights by ranks and simultaneous bands.
 
-If a test flight is one more draw of the simulated distribution, it and the n simulated flights are
-exchangeable. Then p-values from ranks among all flights, or from ranks of statistics of these
-ranks, are exact for any n. The band is that of split conformal prediction with leave-one-out scores
+If a test flight is another draw from the simulated distribution, the test flight and the n
+simulated flights are exchangeable. Then p-values from ranks among all flights, or from ranks of
+statistics of these ranks, are exact for any n. The band uses split conformal prediction with
+leave-one-out scores
 (Lei, G'Sell, Rinaldo, Tibshirani & Wasserman, JASA 113, 2018; Diquigiovanni, Fontana & Vantini,
 "Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
@@ -119,7 +120,7 @@ class Band:
         return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
 
     def p_value(self, history: Floats) -> float:
-        """Return the share of flights that deviate no less than ``history``, itself included."""
+        """Return the share of flights, including ``history``, that deviate at least as much."""
         largest = self.deviations(history).max()
         return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 

@@ -1,9 +1,9 @@
 """Differences between two controllers' quantiles on the same flights, with intervals.
 
-The number of flights below a quantile is binomial for any distribution of the values, so that order
-statistics bound the quantile; if there is no value at the count, the bound is infinite. The counts
-of two controllers are correlated if the same flights lie beyond both quantiles: they are drawn
-jointly, as normal scores with the correlation of the two indicators of being beyond the quantile.
+The number of flights below a quantile is binomial for any distribution of the values, so order
+statistics bound the quantile; a bound beyond the first or last value is infinite. The counts of two
+controllers are correlated if the same flights lie beyond both quantiles. Therefore the counts are
+drawn jointly, as normal scores whose correlation is that of lying beyond the two quantiles.
 """
 
 from functools import lru_cache
@@ -60,12 +60,13 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
 def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
     """Return the minimum number of flights that bounds a difference of two quantiles.
 
-    No flight may be lost. The bound on the worse side is a value of the first controller above its
-    quantile; there is no such value if all flights lie below the quantile. The chance of this must
-    be within one tail of the confidence for the scores used.
+    The number is valid if no flight terminates early. The bound on the worse side is a value of the
+    first controller above its quantile; there is no such value if all flights lie below the
+    quantile. The returned number limits the chance of this event to one tail of the confidence
+    interval.
     """
     tail, draws = _draws(confidence)
-    # The bound is infinite if for more than `rank` scores all flights lie below the quantile.
+    # The bound is infinite if all flights lie below the quantile for more than `rank` scores.
     rank = int(tail * draws)
     score = float(np.partition(_scores(draws)[0], draws - 1 - rank)[draws - 1 - rank])
     extreme = max(probability, 1.0 - probability)
@@ -86,8 +87,8 @@ def quantile_difference(
 ) -> Interval:
     """Return the `probability` quantile of `a` minus the quantile of `b`, with its interval.
 
-    `a` and `b` have shape [pair]; +infinity marks a lost flight. If both quantiles are lost
-    flights, the value is NaN.
+    `a` and `b` have shape [pair]; +infinity marks an early termination. If both quantiles are
+    infinite, the value is NaN.
     """
     return quantile_differences(a, b, (probability,), confidence)[0]
 
@@ -101,7 +102,7 @@ def quantile_differences(
     """
     if a.size == 0 or a.shape != b.shape:
         raise ValueError(
-            f"paired samples must have the same size, at least 1, found {a.size} and {b.size}"
+            f"paired samples must be nonempty and have equal sizes, found {a.size} and {b.size}"
         )
     sorted_a, sorted_b = np.sort(a), np.sort(b)
     # Bounds at ranks before the first or after the last value are infinite.
@@ -136,6 +137,6 @@ def quantile_differences(
 
 
 def _minus(a: Floats, b: Floats) -> Floats:
-    """Return `a - b`; 0 if both flights are lost."""
+    """Return `a - b`; 0 if both flights terminated early."""
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(a) & (a == b), 0.0, a - b)

@@ -59,7 +59,7 @@ def unseen_of_range(
 
 
 def unseen_of_values(values: Floats, probabilities: Floats, flown: Floats) -> tuple[float, float]:
-    """Return a pair of equal numbers: the probability of discrete `values` without a flight."""
+    """Return, as two equal numbers, the probability of discrete `values` that no flight has."""
     missing = float(np.sum(probabilities[~np.isin(values, flown)]))
     return missing, missing
 
@@ -100,7 +100,7 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
     events, mean_share = (
         total**2 / squares,
         squares / total,
-    )  # effective number of flights, and the share that each of them represents
+    )  # effective number of counted flights, and the share represented by one of these flights
     failures = 1.0 / mean_share - events + 1.0
     return 1.0 if failures <= 0.0 else float(betaincinv(events, failures, 1.0 - tail))
 
@@ -143,7 +143,7 @@ def weighted_quantile(
     low = -np.inf
     # As with order statistics, the quantile has no bound if there are too few flights.
     if (1.0 - probability) ** n <= tail:
-        below = 1.0  # If too few flights lie below the quantile, all of them count.
+        below = 1.0  # If all flights probably lie below the quantile, use the largest value.
         if 1.0 - probability**n > tail:
             below = (
                 brentq(lambda rank: betainc(n - rank + 1.0, rank, 1.0 - probability) - tail, 1.0, n)
@@ -156,7 +156,7 @@ def weighted_quantile(
 
 
 def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float) -> float:
-    """Return the smallest value that at most an `allowed` share exceeds, or infinity."""
+    """Return the smallest value exceeded by at most the share `allowed`, or infinity."""
 
     def enough(first: int) -> bool:
         beyond = parts[first:]

@@ -65,7 +65,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Level:
-    """A value whose frequency contradicts its probability."""
+    """Value whose frequency in a table contradicts its probability."""
 
     column: int
     value: float
@@ -107,9 +107,9 @@ class TableFindings:
 def half_steps(values: Floats) -> Floats:
     """Return the largest rounding error of each value of a column [row].
 
-    It is half the finest decimal step among values of the same power of ten, which allows for
-    rounding to a fixed number of decimals or of significant digits. Zeros get the finest step of
-    the column.
+    The error is half the finest decimal step among values of the same power of ten, which allows
+    for rounding to a fixed number of decimals or of significant digits. Zeros get the finest step
+    of the column.
     """
     size = np.abs(values)
     used = size > 0.0
@@ -211,8 +211,8 @@ def _check_correlations(
     contradictions = []
     for i, j in pairs:
         n, normal = len(values[i]), float(correlation[i, j])
-        # Mean rank correlation of n pairs of normal variables (Moran 1948), and its limit for large
-        # n.
+        # mean rank correlation of n pairs of normal variables (Moran 1948), and its limit for large
+        # n
         mean = np.arcsin(normal) + (n - 2) * np.arcsin(0.5 * normal)
         mean, stated = 6.0 / np.pi * mean / (n + 1), 6.0 / np.pi * np.arcsin(0.5 * normal)
         least, most = (_rank_correlation(values[i], sign * values[j]) * sign for sign in (-1, 1))

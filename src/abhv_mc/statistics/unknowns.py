@@ -58,11 +58,11 @@ class MostFailures(NamedTuple):
 
 
 class JudgedPoints(NamedTuple):
-    """Points at which requirements are judged; the first `shared` apply to all requirements."""
+    """Points at which requirements are judged; the first `shared` points are for all of them."""
 
     points: Floats  # coordinates [point, unknown]
     shared: int
-    most_failures: tuple[MostFailures, ...]  # Each additional point is judged for one requirement.
+    most_failures: tuple[MostFailures, ...]  # additional points, each for a single requirement
 
 
 def corners(unknowns: int) -> Floats:
@@ -116,7 +116,7 @@ def search_worst(
         center[worse], worst[worse] = step[worse], value[worse]
         size[~worse] *= _SHRINK
     tried = np.vstack(points)
-    # Clipping may move several steps to one corner.
+    # Clipping may move several steps to the same corner.
     _, unique = np.unique(tried, axis=0, return_index=True)
     rows = np.sort(unique)
     return Search(
@@ -153,7 +153,7 @@ def choose_points(
 ) -> JudgedPoints:
     """Choose the points at which requirements are judged, from each controller's search.
 
-    For up to four unknowns, these are all corners, the centre and the worst point for each
+    For up to four unknowns, the points are all corners, the centre and the worst point for each
     controller and requirement. For more unknowns, only the worst corners and their opposites are
     used instead of all corners. Each requirement is also judged at the point with the most failures
     in a search, unless a judged point had as many failures, because the quantile that ranks points
@@ -200,7 +200,7 @@ def _key(point: Floats) -> tuple[float, ...]:
 def showing_factor(probability: float, flights: int = SEARCH_FLIGHTS) -> float:
     """Return the factor of excess failures that a search detects with a chance of about 1/2.
 
-    At this factor, two failures are expected; `benchmarks/unknowns.py` simulates one bad corner.
+    At this factor, two failures are expected; see `benchmarks/unknowns.py` for a simulation.
     """
     return _SHOWING / (flights * (1.0 - probability))
 

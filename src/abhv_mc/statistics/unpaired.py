@@ -42,9 +42,9 @@ def quantile_difference(
 ) -> Interval | None:
     """Return a quantile of the severities `b` minus the quantile of `a`, with its interval.
 
-    Return None if too few flights lie beyond the quantile for a bootstrap, or if the quantile is a
-    lost flight. The shares at the resampled quantiles are drawn from a beta distribution, which is
-    equivalent to a bootstrap.
+    Return None if too few flights lie beyond the quantile for a bootstrap, or if the quantile is
+    infinite because of early terminations. The shares at the resampled quantiles are drawn from a
+    beta distribution, which is equivalent to a bootstrap.
     """
     if min(a.size, b.size) * min(probability, 1.0 - probability) < FEWEST_BEYOND:
         return None

@@ -66,7 +66,8 @@ def judge(
     producer_risk = consumer_risk if producer_risk is None else producer_risk
     if uncomputed < 0 or failures < 0 or failures + uncomputed > flights:
         raise ValueError(
-            f"failures must lie in 0..{flights}, found {failures} and {uncomputed} not computed"
+            f"the sum of failures and flights not computed must be between 0 and {flights}, found "
+            f"{failures} and {uncomputed}"
         )
     risks = {
         "probability": probability,
@@ -75,7 +76,7 @@ def judge(
     }
     for name, value in risks.items():
         if not 0.0 < value < 1.0:
-            raise ValueError(f"{name} must lie between 0 and 1, found {value}")
+            raise ValueError(f"{name} must be between 0 and 1, found {value}")
     counted = failures + uncomputed
     met = log_pass_evidence(counted, flights, probability)
     missed = log_fail_evidence(failures, flights, probability)
@@ -160,9 +161,9 @@ def tolerance_limit(
 
     The limit is the (k + 1)-th largest of the severities `worse` [flight], where k is the largest
     number of failures that gives a PASS with these flights. Return None if not even zero failures
-    would give a PASS. The limit holds with a confidence of 1 - `consumer_risk` at any number of
-    flights; the verdict is PASS if the limit lies within the bound of the requirement. Lost and
-    uncomputed flights count as +infinity.
+    would give a PASS. The limit has a confidence of 1 - `consumer_risk` at any number of flights;
+    the verdict is PASS if the limit lies within the bound of the requirement. Early terminations
+    and `uncomputed` flights count as +infinity.
     """
     rank = most_failures(worse.size + uncomputed, probability, consumer_risk) - uncomputed
     if rank + uncomputed < 0:
@@ -203,7 +204,7 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
     return (
         f"at least {least} flights are needed (PASS with a chance of {chance})"
         if least > most
-        else f"no number of flights up to {most} is likely to show it; at least {least} are needed "
+        else f"a PASS is unlikely with at most {most} flights; at least {least} are needed "
         f"({chance})"
     )
 

@@ -1,9 +1,9 @@
 """Comparison of two controllers in one metric on the same flights.
 
-The winner has the smaller value on most of the flights that differ, is not significantly worse in
-the tails, and does not lose significantly more flights. The majority is tested by a mean likelihood
-ratio against a fair coin, which is valid at any number of flights. All comparisons of a campaign
-share the risk of a false winner (Bonferroni).
+The winner has the smaller value in most of the flights that differ, is not significantly worse in
+the tails, and does not have significantly more early terminations. The majority is tested by a mean
+likelihood ratio against a fair coin, which is valid at any number of flights. All comparisons of a
+campaign share the risk of a false winner (Bonferroni).
 """
 
 from collections.abc import Sequence
@@ -35,21 +35,22 @@ class Decision:
     worse: tuple[float, ...] = ()
     # levels of the quantiles for which there are too few flights
     uncompared: tuple[float, ...] = ()
-    loses_more: bool = False  # whether `closer` significantly loses more flights
+    loses_more: bool = False  # whether `closer` has significantly more early terminations
 
     @property
     def winner(self) -> Side:
-        """Return `closer`, or '' if that controller is worse in a tail or loses more flights."""
+        """Controller `closer`, or '' if it is worse in a tail or has more early terminations."""
         return "" if self.worse or self.loses_more else self.closer
 
 
 def decide(
     a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, *, risk: float = RISK
 ) -> Decision:
-    """Compare severities [pair]; larger is worse and +infinity marks a lost flight.
+    """Compare the severities [pair] of two controllers; larger is worse.
 
-    `lost_a` and `lost_b` [pair] mark all lost flights, even those with a finite metric;
-    `comparisons` is the number of metrics times the number of rivals that are judged together.
+    Early terminations have the severity +infinity. The masks `lost_a` and `lost_b` [pair] mark all
+    early terminations, including those with a finite severity. `comparisons` is the number of
+    metrics times the number of rivals that are judged together.
     """
     confidence = 1.0 - risk / comparisons
     difference = pair_differences(a, b)
@@ -70,7 +71,7 @@ def decide(
 def agree(decisions: Sequence[Decision]) -> Decision:
     """Return the decision that holds at every point of the unknowns.
 
-    If the points disagree, `closer` is empty. A winner must win at each point, so that the risk per
+    If the points disagree, `closer` is empty. A winner must win at every point, so the risk of each
     test need not be reduced for several points.
     """
     sides = {decision.closer for decision in decisions}
@@ -90,9 +91,9 @@ def worse_tails(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the quantiles in which `a` is worse, and those that cannot be compared.
 
-    A quantile that cannot be compared is replaced by the outermost quantile that the flights bound.
-    `confidence` is two-sided: a quantile is falsely called worse with a chance of at most (1 -
-    confidence) / 2.
+    A quantile that cannot be compared is replaced by the outermost quantile for which the flights
+    give a bound. `confidence` is two-sided: a quantile is falsely called worse with a chance of at
+    most (1 - confidence) / 2.
     """
     worse, uncompared = [], []
     # highest quantile level for which the flights give a bound

@@ -13,7 +13,7 @@ from abhv_mc.cli.printing import announce_compiling, say, show_result
 def bench(
     json: Json = None,
     repetitions: Annotated[
-        int, typer.Option(min=1, help="Repetitions of each measurement; medians are shown.")
+        int, typer.Option(min=1, help="Measurements of each quantity; the medians are shown.")
     ] = 9,
 ) -> None:
     """Measure flights per second and core, start-up times and memory use.
@@ -54,21 +54,21 @@ def _print_figures(figures: dict[str, Any], operations: dict[str, dict[str, floa
             f"{speed['batched_over_one']:.2f} times as fast"
         )
         say(
-            f"  {speed['times_the_floor']:.2f} times the floor of {floor:.1f} M operations: "
+            f"  {speed['times_the_floor']:.2f} times the minimum for {floor:.1f} M operations: "
             f"{counts}"
         )
     say(
         f"\ntwo workers simulate {figures['two_workers_over_one']:.2f} times as many flights as one"
     )
     say(
-        f"time to first flight {figures['cold_start_s']:.1f} s cold, "
-        f"{figures['warm_start_s']:.2f} s from the cache"
+        f"time to the first flight {figures['cold_start_s']:.1f} s without the cache, "
+        f"{figures['warm_start_s']:.2f} s with it"
     )
     say(f"import abhv_mc {1e3 * figures['import_s']:.0f} ms")
     say(f"memory for the default campaign with report: {figures['peak_memory_mb']:.0f} MB")
 
 
 if __name__ == "__main__":
-    # Set before numpy is loaded, as in the command line.
+    # The number of threads must be set before numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     typer.run(bench)

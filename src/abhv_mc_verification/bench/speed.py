@@ -57,7 +57,7 @@ def multiply_and_add(x, factor, addend, sweeps):  # type: ignore[no-untyped-def]
 def measure_peak() -> float:
     """Return the peak number of additions and multiplications per second of one core."""
     x = np.linspace(0.0, 1.0, _NUMBERS)
-    multiply_and_add(x, 0.5, 0.25, 1)  # compile or load the code first
+    multiply_and_add(x, 0.5, 0.25, 1)  # The first call compiles or loads the code.
     start = time.thread_time()
     multiply_and_add(x, 0.5, 0.25, _SWEEPS)
     return _NUMBERS * _OPERATIONS * _SWEEPS / (time.thread_time() - start)
@@ -207,7 +207,7 @@ def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     searched = {
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         "PYTHONSAFEPATH": "1",
-    }  # do not import from the working directory
+    }  # prevents imports from the working directory
     environment = {**os.environ, **searched, **changes}
     start = time.perf_counter()
     done = subprocess.run(  # noqa: S603
@@ -216,7 +216,7 @@ def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     return time.perf_counter() - start, done.stdout
 
 
-# Linux attributes the parent's memory to a child until exec(), so use a small parent.
+# Linux attributes the parent's memory to a child until exec(), so a small parent is used.
 _WATCH = (
     "import resource, subprocess, sys\n"
     "code = subprocess.run(sys.argv[1:], "

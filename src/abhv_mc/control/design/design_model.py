@@ -115,7 +115,7 @@ class Wrench(NamedTuple):
 
 
 def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) -> Numbers:
-    """Return the engine function's force (N), moment (N m) and fuel flow [7, ...], or zeros.
+    """Return force (N), moment (N m) and fuel flow [7, ...] of an engine function, or zeros.
 
     The moment refers to the same point as the aerodynamic moments.
     """
@@ -187,7 +187,7 @@ def wrench_at(
 ) -> Wrench:
     """Return the forces and moments computed from the full tables.
 
-    ``rates`` contains (p, q, r), ``deflections`` (aileron, rudder, elevator).
+    ``rates`` contains (p, q, r), and ``deflections`` contains (aileron, rudder, elevator).
     """
     constants = vehicle.constants
     half_span, half_chord = constants.span / (2.0 * speed), constants.chord / (2.0 * speed)
@@ -227,7 +227,7 @@ def wrench_at(
     moment = pressure_area * np.stack(
         [constants.span * rolling, constants.chord * pitching, constants.span * yawing]
     )
-    # Lever arms are from the centre of gravity to the moment reference and to the thrust line.
+    # The lever arms extend from the centre of gravity to the moment reference and the thrust line.
     zero = 0.0 * fixed["center_of_gravity_x"]
     reference = np.stack([-fixed["center_of_gravity_x"], zero, -fixed["center_of_gravity_z"]])
     line = np.stack(

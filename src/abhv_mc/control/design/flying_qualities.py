@@ -105,6 +105,6 @@ def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
 
 
 def _time_to_double(real_parts: Numbers) -> float:
-    """Return the time (s) in which the fastest growing mode doubles; infinity if all decay."""
+    """Return the time (s) in which the fastest growing mode doubles, infinite if all decay."""
     growth = float(np.max(np.real(real_parts)))
     return math.log(2.0) / growth if growth > 0.0 else math.inf

@@ -1,9 +1,9 @@
 """Nominal controls along a trajectory (Zhu and Shen 2014, eq. 12), by nested searches.
 
-The paper solves its three equations in turn, which diverges beyond 45 deg of bank: each pass
-multiplies the error by ``-tan^2 bank``. Here the first equation is solved in an outer search; for
-each trial, the second is solved for the angle of attack, with the bank from the third, which is
-explicit.
+The paper solves its three equations in turn. This method diverges beyond 45 deg of bank, because
+each pass multiplies the error by ``-tan^2 bank``. This module solves the first equation in an outer
+search. For each trial value, the second equation is solved for the angle of attack; the third
+equation gives the bank explicitly.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ class GuidanceTrim(NamedTuple):
     equivalence_ratio: Floats
     elevator: Floats
     mass: Floats  # mass at the point, after subtracting the fuel burnt before it
-    # sum of flags, such as NO_EQUIVALENCE_RATIO, for controls at a limit; 0 if there are none
+    # sum of flags, such as NO_EQUIVALENCE_RATIO, for controls at a limit; 0 if no flag is set
     status: NDArray[np.int64]
 
 
@@ -52,9 +52,9 @@ def trim_along(
     """Solve equation (12) at each point in order, starting each search at the last solution.
 
     ``mass`` is the mass at the first point, kg; if ``tick`` (time between points, s) is given, the
-    mass decreases by the fuel burnt. If an interval (trim tables, BANK_LIMIT, the elevator's
-    limits) contains no solution, the result is the end with the smaller residual, and a flag is set
-    in the status.
+    mass decreases by the fuel burnt. If the range of a control (trim tables, BANK_LIMIT, the
+    elevator's limits) contains no solution, the result is the end of the range with the smaller
+    residual, and a flag is set in the status.
     """
     constants = vehicle.constants
     alpha_nodes, eta_nodes = (

@@ -1,7 +1,7 @@
 """Gains of the LQR along the reference (Zhu and Shen 2014, section 7, eqs. 22-23).
 
-The guidance model is linearized with trimmed data, the attitude model with the full tables, both by
-complex steps.
+The guidance model is linearized with the trim tables and the attitude model with the full tables,
+both by complex steps.
 """
 
 from typing import Any, NamedTuple

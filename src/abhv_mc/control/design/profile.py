@@ -44,7 +44,7 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
     if isinstance(mission.manoeuvre, m.Recorded):
         return _recorded(mission.manoeuvre, mission.duration, times)
     start, ones = mission.start, np.ones_like(times)
-    # Each quantity is followed by its rate; altitude also by its acceleration.
+    # rows of each array: the quantity and its rate; for altitude, also the acceleration
     altitude = np.outer([start.altitude, 0.0, 0.0], ones)
     speed, heading, path = (
         np.outer([value, 0.0], ones)
@@ -117,7 +117,7 @@ def _smooth(since: Floats, length: float) -> Floats:
 
 
 def _integral(times: Floats, rate: Floats, acceleration: Floats) -> Floats:
-    """Return the integral since the first time, by the end-corrected trapezoidal rule."""
+    """Return the integral from the first time, by the end-corrected trapezoidal rule."""
     h = np.diff(times)
     parts = h * (rate[:-1] + rate[1:]) / 2.0 + h**2 * (acceleration[:-1] - acceleration[1:]) / 12.0
     return np.concatenate([[0.0], np.cumsum(parts)])

@@ -21,7 +21,7 @@ COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 _STEADY = 1e-9  # largest change between two points for which the Mach number counts as constant
 # time after a ramp or step of the reference that "settled" metrics exclude, s
 SETTLING = 5.0
-# Flight and steady plans of a campaign share the start.
+# The flight plans and the steady plans of a campaign have the same trim at the start.
 _trim = cache_results(trim)
 
 
@@ -67,7 +67,7 @@ def solve_reference(
         lateral=profile.speed * profile.heading_rate,
         **environment_points._asdict(),
     )
-    # A glider cannot maintain its speed.
+    # A glider cannot maintain its speed, so its equivalence ratio is fixed at 0.
     fixed_equivalence_ratio = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
     nominal = trim_along(
         vehicle, trim_tables, points, vehicle.constants.mass_start, tick, fixed_equivalence_ratio
@@ -128,7 +128,7 @@ def _simpson(rate: Floats, tick: float) -> Floats:
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
-    """Return the mission; a glider without a given flight path angle starts on its glide path."""
+    """Return the mission, in which a glider without initial angle starts on its glide path."""
     if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
         return mission
     angle = make_start_trim(mission, vehicle).flight_path_angle

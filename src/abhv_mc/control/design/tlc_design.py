@@ -15,7 +15,7 @@ from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.vehicle.actuators import axis_limits
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
-# condition number of B above which the effect of an input is only rounding error
+# condition number of B above which the effect of an input is only a rounding error
 _LARGEST_CONDITION = 1e12
 
 

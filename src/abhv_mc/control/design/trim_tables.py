@@ -22,7 +22,7 @@ from abhv_mc.vehicle.pack import Axis, Table, nodes_of, pack_tables
 # Largest cell sizes for which errors are below 0.0005 deg in angle of attack and 0.01 deg in
 # elevator deflection.
 LONGEST = {"mach": 0.25, "angle_of_attack": np.deg2rad(1.0), "equivalence_ratio": 0.0625}
-# length to which Mach cells may be shortened to avoid nodes at steady Mach numbers
+# smallest length of Mach cells that are shortened to avoid nodes at steady Mach numbers
 _SHORTEST = 0.04
 
 _ANGLES_OF_ATTACK = np.deg2rad([-10.0, 30.0])
@@ -118,7 +118,7 @@ def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tab
         Axis(VARIABLES.index(name), nodes) for name, nodes in zip(LONGEST, grids, strict=True)
     )
     if any(axis.grid.size < 2 for axis in axes):
-        raise ValueError("trim_tables: an axis with a single node")
+        raise ValueError("trim_tables: an axis has fewer than two nodes")
     nodes = data.reshape(*(axis.grid.size for axis in axes), CHUNK)
     return _pack(axes, [np.ascontiguousarray(nodes[..., i]) for i in range(len(TRIM_ROWS) + 1)])
 
@@ -203,8 +203,8 @@ def _axis(tables: Tables, name: str, low: float, high: float, steady: Floats | N
 def _count_cells(fewest: int, steady: Floats, length: float) -> int:
     """Return the smallest cell count with each steady value in the middle half of a cell.
 
-    ``steady`` contains fractions of the length. If there is no such number, return the best number
-    for which cells are not shorter than _SHORTEST.
+    ``steady`` contains fractions of the length. If no cell count satisfies this condition, return
+    the best count for which cells are not shorter than _SHORTEST.
     """
     if not steady.size:
         return fewest

@@ -15,7 +15,7 @@ LANES = 32
 
 
 def make_generator(seed: int, *key: int) -> np.random.Generator:
-    """Return the random generator of a key (repetition, level, step, ...)."""
+    """Return the random generator for a seed and a key such as (repetition, level, step)."""
     return np.random.Generator(
         np.random.Philox(np.random.SeedSequence(entropy=seed, spawn_key=key))
     )
@@ -37,7 +37,7 @@ class Progress:
 
 @dataclass
 class Record:
-    """Evaluated points of the box -1 .. 1 and their values; larger is better, NaN is worst."""
+    """Evaluated points of the box -1 .. 1 and their values; NaN counts as the worst value."""
 
     evaluate: Evaluate
     limit: int  # maximum number of evaluations
@@ -75,7 +75,7 @@ class Record:
     def best_places(self, number: int, min_distance: float) -> Floats:
         """Return up to `number` of the best points that are at least `min_distance` apart.
 
-        The distance is the rms over the dimensions.
+        The distance of two points is the rms of their differences over the dimensions.
         """
         order = np.argsort(-np.concatenate(self.values), kind="stable")
         points = np.concatenate(self.points)[order]

@@ -7,8 +7,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import LANES, Record
 
-_MOST_CORNERS = 512  # maximum number of corners for which all corners are evaluated
-# share and minimum number of evaluations spent on a climb over corners
+_MOST_CORNERS = 512  # number of corners of the largest box whose corners are all evaluated
+# share of the evaluations that a climb over corners may use, and their minimum number
 _CLIMB_SHARE, _CLIMB_LEAST = 0.2, 256
 
 
@@ -22,7 +22,7 @@ def sobol_points(dimension: int, number: int, seed: int) -> Floats:
 
 
 def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
-    """Evaluate first points of the box in whole batches, using about a quarter of the limit."""
+    """Evaluate the first points in whole batches, which use about a quarter of the limit."""
     share = record.limit // 4
     star: Floats = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
     even = sobol_points(dimension, record.limit, seed)
@@ -50,22 +50,22 @@ def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
 def _climb_corners(
     record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]
 ) -> None:
-    """Climb over corners, starting from the corner along the slopes, then from its opposite.
+    """Climb over corners, first from the corner along the slopes, then from the opposite one.
 
-    Each step evaluates all neighbouring corners, then all improving sign changes combined.
+    Each step evaluates all neighbouring corners, then corners that combine improving sign changes.
     """
     dimension = len(star) // 2
     slopes = star[1 : dimension + 1] - star[dimension + 1 :]
     slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-    # dimensions in order, starting with the least certain sign of the slope
+    # dimensions sorted by the magnitude of the slope; small slopes have the least certain signs
     order = np.argsort(np.abs(slopes), kind="stable")
     corner, best, tried = np.where(slopes >= 0.0, 1.0, -1.0), -np.inf, set[bytes]()
     opposite = [-corner]
-    # Batches come in pairs: the neighbours, then the combined sign changes.
+    # Each step uses two batches: the neighbouring corners, then the combined sign changes.
     share = record.used + max(_CLIMB_LEAST, int(_CLIMB_SHARE * record.limit))
 
     def call(expected: list[Floats]) -> tuple[list[Floats], Floats]:
-        """Evaluate one batch of untried corners at most; return the corners and their values."""
+        """Evaluate at most one batch of untried corners; return these corners and their values."""
         nonlocal corner, best
         candidates = [c for c in expected if c.tobytes() not in tried][:batch]
         if not candidates:
@@ -84,7 +84,7 @@ def _climb_corners(
                 return
             corner, best = opposite.pop(), -np.inf
             continue
-        # Improvement by each sign change relative to the first candidate or the previous best.
+        # improvement by each single sign change
         at_middle = before if np.isfinite(before) else values[0]
         alone = {
             int(np.flatnonzero(c != middle)[0]): float(v - at_middle)
@@ -102,7 +102,7 @@ def _climb_corners(
 
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
-    """Return a corner and its neighbours with one or two signs changed in the given order."""
+    """Return a corner and its neighbours with one or two changed signs, sorted by `order`."""
     corners = [corner]
     for i in order:
         single = corner.copy()

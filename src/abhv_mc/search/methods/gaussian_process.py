@@ -1,4 +1,4 @@
-"""Gaussian process regression of noise-free values, fitted by maximum posterior density.
+"""Gaussian process regression of noise-free values that maximizes the posterior density.
 
 C.E. Rasmussen, C.K.I. Williams, "Gaussian Processes for Machine Learning" (2006), chapters 2 and 5.
 The covariance is the sum of a quadratic polynomial's covariance and a stationary part with a length
@@ -67,7 +67,10 @@ class GaussianProcess:
 
 
 def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tuple[Floats, Floats]:
-    """Return prior covariances, and -2 times their derivatives by the squared distance."""
+    """Return prior covariances and their derivatives.
+
+    The derivatives are with respect to the squared distance, multiplied by -2.
+    """
     constant, linear, quadratic, stationary = np.exp(logs[: _TERMS + 1])
     lengths = np.exp(logs[_TERMS + 2 :])
     a, b = first / lengths, second / lengths
@@ -121,14 +124,15 @@ def _loss(
 def _prior_lengths(dimension: int) -> float:
     """Return the prior median of the logarithm of a length scale.
 
-    It increases with the number of dimensions, as distances do: C. Hvarfner, E.O. Hellsten, L.
-    Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024.
+    The median increases with the number of dimensions, as the distances between points do: C.
+    Hvarfner, E.O. Hellsten, L. Nardi, "Vanilla Bayesian optimization performs great in high
+    dimensions", ICML 2024.
     """
     return float(np.sqrt(2.0) + 0.5 * np.log(dimension))
 
 
 def fit_process(points: Floats, values: Floats, smooth: bool, starts: Floats) -> GaussianProcess:
-    """Return the process with the most likely variances and length scales, over all `starts`."""
+    """Return the most likely process found by optimizing its parameters from all `starts`."""
     differences = (points[:, None, :] - points) ** 2
     dimension = points.shape[1]
     bounds = [

@@ -7,17 +7,17 @@ from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import Record, make_generator, round_up
 
 _LEAST_STEP = 1e-3  # smallest step, in half widths of the box
-# largest distances, in steps, within which the maximum of a fitted quadratic is searched for
+# distances, in steps, within which the maximum of a fitted quadratic is searched for
 _REACHES = (2.0, 8.0)
 _SPREADS = (
     1.2,
     2.0,
     4.0,
-)  # numbers of fitted points per coefficient, from a narrow to a wide neighbourhood
-_FAR_ENOUGH = 0.3  # minimum move of the best point, in steps, for which the step is not reduced
+)  # numbers of fitted points per coefficient, for a narrow, a medium and a wide neighbourhood
+_FAR_ENOUGH = 0.3  # smallest move of the best point, in steps, after which the step is not reduced
 _NEAR_BOUND = 0.9  # coordinate beyond which the bound itself is tried
-# squared distance within which weights are similar, as a share of the furthest point's squared
-# distance
+# squared distance below which points have similar weights, as a share of the furthest point's
+# squared distance
 _NEAR = 0.05
 _RIDGE = 1e-9  # relative regularization that keeps the fit unique with few points
 
@@ -48,7 +48,7 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
             * generator.standard_normal((filled - len(expected), dimension))
             / np.sqrt(dimension)
         )
-        if tops:  # Half of the points lie on the line to a maximum, at shorter and longer steps.
+        if tops:  # Half of the random points lie on the line through center and fitted maximum.
             half = len(around) // 2
             around[:half] = generator.uniform(0.0, 1.5, (half, dimension)) * (tops[0] - center)
         values = record.call(
@@ -82,7 +82,7 @@ def _suggest(
     ahead = np.diag(compass[:dimension]) - center
     behind = np.diag(compass[dimension:]) - center
     up, down = np.where(np.isfinite(up), up, best), np.where(np.isfinite(down), down, best)
-    # Slope and curvature are those of a parabola; at a bound, the slope is one-sided.
+    # A parabola gives the slope and the curvature; at a bound, the slope is one-sided.
     gradient, curvature = np.zeros(dimension), np.zeros(dimension)
     both = (ahead > 0.0) & (behind < 0.0)
     a, b = ahead[both], -behind[both]
@@ -112,7 +112,7 @@ def _suggest(
 def find_top(
     points: Floats, values: Floats, center: Floats, radius: float, spread: float = 2.0
 ) -> Floats:
-    """Return the maximum [dimension] of a fitted quadratic, within `radius` per dimension.
+    """Return the maximum [dimension] of a fitted quadratic, within `radius` in each dimension.
 
     The quadratic can represent ridges that are oblique to the dimensions. `points` [point,
     dimension] are in the box -1 .. 1 and their `values` [point] are finite. The nearest points are

@@ -1,10 +1,10 @@
 """Rare-event probability with an interval, or the reason why the estimate is not valid.
 
-The logarithms of the estimates from independent repetitions of subset simulation are about normal:
-the interval is Student's for the mean logarithm, centred on the logarithm of the mean estimate. The
+The logarithms of the estimates from independent repetitions of subset simulation are approximately
+normal. Student's interval of their mean is centred on the logarithm of the mean estimate. The
 estimate is rejected if the repetitions contradict each other (one does not reach the event, they
-differ by far more than their chains explain, or the interval spans decades) or if importance
-sampling disagrees. The interval's upper end is the larger of the two methods' upper ends.
+differ by far more than their Markov chains explain, or the interval spans decades) or if importance
+sampling disagrees. The upper end of the interval is the larger of the two methods' upper ends.
 """
 
 from dataclasses import dataclass, replace
@@ -29,24 +29,24 @@ from abhv_mc.statistics.ranks import standard_ranks
 CONFIDENCE = 0.95
 FEWEST = 4  # minimum number of repetitions for an estimate
 _WIDEST = 10.0  # largest valid ratio of the upper to the lower end of an interval
-# weight of the spread that the chains explain, as an equivalent number of repetitions
+# weight of the spread estimated from the Markov chains, as an equivalent number of repetitions
 _PRIOR = 4
-# The spread of repetitions is 1 to 1.5 times the spread that chains explain
+# The spread of the repetitions is 1 to 1.5 times the spread estimated from their Markov chains
 # (benchmarks/rare_coverage.py).
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # share of the flights that is reserved for importance sampling
-# effective number of failures from which importance sampling can raise the upper end
+# minimum effective number of failures for which importance sampling can raise the upper end
 _SEEN = 8.0
-_ENOUGH = 30.0  # effective number of failures from which importance sampling replaces the estimate
-EXPECTED = 100.0  # effective number of failures needed to show that the estimate is too high
-_HEAVY = 1.5  # factor on the standard error, for heavy weights that most samples miss
+_ENOUGH = 30.0  # minimum effective number of failures at which a smaller estimate is replaced
+EXPECTED = 100.0  # minimum effective number of failures that shows an estimate to be too high
+_HEAVY = 1.5  # factor on the standard error, because most samples miss the largest weights
 _FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
-_SHARE_OF_LANES = 10_000  # number of available flights per LANES chains in a repetition
+_SHARE_OF_LANES = 10_000  # number of available flights for every LANES chains of a repetition
 
 
 def choose_chains(flights: int) -> int:
-    """Return the number of chains per repetition with which four repetitions reach about 1e-7."""
+    """Return the number of chains with which four repetitions reach probabilities of 1e-7."""
     return LANES * int(np.clip(flights // _SHARE_OF_LANES, 1, 8))
 
 
@@ -74,7 +74,7 @@ class RareEstimate:
 
     @property
     def plain(self) -> tuple[int, int]:
-        """Failures and flights in the first levels of all repetitions, which are plain samples."""
+        """Failure and flight counts of the first levels, which are plain Monte Carlo samples."""
         return sum(repetition.plain_failures for repetition in self.repetitions), sum(
             len(repetition.points) for repetition in self.repetitions
         )
@@ -83,7 +83,7 @@ class RareEstimate:
     def unwarned_high(self) -> float | None:
         """One-sided 95 % upper bound on the probability of failures without warning.
 
-        The bound follows from the first levels; it is None without repetitions.
+        The bound is computed from the first levels of the repetitions; None if there are none.
         """
         return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
@@ -138,13 +138,13 @@ def estimate_rare(
         contradicts = abs(log_ratio) > 3.0 * np.hypot(check.cov, np.log(high / low) / 3.92)
         if (
             contradicts and log_ratio > 0.0 and check.effective >= _ENOUGH
-        ):  # Importance sampling may include a failure region that the levels have lost.
+        ):  # Importance sampling may cover a failure region that subset simulation misses.
             probability, low, cov = check.probability, check.probability / factor, deviation
         elif contradicts and (
             log_ratio > 0.0 or check.effective >= EXPECTED
-        ):  # A smaller value is used only if the effective number of failures is large.
+        ):  # A smaller value needs a larger effective number of failures than a larger value.
             refusal = (
-                f"importance sampling gives {check.probability:.2g}, subset simulation "
+                f"importance sampling gives {check.probability:.2g}, but subset simulation gives "
                 f"{probability:.2g}"
             )
         high = max(high, min(1.0, check.probability * factor))
@@ -161,7 +161,7 @@ def estimate_rare(
 
 
 def noise_share(severities: tuple[Floats, Floats]) -> float:
-    """Return the share of the variance of the severities' ranks that is due to noise.
+    """Return the share of the variance of the severity ranks that is due to noise.
 
     Both arrays contain severities [point] at the same points with different random numbers.
     """
@@ -172,8 +172,8 @@ def noise_share(severities: tuple[Floats, Floats]) -> float:
 def _half_width(repetitions: list[Repetition], number: int) -> float:
     """Return the half-width of the interval of the log probability for `number` repetitions.
 
-    The variance combines the spread of the repetitions with the spread estimated from their chains,
-    which gets the larger weight because few repetitions give a poor estimate of their spread.
+    The variance combines the spread of the repetitions with the spread estimated from their Markov
+    chains. The latter has the larger weight, because the spread of few repetitions is inaccurate.
     """
     logs = np.log([repetition.probability for repetition in repetitions])
     chains = (_BEYOND_CHAINS * _chain_cov(repetitions)) ** 2
@@ -185,12 +185,12 @@ def _half_width(repetitions: list[Repetition], number: int) -> float:
 
 
 def _chain_cov(repetitions: list[Repetition]) -> float:
-    """Return a repetition's coefficient of variation, as explained by its Markov chains."""
+    """Return the coefficient of variation of one repetition, estimated from Markov chains."""
     return float(np.sqrt(np.mean([repetition.cov**2 for repetition in repetitions])))
 
 
 def _count_more(repetitions: list[Repetition], left: int, target_cov: float) -> int:
-    """Return how many more repetitions are needed and affordable."""
+    """Return the number of further repetitions that are needed and for which flights are left."""
     if not all(repetition.reached for repetition in repetitions):
         return 0
     wide = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) * target_cov
@@ -227,14 +227,20 @@ def _judge(repetitions: list[Repetition]) -> str | None:
             f"smallest probability reached is {deepest:.1g}"
         )
     if missed == number:
-        return f"no repetition reaches the event; it is rarer than {deepest:.1g}, or on a plateau"
+        return (
+            f"no repetition reaches the event, which is rarer than {deepest:.1g} or lies on a "
+            "plateau of the severity"
+        )
     if missed:
         return f"{missed} of {number} repetitions do not reach the event"
     logs = np.log([repetition.probability for repetition in repetitions])
     _, low, high, _ = _interval(repetitions)
     if high > _WIDEST * low:
-        return f"the repetitions range from {np.exp(logs.min()):.1g} to {np.exp(logs.max()):.1g}"
+        return (
+            f"the estimates of the repetitions range from {np.exp(logs.min()):.1g} to "
+            f"{np.exp(logs.max()):.1g}"
+        )
     ratio = float(logs.std(ddof=1)) / _chain_cov(repetitions)
     if ratio**2 * (number - 1) > _MOST_BEYOND**2 * stats.chi2.isf(1e-3, number - 1):
-        return f"the repetitions differ {ratio:.1f} times as much as their chains explain"
+        return f"the repetitions differ {ratio:.1f} times as much as their Markov chains explain"
     return None

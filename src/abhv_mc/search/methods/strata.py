@@ -1,4 +1,4 @@
-"""Rare-event probability with switches: events that occur only in a share of the flights.
+"""Rare-event probability with switches, i.e. parameters that act in some flights only.
 
 P is the sum over combinations of switches of P(combination) P(event | combination). The most
 probable combination is estimated by subset simulation and the others by plain sampling; all
@@ -75,7 +75,7 @@ def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], floa
 
 @dataclass
 class _Sampler:
-    """Plain flights of a stratum, and the estimate of subset simulation if it finished."""
+    """Plain Monte Carlo flights of a stratum, and its estimate by subset simulation, if any."""
 
     on: tuple[int, ...] | None
     rows: Switched  # switches of each combination [combination, switch]
@@ -93,7 +93,7 @@ class _Sampler:
         return generator.standard_normal((flights, plan.dimension)), self.rows[picks]
 
     def stratum(self) -> Stratum:
-        """Return the stratum with its interval from subset simulation or Clopper and Pearson."""
+        """Return the stratum with its interval, by subset simulation or Clopper and Pearson."""
         low, high = clopper_pearson(self.failures, self.flights, CONFIDENCE)
         plain = Stratum(
             self.on,
@@ -122,12 +122,12 @@ def estimate_switched(
 ) -> tuple[RareEstimate, tuple[Stratum, ...]]:
     """Return P(severity > threshold), and the contribution of each combination of switches.
 
-    Switches [switch] occur with `probabilities`. `evaluate` returns severities [point] of standard
-    normal points [point, dimension] and the mask of active switches [point, switch]. Pilot flights
-    are simulated for all combinations. The most probable combination is estimated by subset
-    simulation unless plain flights are enough; the remaining flights go to the combination with the
-    largest product of weight and interval width. The result contains the repetitions for the most
-    probable combination.
+    `probabilities` contains the probability that each switch is active. `evaluate` takes standard
+    normal points [point, dimension] and a mask of active switches [point, switch], and returns
+    severities [point]. Pilot flights are simulated for all combinations. The most probable
+    combination is estimated by subset simulation unless plain flights are enough; the remaining
+    flights go to the combination with the largest product of weight and interval width. The result
+    contains the repetitions of this subset simulation.
     """
     if not len(probabilities):
         return estimate_rare(
@@ -156,8 +156,8 @@ def estimate_switched(
         samplers, int(np.clip(flights // (2 * len(samplers)), LANES, _PILOT)) // LANES * LANES
     )
     main, seen = samplers[0], sum(sampler.stratum().value for sampler in samplers)
-    # If none of this many flights fails, the contribution is small compared with the contribution
-    # of the pilot flights.
+    # number of flights without failures after which the most probable combination contributes
+    # little compared with the pilot estimate of the total
     enough = 3.7 * main.stratum().weight / (_SHARE_OF_COV * target_cov * seen) if seen else np.inf
     budget = min(int(_MAIN_SHARE * flights), flights - used)
     main_estimate: RareEstimate | None = None
@@ -166,7 +166,7 @@ def estimate_switched(
             lambda u: fly(u, main.rows.repeat(len(u), axis=0)), plan, target_cov, budget
         )
         main.estimate = main_estimate if main_estimate.refusal is None else None
-        # Without an estimate, only the flights of the first levels are counted.
+        # If the estimate is rejected, only the flights of its first levels count as plain flights.
         failures, number = (0, 0) if main.estimate else main_estimate.plain
         main.flights, main.failures, main.levels = (
             main.flights + number,
@@ -234,7 +234,7 @@ def _join(strata: Sequence[Stratum], main: RareEstimate | None, used: int) -> Ra
     if total == 0.0 or high > 10.0 * low:
         refusal = f"the interval over all combinations extends from {low:.1g} to {high:.1g}"
         if main and main.refusal:
-            refusal += f"; of the likeliest, {main.refusal}"
+            refusal += f"; for the most probable combination, {main.refusal}"
     cov = (high - low) / (3.92 * total) if total > 0.0 else np.inf
     repetitions, check = (main.repetitions, main.check) if main else ((), None)
     return RareEstimate(

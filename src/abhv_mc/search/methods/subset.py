@@ -89,12 +89,12 @@ class SubsetPlan:
 def run_subset(
     evaluate: Evaluate, plan: SubsetPlan, numbers: range, flights: int, fewest: int = 0
 ) -> list[Repetition]:
-    """Return the repetitions `numbers` of a subset simulation for P(severity > threshold).
+    """Return the repetitions with these `numbers`, which estimate P(severity > threshold).
 
     If `flights` do not suffice for another level of all repetitions, the last repetitions by number
     are dropped whatever their results, so that the selection is unbiased. If fewer than `fewest`
-    would remain, all repetitions end, and those unfinished are marked `cut_short`. `reached` is
-    False for a repetition without enough failures at the last level, or on a plateau of equal
+    would remain, all repetitions end, and unfinished repetitions are marked `cut_short`. `reached`
+    is False for a repetition without enough failures at the last level, or on a plateau of equal
     severities.
     """
     size = plan.size
@@ -161,7 +161,7 @@ def _chain_inflation(inside: np.ndarray, chains: int) -> float:
 def _move_chains(
     evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan, level: int
 ) -> None:
-    """Replace the points by chains that start at the points beyond the last threshold."""
+    """Replace the points of each repetition by chains from its points beyond the threshold."""
     seed, chains = plan.seed, plan.chains
     limits, histories, accepted = [], [], []
     for repetition in active:
@@ -174,8 +174,8 @@ def _move_chains(
     for step in range(1, _LENGTH):
         proposals = []
         for repetition, history in zip(active, histories, strict=True):
-            # With a separate spread per dimension, probabilities were 1.9 times too high in 100
-            # dimensions.
+            # All dimensions have the same spread: with separate spreads, the probabilities were 1.9
+            # times too high in 100 dimensions.
             repetition.spread = min(1.0, repetition.scale)
             noise = make_generator(seed, repetition.number, level, step).standard_normal(
                 history[-1][0].shape

@@ -37,7 +37,7 @@ _FIRST_SPREAD = 2.0
 # number of starting points of the first fit; later fits start at the last optimum and at one other
 # point
 _STARTS = 3
-# factor of growth in the number of runs after which the Gaussian processes are refitted
+# growth factor of the number of runs after which the Gaussian processes are refitted
 _REFIT = 1.1
 # numbers of chains and repetitions of subset simulation on the Gaussian processes
 _CHAINS, _REPETITIONS = 64, 4
@@ -190,7 +190,7 @@ def _fit(
 
 
 def _spread_points(number: int, dimension: int, generator: np.random.Generator) -> Floats:
-    """Return a Latin hypercube of normal numbers with a larger than unit standard deviation."""
+    """Return a Latin hypercube [point, dimension] of normal numbers with enlarged variance."""
     from scipy.special import ndtri
 
     ranks = np.argsort(generator.random((number, dimension)), axis=0)

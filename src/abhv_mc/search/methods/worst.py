@@ -97,11 +97,11 @@ def search_worst(
 
 
 def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int) -> float:
-    """Run CMA-ES until `reserve` evaluations are left; return a first polishing step."""
+    """Run CMA-ES until `reserve` evaluations are left; return the step of the local search."""
     from cmaes import CMA
 
-    # CMA-ES needs two dimensions; in one dimension, evenly spaced points and a local search
-    # suffice.
+    # CMA-ES needs at least two dimensions; in one dimension, the evenly spaced first points and the
+    # local search suffice.
     if dimension == 1:
         return 4.0 / record.used
     side_by_side = batch // LANES
@@ -125,7 +125,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
         for (cma, before, age), points, batch_values in zip(
             running, proposals, values, strict=True
         ):
-            # An infinite value would spoil the weights: replace it by the worst finite value.
+            # CMA-ES needs finite values: replace infinite values by the worst finite value.
             finite = batch_values[np.isfinite(batch_values)]
             losses = -np.where(
                 np.isfinite(batch_values), batch_values, finite.min() if finite.size else 0.0
@@ -141,7 +141,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
 
 
 def _probe(record: Record, dimension: int, reserve: int) -> Floats:
-    """Return the value's change near the best point; a better probe becomes the best point."""
+    """Return changes of the value near the best point; a better probe replaces this point."""
     center, best = record.place, record.best
     probes = np.concatenate(
         [center - _PROBE * np.eye(dimension), center + _PROBE * np.eye(dimension)]
