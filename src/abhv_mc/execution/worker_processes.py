@@ -13,8 +13,10 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Iterator
-from multiprocessing import forkserver, resource_tracker
+import warnings
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from multiprocessing import forkserver, resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -44,16 +46,47 @@ class _NotBegunError(Exception):
 
 
 def start_fork_server(fly: Fly) -> None:
-    """Start the fork server of the workers, which imports the modules of ``fly``.
+    """Start the fork server of the workers, unless it is running.
 
-    If the fork server cannot be started, the first worker reports the reason.
+    On Linux the fork server is a fork of this process, unless other Python threads are running. The
+    workers then share its imported modules and loaded kernels, which saves about a third of the
+    processor time of a small campaign. Otherwise the fork server imports the modules of ``fly``. If
+    it cannot be started, the first worker reports the reason.
     """
-    context = multiprocessing.get_context("forkserver")
-    # numba imports numpy.ma when it first calls a kernel.
-    modules = [serve.__module__, fly.__module__, "numba", "numpy.ma"]
-    context.set_forkserver_preload(modules)
+    modules = [serve.__module__, fly.__module__]
+    multiprocessing.get_context("forkserver").set_forkserver_preload(modules)
     with contextlib.suppress(OSError), _starting_processes():
-        forkserver.ensure_running()
+        if sys.platform != "linux" or threading.active_count() > 1:
+            forkserver.ensure_running()
+            return
+        start, util.spawnv_passfds = util.spawnv_passfds, _fork_server
+        try:
+            forkserver.ensure_running()
+        finally:
+            util.spawnv_passfds = start
+
+
+def _fork_server(path: bytes, arguments: Sequence[str], files: Sequence[int]) -> int:
+    """Run the fork server in a fork of this process, and return its process ID.
+
+    The function replaces ``multiprocessing.util.spawnv_passfds``. Libraries stop their own threads
+    before a fork, so the warning about threads is ignored.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
+        process = os.fork()
+    if process == 0:
+        try:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            opened = [2, *sorted(files), os.sysconf("SC_OPEN_MAX")]
+            for previous, following in pairwise(opened):
+                os.closerange(previous + 1, following)
+            authentication = dict(zip(["authkey_r"], files[2:], strict=False))  # Python 3.14
+            forkserver.main(*files[:2], [], **authentication)
+        finally:
+            os._exit(1)
+    return process
 
 
 class _Worker:
@@ -139,6 +172,7 @@ class WorkerPool:
 
     def __init__(self, fly: Fly, workers: int, limit: float | None) -> None:
         """Prepare the pool; ``limit`` is the limit on processor time (s) for 16 flights."""
+        start_fork_server(fly)
         self._fly, self.workers, self._limit = fly, workers, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
