@@ -56,7 +56,7 @@ def test_a_campaign_says_what_it_will_fly(flown):
     assert (campaign.name, campaign.runs, campaign.controllers) == ("fake", 300, ("one", "two"))
     assert re.fullmatch(r"<Campaign fake: 300 \D* one, two, 2 \D*>", repr(campaign))
     pd.testing.assert_frame_equal(campaign.draw_samples(200), results.samples)
-    with pytest.raises(InputError, match=r"^flights: -1; "):
+    with pytest.raises(InputError, match=r"^flights: found -1; "):
         campaign.draw_samples(-1)
 
 
@@ -110,7 +110,7 @@ def test_tables_over_time_have_named_axes(flown):
         float(bands.q50.sel(controller=row.controller, channel=row.channel, time=row.time))
         == row.q50
     )
-    with pytest.raises(InputError, match="table: 'flights'"):
+    with pytest.raises(InputError, match="table: found 'flights'"):
         results.to_xarray("flights")
 
 
@@ -169,7 +169,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
     [
         (
             lambda file, out: abhv_mc.worst(file, out, METRIC, bad="big"),
-            "bad: 'big'; expected 'high', 'low'",
+            "bad: found 'big'; expected 'high', 'low'",
         ),
         (
             lambda file, out: abhv_mc.worst(file, out, METRIC, box=9),
@@ -177,7 +177,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
         ),
         (
             lambda file, out: abhv_mc.worst(file, out, METRIC, flights=0),
-            "flights: 0; expected a whole number",
+            "flights: found 0; expected a whole number",
         ),
         (lambda file, out: abhv_mc.worst(file, out, "speed"), "unknown metric 'speed'"),
         (
@@ -186,7 +186,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
         ),
         (
             lambda file, out: abhv_mc.rare(file, out, METRIC, flights=1.5),
-            "flights: 1.5; expected a whole number",
+            "flights: found 1.5; expected a whole number",
         ),
         (lambda file, out: abhv_mc.tune(file, out / "new.yaml"), "tune"),
         (lambda file, out: abhv_mc.worst("no_such", out, METRIC), "no_such"),

@@ -204,7 +204,8 @@ class Executor(Protocol):
     - **Crashes and hangs.** If flights raise an exception, end their process or exceed the time
       limit, :meth:`fly` raises ``FlightLostError``. The run then computes the block again in
       smaller pieces, and records a flight that is lost on its own as ``failed_to_run``. The
-      executor replaces a lost worker.
+      executor replaces a lost worker. An external simulator records its lost flights itself; if a
+      block is lost, the run computes it once more, and then stops.
     - **Failure of the machine.** If no flight can be computed, ``UnusableError`` is raised: the run
       stops, and completed flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
     - **Interrupts.** :meth:`close` does not wait for flights, leaves no process behind, and may be

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, ParamSpec, TypeAlias, TypeVar, get_args
 
 from abhv_mc.campaign import MOST_WORKERS
-from abhv_mc.io.input_error import InputError, Refusal, describe
+from abhv_mc.io.input_error import InputError, Refusal, found_value
 from abhv_mc.shipped import find_input
 
 P = ParamSpec("P")
@@ -47,7 +47,7 @@ def check_count(value: int, least: int, name: str, most: int | None = None) -> i
             if most is None
             else f"a whole number from {least} to {most}"
         )
-        raise InputError(name, describe(value), expected)
+        raise InputError(name, found_value(value), expected)
     return int(value)
 
 
@@ -71,7 +71,7 @@ def _check_share(value: float | str, name: str, option: Option) -> float:
 
 def _check_side(value: object, name: str, _option: Option) -> object:
     if value not in ("high", "low"):
-        raise InputError(name, describe(value), "'high', 'low' or None")
+        raise InputError(name, found_value(value), "'high', 'low' or None")
     return value
 
 

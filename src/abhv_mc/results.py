@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.documents import InputError, describe, one_of
+from abhv_mc.io.documents import InputError, found_value, one_of
 from abhv_mc.one_flight.given import check_mapping
 
 if TYPE_CHECKING:
@@ -231,7 +231,7 @@ class Results:
         and the reference time. Raise InputError for other tables.
         """
         if table not in _AXES:
-            raise InputError("table", describe(table), one_of(_AXES))
+            raise InputError("table", found_value(table), one_of(_AXES))
         try:
             import xarray  # noqa: F401
         except ImportError:

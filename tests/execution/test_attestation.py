@@ -1,12 +1,15 @@
 """Blocks name the worker that computed them; workers with other code are rejected by name."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from fake_flight import ENGINE, fly, make_plan, run, write_campaign
 
+from abhv_mc.campaign.file.config import Execution
 from abhv_mc.execution.attestation import Attestation, sign
-from abhv_mc.execution.retry import UnusableError
+from abhv_mc.execution.executor import open_executor
+from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.manifest import join_flyers, note_flyers
 from abhv_mc.identity import code_hash, this_flyer
@@ -73,3 +76,28 @@ def test_flights_belong_to_their_last_worker():
         ((32, 96), (128, 160)),
     ]
     assert note_flyers(joined, (first,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}
+
+
+def open_unsigned(engine, limit):
+    """Open an executor that loses its first block and does not sign blocks."""
+    lost = []
+
+    def compute(plan, rows, recorded=None):
+        if not lost:
+            lost.append(rows)
+            raise FlightLostError("the worker ended")
+        return engine.fly(plan, rows, recorded)
+
+    return SimpleNamespace(fly=compute, workers=1, close=lambda: None)
+
+
+def test_an_executor_of_an_external_simulator_is_checked_and_may_lose_a_block():
+    plan, execution = make_plan("one"), Execution()
+    for checked in (False, True):
+        engine = replace(CHECKED, checked=checked, close=lambda: None)
+        with open_executor(engine, execution, None, open_unsigned) as executor:
+            if checked:
+                with pytest.raises(UnusableError, match="version"):
+                    executor.fly(plan, ROWS)
+            else:
+                assert executor.fly(plan, ROWS).outcome.tolist() == [0, 0, 0]

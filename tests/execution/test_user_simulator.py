@@ -354,7 +354,7 @@ def test_resumed_and_merged_campaigns_have_the_same_tables(
         assert pq.read_table(tmp_path / name / "envelopes.parquet").equals(bands)
     for other, pattern in (
         ({"systems": {"v1": {"pull": 5.5}, "v2": {"pull": 6.0}}}, r"systems\.v1\.pull"),
-        ({"source": source + "\n"}, r"dive\.py: other content"),
+        ({"source": source + "\n"}, r"dive\.py: different content"),
     ):
         with pytest.raises(InputError, match=pattern):
             run_campaign(Request(dive_campaign(own, **changes | other), out))

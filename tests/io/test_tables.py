@@ -128,7 +128,7 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
     assert table.units == ("", "ft", "", "")
     assert table.numbers([0, 2]).tolist() == [[1.0, 1.0], [2.0, 0.0], [3.0, 0.0]]
     assert table.words(3) == ["A, B", "", "C"]
-    with pytest.raises(InputError, match=r"flights\.xlsx:4: '2000,5' .*'apogee'"):
+    with pytest.raises(InputError, match=r"flights\.xlsx:4: found '2000,5' .*'apogee'"):
         table.numbers([1])
 
 

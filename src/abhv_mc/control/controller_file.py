@@ -20,7 +20,7 @@ from abhv_mc.io.documents import (
     Document,
     Refusal,
     StrictModel,
-    describe,
+    found_value,
     one_of,
     read_document,
     validate,
@@ -304,7 +304,7 @@ def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
     document = read_document(path)
     law = document.data.get("law") if isinstance(document.data, dict) else None
     if not isinstance(law, str) or law not in CONTROLLERS:
-        raise document.error(("law",), describe(law), one_of(CONTROLLERS, law))
+        raise document.error(("law",), found_value(law), one_of(CONTROLLERS, law))
     return document, validate(document, CONTROLLERS[law])
 
 

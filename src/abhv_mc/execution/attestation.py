@@ -43,18 +43,8 @@ class Attestation:
         Raise UnusableError, with the name of the worker, if its code or any bit of its results
         differs.
         """
-        if self._engine.checked and not block.flown_by:
-            raise UnusableError(
-                "a worker does not state its version of the program: restart it with the version "
-                "of the campaign"
-            )
+        self.check_code(block)
         for flyer in block.flown_by:
-            if self._engine.checked and flyer.code != self._engine.source:
-                raise UnusableError(
-                    f"the worker at {flyer.name} has another version of the program (source hash "
-                    f"{flyer.code} instead of {self._engine.source}): restart the worker with the "
-                    "version of the campaign"
-                )
             with self._lock:
                 worker = flyer if self._every else flyer._replace(process=0)
                 is_due = worker not in self._seen and (
@@ -63,6 +53,24 @@ class Attestation:
                 self._seen.add(worker)
             if is_due and len(parameters):
                 self._compare(plan, parameters[:1], block, flyer)
+        return block
+
+    def check_code(self, block: FlightBlock) -> FlightBlock:
+        """Return the block. Raise UnusableError if a worker's code differs or is not stated."""
+        if not self._engine.checked:
+            return block
+        if not block.flown_by:
+            raise UnusableError(
+                "a worker does not state its version of the program: restart it with the version "
+                "of the campaign"
+            )
+        for flyer in block.flown_by:
+            if flyer.code != self._engine.source:
+                raise UnusableError(
+                    f"the worker at {flyer.name} has another version of the program (source hash "
+                    f"{flyer.code} instead of {self._engine.source}): restart the worker with the "
+                    "version of the campaign"
+                )
         return block
 
     def _compare(

@@ -102,8 +102,9 @@ def open_executor(
                 "'isolation: threads', or concurrent.futures.ProcessPoolExecutor",
             )
         isolation = THREADS
-    check: Check | None = Attestation(engine, check_workers).check
+    attestation = Attestation(engine, check_workers)
     executor: Executor
+    check: Check | None = attestation.check
     if scheduler is not None:
         executor = scheduler(engine, execution.flight_time_limit)
         number = workers or executor.workers
@@ -112,17 +113,30 @@ def open_executor(
     else:
         executor, check = _ThisProcess(engine, number), None
     with contextlib.closing(executor):
-        yield FlightRunner(_make_fly(executor, engine, check), number)
+        if engine.close is None:
+            yield FlightRunner(_make_fly(executor, check), number)
+        else:
+            yield FlightRunner(_make_external_fly(executor, attestation), number)
 
 
-def _make_fly(executor: Executor, engine: Engine, check: Check | None) -> Fly:
+def _make_external_fly(executor: Executor, attestation: Attestation) -> Fly:
+    """Return the function that computes blocks of a simulator that records lost flights itself."""
+
     def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        if engine.close is not None:  # The simulator records each lost flight itself.
+        try:
+            block = executor.fly(plan, parameters, recorded)
+        except FlightLostError:  # The machine, not a flight, caused this error.
             try:
-                return executor.fly(plan, parameters, recorded)
-            except FlightLostError as error:  # The machine, not a flight, caused this error.
+                block = executor.fly(plan, parameters, recorded)
+            except FlightLostError as error:
                 raise UnusableError(str(error)) from None
+        return attestation.check_code(block)
 
+    return fly
+
+
+def _make_fly(executor: Executor, check: Check | None) -> Fly:
+    def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             block = executor.fly(plan, rows, recorded)
             return block if check is None else check(plan, rows, block)

@@ -262,7 +262,10 @@ def _check_same(
         )
     changes = describe_changes(before, inputs, requested.sampling in EXTENSIBLE)
     if changes:
-        problem = "the folder contains another campaign:\n  " + "\n  ".join(changes)
+        more = f" and {len(changes) - 3} more" if len(changes) > 3 else ""
+        problem = f"the folder was computed with other inputs ({'; '.join(changes[:3])}{more})"
+        if flown.manifest.source_hash != requested.simulator.engine.source:
+            problem += " and with another version of the program"
         expected = "the same campaign, another folder (-o DIR), or --fresh to delete its flights"
         raise InputError(root, problem, expected)
     if shard and requested.runs_at_point > before.data["runs"]:

@@ -19,7 +19,7 @@ from itertools import pairwise
 from multiprocessing import forkserver, resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, cast
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import FlightLostError, UnusableError
@@ -59,14 +59,14 @@ def start_fork_server(fly: Fly) -> None:
         if sys.platform != "linux" or threading.active_count() > 1:
             forkserver.ensure_running()
             return
-        start, util.spawnv_passfds = util.spawnv_passfds, _fork_server
+        start, util.spawnv_passfds = util.spawnv_passfds, cast("Any", _fork_server)
         try:
             forkserver.ensure_running()
         finally:
             util.spawnv_passfds = start
 
 
-def _fork_server(path: bytes, arguments: Sequence[str], files: Sequence[int]) -> int:
+def _fork_server(path: bytes, arguments: Sequence[Any], files: Sequence[int]) -> int:
     """Run the fork server in a fork of this process, and return its process ID.
 
     The function replaces ``multiprocessing.util.spawnv_passfds``. Libraries stop their own threads
@@ -82,8 +82,10 @@ def _fork_server(path: bytes, arguments: Sequence[str], files: Sequence[int]) ->
             opened = [2, *sorted(files), os.sysconf("SC_OPEN_MAX")]
             for previous, following in pairwise(opened):
                 os.closerange(previous + 1, following)
-            authentication = dict(zip(["authkey_r"], files[2:], strict=False))  # Python 3.14
-            forkserver.main(*files[:2], [], **authentication)
+            listener, alive, *keys = files
+            serve_forks: Any = forkserver.main
+            # Python 3.14 passes an authentication key.
+            serve_forks(listener, alive, [], **({"authkey_r": keys[0]} if keys else {}))
         finally:
             os._exit(1)
     return process

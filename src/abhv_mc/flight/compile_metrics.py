@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.flight.channels import SOURCES, Source, effector_sources, state_channels
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.io.input_error import Refusal, describe, one_of
+from abhv_mc.io.input_error import Refusal, describe, found_value, one_of
 from abhv_mc.io.units import NUMBER
 from abhv_mc.kernel.flight.counting import (
     MAX_LEAN,
@@ -171,7 +171,7 @@ def compile_expression(text: str, sources: Mapping[str, SourceRow]) -> "Expressi
         MemoryError,
         OverflowError,
     ):  # The last three exceptions are caused by deep nesting or long numbers.
-        raise Refusal(describe(text), "a channel or an expression of channels") from None
+        raise Refusal(found_value(text), "a channel or an expression of channels") from None
     is_nonnegative_source = isinstance(body, ast.Name) and sources[body.id].nonnegative
     is_magnitude = (
         isinstance(body, ast.Call)

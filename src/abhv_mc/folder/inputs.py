@@ -171,7 +171,7 @@ def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: 
             if name.startswith(f"inputs/{kind}/") and stored.hashes.get(
                 name
             ) != requested.hashes.get(name):
-                changes.append(f"{name}: other content")
+                changes.append(f"{name}: different content")
     return changes
 
 

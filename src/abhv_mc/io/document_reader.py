@@ -14,7 +14,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from abhv_mc.io.input_error import InputError, describe, is_printable
+from abhv_mc.io.input_error import InputError, describe, found_value, is_printable
 from abhv_mc.io.units import NUMBER
 
 Place = tuple[int, int]
@@ -168,7 +168,9 @@ class _Builder:
         if kind in ("int", "float"):
             number = float(text) if _DECIMAL.fullmatch(text) else math.nan
             if not math.isfinite(number) or (kind == "int" and not text.lstrip("+-").isdecimal()):
-                self.refuse(node, describe(text), "a finite decimal number such as 1000 or 2.5e-3")
+                self.refuse(
+                    node, found_value(text), "a finite decimal number such as 1000 or 2.5e-3"
+                )
             return number if kind == "float" else int(text)
         self.refuse(node, f"the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 

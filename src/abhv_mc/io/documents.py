@@ -26,7 +26,7 @@ from pydantic import (
 from pydantic_core import to_jsonable_python
 
 from abhv_mc.io.document_reader import Place, Plain, compose
-from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, one_of
+from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, found_value, one_of
 from abhv_mc.io.input_files import read_input
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "Refusal",
     "StrictModel",
     "describe",
+    "found_value",
     "one_of",
     "read_document",
     "validate",
@@ -198,7 +199,7 @@ class StrictModel(BaseModel):
 
 def _resolve_file(value: object, info: ValidationInfo) -> object:
     if not isinstance(value, str):
-        raise Refusal(describe(value), "the path of a file")
+        raise Refusal(found_value(value), "the path of a file")
     document = (info.context or {}).get("document")
     path = document.resolve(value) if document else Path(value)
     if not path.is_file():
@@ -253,6 +254,7 @@ _EXPECTED = {  # replacements for Python terms in pydantic messages
     "list_type": "a list",
     "dict_type": "a mapping",
     "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
     "none_required": "nothing",
 }
 
@@ -283,10 +285,10 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         choices = [
             word.strip("'") for word in context["expected"].replace(" or ", ", ").split(", ")
         ]
-        return document.error(keys, describe(value), one_of(choices, value))
+        return document.error(keys, found_value(value), one_of(choices, value))
     if kind == "too_short":
-        return document.error(keys, describe(value), f"at least {context['min_length']} items")
-    return document.error(keys, describe(value), _EXPECTED.get(kind) or _plain(detail["msg"]))
+        return document.error(keys, found_value(value), f"at least {context['min_length']} items")
+    return document.error(keys, found_value(value), _EXPECTED.get(kind) or _plain(detail["msg"]))
 
 
 def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context: Any) -> InputError:
@@ -300,11 +302,13 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
         return document.error(
             (*keys, name), f"unknown {name} '{context['tag']}'", one_of(tags, context["tag"])
         )
-    problem = f"no key '{name}'" if isinstance(value, dict) else describe(value)
+    problem = f"no key '{name}'" if isinstance(value, dict) else found_value(value)
     return document.error(keys, problem, f"a mapping with '{name}'")
 
 
 def _plain(message: str) -> str:
     """Return a pydantic message without "Input should be"."""
     message = message.removeprefix("Input should ").removeprefix("be ")
+    if message.startswith(("greater than", "less than")):
+        return f"a value {message}"
     return message[:1].lower() + message[1:]

@@ -179,7 +179,7 @@ class ForeignTable:
         return numbers
 
     def _no_number(self, row: int, column: int) -> InputError:
-        problem = f"{describe(self.words(column)[row])} in the column '{self.heads[column]}'"
+        problem = f"found {describe(self.words(column)[row])} in the column '{self.heads[column]}'"
         return self.error(row, column, problem, "a finite number")
 
     def words(self, column: int) -> list[str]:

@@ -157,3 +157,8 @@ def describe(value: object) -> str:
         return f"a list of length {len(value)}"
     text = str(value) if isinstance(value, (int, float)) else f"'{value}'"
     return text if len(text) <= 80 else text[:76] + "...'"
+
+
+def found_value(value: object) -> str:
+    """Return the problem of an error about an unexpected value."""
+    return f"found {describe(value)}"

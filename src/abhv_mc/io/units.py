@@ -16,7 +16,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from abhv_mc.io.input_error import Refusal, describe, one_of
+from abhv_mc.io.input_error import Refusal, describe, found_value, one_of
 
 # decimal number; \d would also match digits of other scripts
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
@@ -178,14 +178,14 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
         bare_unit = "-"
     # The number types of numpy are instances of Real.
     if isinstance(text, bool) or not isinstance(text, (str, Real)):
-        raise Refusal(describe(text), dimension.expected)
+        raise Refusal(found_value(text), dimension.expected)
     match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
     if match is None:
-        raise Refusal(describe(text), dimension.expected)
+        raise Refusal(found_value(text), dimension.expected)
     number, unit = float(match.group(1)), match.group(2).strip()
     if not unit:
         if bare_unit is None:
-            raise Refusal(f"{describe(text)} without a unit", dimension.expected)
+            raise Refusal(f"found {describe(text)} without a unit", dimension.expected)
         unit = bare_unit
     try:
         factor, exponents = parse_unit(unit)
@@ -204,7 +204,7 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
     inverse = 1.0 / factor  # Division by 100 rounds only once; multiplication by 0.01 rounds twice.
     value = number / inverse if inverse.is_integer() else number * factor
     if not math.isfinite(value):
-        raise Refusal(describe(text), f"a finite number ({dimension.expected})")
+        raise Refusal(found_value(text), f"a finite number ({dimension.expected})")
     return value
 
 
@@ -245,7 +245,7 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
     try:
         dimension = dimension_of(unit)
     except Refusal:
-        raise Refusal(describe(value), f"a number in {unit}") from None
+        raise Refusal(found_value(value), f"a number in {unit}") from None
     return parse_quantity(value, dimension) / parse_unit(unit)[0]
 
 
@@ -261,7 +261,10 @@ def _parse_field(value: str | float, dimension: Dimension) -> float:
     number = parse_quantity(value, dimension)
     if abs(number) > dimension.largest:
         raise Refusal(
-            describe(value), f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}"
+            found_value(value),
+            f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}".removesuffix(
+                " -"
+            ),
         )
     return number
 

@@ -19,7 +19,7 @@ from abhv_mc.io.documents import (
     Document,
     InputError,
     Refusal,
-    describe,
+    found_value,
     one_of,
     read_document,
     write_document,
@@ -136,7 +136,7 @@ def make_parameters(
 def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Return the value. Raise InputError if it is not a mapping."""
     if not isinstance(value, Mapping):
-        raise InputError(name, describe(value), "a mapping")
+        raise InputError(name, found_value(value), "a mapping")
     return value
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from abhv_mc.io.documents import InputError, describe
+from abhv_mc.io.documents import InputError, found_value
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, format_quantity
 from abhv_mc.one_flight.given import Input, Quantity, make_document, to_si
 from abhv_mc.shipped import DEFAULT_VEHICLE
@@ -229,5 +229,5 @@ def _quantity(name: str, value: Quantity) -> float:
     number = to_si(value, dimension, name)
     if not low <= number <= high:
         expected = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-        raise InputError(name, describe(value), expected)
+        raise InputError(name, found_value(value), expected)
     return number

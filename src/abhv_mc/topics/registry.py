@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from abhv_mc.io.input_error import InputError, describe, one_of
+from abhv_mc.io.input_error import InputError, found_value, one_of
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.drivers import DRIVERS
@@ -30,7 +30,7 @@ def register(topic: Topic[Any]) -> None:
     Raise InputError for an invalid name.
     """
     if not topic.name.isidentifier():
-        raise InputError("topic", describe(topic.name), "a valid Python name")
+        raise InputError("topic", found_value(topic.name), "a valid Python name")
     if topic.name in {built_in.name for built_in in BUILT_IN}:
         raise InputError("topic", f"'{topic.name}', which is built in", "another name")
     REGISTERED[topic.name] = topic
@@ -54,5 +54,5 @@ def find_topic(name: str) -> Topic[Any]:
     """Return the topic with the given name. Raise InputError if the name is unknown."""
     topics = {topic.name: topic for topic in all_topics()}
     if name not in topics:
-        raise InputError("topic", describe(name), one_of(topics, name))
+        raise InputError("topic", found_value(name), one_of(topics, name))
     return topics[name]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from abhv_mc.entry_points import TOPICS, find_entry_points
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.input_error import InputError, describe
+from abhv_mc.io.input_error import InputError, found_value
 from abhv_mc.topics.names import Names, names_of
 from abhv_mc.topics.section import FigureText, Section
 
@@ -119,7 +119,9 @@ def user_topics() -> tuple[Topic[Any], ...]:
             continue
         if not isinstance(topic, Topic):
             raise InputError(
-                f"entry point {entry.name} of {TOPICS}", describe(topic), "an abhv_mc.topics.Topic"
+                f"entry point {entry.name} of {TOPICS}",
+                found_value(topic),
+                "an abhv_mc.topics.Topic",
             )
         topics[topic.name] = topic
     return tuple({**topics, **REGISTERED}.values())

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from abhv_mc.flight.channels import CHANNEL_INDEX, STANDARD_CHANNELS
-from abhv_mc.io.documents import Refusal, StrictModel, describe
+from abhv_mc.io.documents import Refusal, StrictModel, found_value
 from abhv_mc.io.units import Frequency
 
 ALL = "all"
@@ -39,7 +39,7 @@ def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
         ):
             where = (i,) if len(value) > 1 else ()
             raise Refusal(
-                describe(item),
+                found_value(item),
                 "all, none, failed, 'worst 20', 'every 100' or a flight number",
                 where,
             )

@@ -11,7 +11,14 @@ from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController, find_files
 from abhv_mc.control.mission import Mission
-from abhv_mc.io.documents import Document, InputError, InputErrors, describe, one_of, read_document
+from abhv_mc.io.documents import (
+    Document,
+    InputError,
+    InputErrors,
+    found_value,
+    one_of,
+    read_document,
+)
 from abhv_mc.vehicle.document import VehicleDocument
 
 MODELS: dict[str, type[BaseModel]] = {
@@ -37,7 +44,7 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
     shared = {kind: len(keys & model_keys) for kind, model_keys in _KEYS.items()}
     kind = max(shared, key=lambda name: (shared[name] + (name == expected), name == expected))
     if not shared[kind] and expected is None:
-        raise document.error((), describe(document.data), f"the keys of {one_of(MODELS)}")
+        raise document.error((), found_value(document.data), f"the keys of {one_of(MODELS)}")
     return kind
 
 

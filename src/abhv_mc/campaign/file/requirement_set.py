@@ -14,7 +14,7 @@ from abhv_mc.io.documents import (
     InputError,
     InputErrors,
     StrictModel,
-    describe,
+    found_value,
     read_document,
     validate,
 )
@@ -62,7 +62,7 @@ def read_requirement_set(source: RequirementSource) -> Document:
     document = read_requirements(document)
     if not isinstance(document.data, dict) or "requirements" not in document.data:
         expected = "a campaign file, or a file with the key 'requirements'"
-        raise document.error((), describe(document.data), expected)
+        raise document.error((), found_value(document.data), expected)
     validate(
         document, _Set
     )  # Validate here, so that errors refer to locations in the requirement set.

@@ -30,7 +30,7 @@ from abhv_mc.io.documents import (
     InputError,
     Refusal,
     StrictModel,
-    describe,
+    found_value,
     one_of,
     read_document,
     validate,
@@ -55,7 +55,7 @@ _NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g"
 
 def _statistic(value: Any) -> Any:
     if value not in STATISTICS:
-        raise Refusal(describe(value), one_of(STATISTICS, value))
+        raise Refusal(found_value(value), one_of(STATISTICS, value))
     return Statistic[value.upper()]
 
 
