@@ -228,25 +228,13 @@ def test_the_limits_of_damping_change_a_search_result_to_the_member(name: str) -
 
 @pytest.mark.thorough
 def test_the_stored_searches_give_the_stored_members() -> None:
-    """The pitch damping of five stored members is rounded; no end moves by 0.1 % of its axis."""
     members = ensemble.choose_members(ensemble.read_starts())
-    assert len(members) == len(ENSEMBLE)
     described = [ensemble.describe(name.split()[0], x.values) for name, x in members.items()]
-    assert ensemble.agree(described, ENSEMBLE)
-    equal = set()
-    for member in ENSEMBLE:
-        ours = next(entry for entry in described if entry["name"] == member["name"])
-        if ours == member:
-            equal.add(member["name"])
-        values = {"pitch_pitch_rate": member["values"]["pitch_pitch_rate"]}
-        assert ours["values"] | values == member["values"]
-        here, there = (flights.fly_candidate(x["values"]).seen for x in (ours, member))
-        for one, other in zip(here, there, strict=True):
-            off = max(abs(one.low - other.low), abs(one.high - other.high))
-            assert off <= 1e-3 * one.axis.width
-    assert equal == {"seed-2", "seed-21", "seed-22"}
-    changed = dict(described[0], values=described[0]["values"] | {"yaw_yaw_rate": 1.0})
-    assert not ensemble.agree([changed, *described[1:]], ENSEMBLE)
+    for member, stored in zip(described, ENSEMBLE, strict=True):
+        for traits in ("traits", "class_traits"):  # another machine may differ in the last digits
+            assert member.pop(traits) == pytest.approx(stored[traits], rel=1e-3)
+        assert member.pop("worst") == pytest.approx(stored["worst"], abs=2e-4)
+        assert member.items() <= stored.items()
 
 
 def test_the_largest_set_has_different_vehicles_with_the_best_ranks() -> None:
