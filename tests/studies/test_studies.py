@@ -21,6 +21,7 @@ import paper_vehicle_sides as sides
 import tuning_flights
 from experiment import CORNERS, ROOT, corner_parameters, random_parameters
 
+import paper
 from abhv_mc.control.design.lqr_design import attitude_slopes, make_lqr_gains, make_nominal
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
@@ -294,6 +295,18 @@ def test_the_shipped_vehicle_is_a_member(tmp_path: Path) -> None:
     vehicle = load_vehicle(ROOT / "configs/vehicle/abhv.yaml")
     traits = sides.measure(vehicle, *sides.find_trim(vehicle))
     assert not sides.excesses(traits).any()
+
+
+def test_the_pages_on_the_paper_are_those_of_the_stored_results() -> None:
+    stored = json.loads(ensemble.STORED.read_text(encoding="utf-8"))
+    claim = ROOT / "studies/paper_vehicle_claim.json"
+    judged = json.loads(claim.read_text(encoding="utf-8"))
+    pages = ROOT / "docs/explanation"
+    south = {"tlc": 5.011, "lqr": 5.045}  # km, of the nominal flights
+    text = (pages / "paper.md").read_text(encoding="utf-8")
+    assert paper.page(stored, judged, 200, south) == text
+    text = (pages / "paper-vehicles.md").read_text(encoding="utf-8")
+    assert paper.plausibility(ENSEMBLE) == text
 
 
 @pytest.mark.parametrize("script", ["paper_vehicle.py --smoke", "paper_vehicle_sides.py --smoke"])
