@@ -10,22 +10,22 @@ search that may be members are stored. The ensemble is the largest set of these 
 shipped vehicle and in which any two differ in three traits. Each search (paper_vehicle_search.py)
 aims at a vehicle that would enlarge the set.
 
-The results of about sixty such searches, which ran without limits on damping, are stored
-(paper_vehicle_starts.json). The figures do not determine pitch damping and hardly yaw damping, so
-rules apply these limits to each result (`limit_damping`), and add variants with less pitch damping
-(`with_damping`). Without options, the command selects the ensemble from these and compares it with
-the stored one, which it keeps if the values agree within TOLERANCE. `--searches` adds more
-searches. `--fresh` starts with only the shipped vehicle, searches from random starts and writes to
-DIR. Then each figure in turn is left out and predicted, from three random starts. The results are
-written after each step. After an interruption the same command resumes from DIR, which must be
-emptied if the box or the sides change. More threads do not help with Riccati equations of 4 x 4.
-`--smoke` simulates one candidate.
+About sixty such searches ran without limits on damping. The results of eight, whose vehicles form
+the largest set, are stored (paper_vehicle_starts.json). The figures do not determine pitch damping
+and hardly yaw damping, so rules apply these limits to each result (`limit_damping`), and add
+variants with less pitch damping (`with_damping`). Without options, the command selects the ensemble
+from these and writes it to paper_vehicle.json. `--searches` adds more searches. `--fresh` starts
+with only the shipped vehicle, searches from random starts and writes to DIR. Then each figure in
+turn is left out and predicted, from three random starts. The results are written after each step.
+After an interruption the same command resumes from DIR, which must be emptied if the box or the
+sides change. More threads do not help with Riccati equations of 4 x 4. `--smoke` simulates one
+candidate.
 """
 
 import argparse
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -38,7 +38,7 @@ from paper_vehicle_box import first_mean
 from paper_vehicle_flights import TRAITS, Seen, fly_candidate, third_trait
 from paper_vehicle_search import DIFFERENT, Found, Outcome, Search, limit_damping, rank, run
 
-STARTS = ROOT / "studies/paper_vehicle_starts.json"  # results of earlier searches
+STARTS = ROOT / "studies/paper_vehicle_starts.json"  # results of eight earlier searches
 STORED = ROOT / "studies/paper_vehicle.json"
 SHIPPED = "seed-2"  # the vehicle abhv
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
@@ -47,7 +47,6 @@ ALIKE = 0.02  # logarithmic difference of all traits up to which vehicles count 
 RANDOM_STARTS = 4  # number of fresh searches that do not avoid the members
 DAMPING = -0.4027  # 1/s, pitch damping of the shipped vehicle
 LEVELS = (1.02 * DIFFERENT) ** np.arange(1.0, 4.0)  # of pitch damping
-TOLERANCE = 0.015  # relative difference of values up to which stored members are kept
 AIMED = 6  # number of traits with an aim; the figures determine the other two
 _AIMS, _TRIES = 300, 6  # aims drawn for a search, and sets tried for each
 _MOVED = 0.25  # standard deviation of an aim from a known vehicle, logarithmic
@@ -241,42 +240,6 @@ def write(file: Path, members: list[dict[str, Any]], without: list[dict[str, Any
     file.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
-def agree(members: list[dict[str, Any]], stored: list[dict[str, Any]]) -> bool:
-    """Return whether members have the names and, within TOLERANCE, the values of the stored."""
-    if {member["name"] for member in members} != {member["name"] for member in stored}:
-        return False
-    values = {member["name"]: np.array([*member["values"].values()]) for member in stored}
-    return all(
-        np.allclose([*member["values"].values()], values[member["name"]], TOLERANCE, 0.0)
-        for member in members
-    )
-
-
-def comparison(members: list[dict[str, Any]], stored: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield lines on members beside the stored ones: ends, misses, values and ranges of traits."""
-    ensembles = {"these": members, "stored": stored}
-    for label, ensemble in ensembles.items():
-        ends = ", ".join(f"{m['name']} {m['ends_in']} ({m['worst']:.4f})" for m in ensemble)
-        yield f"{label}: {len(ensemble)} members, ends inside (largest miss): {ends}"
-    by_name = {member["name"]: member["values"] for member in stored}
-    for member in members:
-        theirs = by_name.get(member["name"], {})
-        off = [
-            f"{n} {x / theirs[n] - 1.0:+.2%}"
-            for n, x in member["values"].items()
-            if n in theirs and x != theirs[n]
-        ]
-        if theirs:
-            yield f"{member['name']} from stored values: {', '.join(off) or 'equal'}"
-    for group in ("traits", "class_traits"):
-        for name in members[0][group]:
-            spans = []
-            for label, ensemble in ensembles.items():
-                numbers = [member[group][name] for member in ensemble]
-                spans.append(f"{label} {min(numbers):.4g} to {max(numbers):.4g}")
-            yield f"{name.replace('_', ' ')}: {', '.join(spans)}"
-
-
 def find_members(
     folder: Path, go_on: Callable[[], bool], searches: int, fresh: bool
 ) -> dict[str, Found]:
@@ -352,13 +315,11 @@ def main() -> None:
         arguments.state, lambda: time.monotonic() < end, arguments.searches, arguments.fresh
     )
     members = [describe(name.split()[0], vehicle.values) for name, vehicle in vehicles.items()]
-    result = json.loads(STORED.read_text(encoding="utf-8"))
-    print(*comparison(members, result["ensemble"]), sep="\n", flush=True)
-    if agree(members, result["ensemble"]):
-        print("the stored members are kept, because their values agree", flush=True)
-        members = result["ensemble"]
+    for member in members:
+        print(f"{member['name']}: {member['ends_in']} ends inside, largest miss {member['worst']}")
     file = arguments.state / STORED.name if arguments.fresh else STORED
-    result = {"ensemble": members, "without": [] if arguments.fresh else result["without"]}
+    stored = json.loads(STORED.read_text(encoding="utf-8"))
+    result = {"ensemble": members, "without": [] if arguments.fresh else stored["without"]}
     predict_figures(file, result, arguments.state, lambda: time.monotonic() < end)
 
 

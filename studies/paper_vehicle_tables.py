@@ -55,12 +55,12 @@ def powers(traits: dict[str, dict[str, str]]) -> Iterator[str]:
             yield f"| {name} | " + " | ".join(x[name] for x in traits.values()) + " |"
 
 
-def largest_misses(result: dict[str, Any]) -> dict[str, float]:
-    """Return the largest miss in each figure left out, over its axes and the starts."""
-    worst: dict[str, float] = {}
+def largest_misses(result: dict[str, Any]) -> dict[str, list[float]]:
+    """Return the largest miss in each figure left out, over its axes, for each start."""
+    largest: dict[str, list[float]] = {}
     for prediction in result["without"]:
         axis = prediction["ends"][0]["axis"].split(" (")[0].split(",")[0]
         label = f"Figure {prediction['figure']}, {axis}"
         misses = [miss for end in prediction["ends"] for miss in end["misses"]]
-        worst[label] = max(worst.get(label, 0.0), *misses)
-    return worst
+        largest.setdefault(label, []).append(max(misses))
+    return largest

@@ -298,7 +298,7 @@ def show_histories(out: Path) -> None:
     """Check that page, view of flights, replay and explorer show the returned histories."""
     page = build_report(out)
     text = shown_text(page)
-    assert f"of flights 0 to {BANDED - 1}" in text and "sink rate (ft/s)" in text
+    assert f"flights 0 to {BANDED - 1}" in text and "sink rate (ft/s)" in text
     assert 'id="plot"' in page.read_text("utf-8")
     data, arrays = make_flights_view(
         read_flown(out), {"v1": "v1", "v2": "v2"}, {"v1": "", "v2": ""}

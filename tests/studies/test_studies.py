@@ -21,6 +21,7 @@ import paper_vehicle_sides as sides
 import tuning_flights
 from experiment import CORNERS, ROOT, corner_parameters, random_parameters
 
+import paper
 from abhv_mc.control.design.lqr_design import attitude_slopes, make_lqr_gains, make_nominal
 from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
@@ -228,25 +229,13 @@ def test_the_limits_of_damping_change_a_search_result_to_the_member(name: str) -
 
 @pytest.mark.thorough
 def test_the_stored_searches_give_the_stored_members() -> None:
-    """The pitch damping of five stored members is rounded; no end moves by 0.1 % of its axis."""
     members = ensemble.choose_members(ensemble.read_starts())
-    assert len(members) == len(ENSEMBLE)
     described = [ensemble.describe(name.split()[0], x.values) for name, x in members.items()]
-    assert ensemble.agree(described, ENSEMBLE)
-    equal = set()
-    for member in ENSEMBLE:
-        ours = next(entry for entry in described if entry["name"] == member["name"])
-        if ours == member:
-            equal.add(member["name"])
-        values = {"pitch_pitch_rate": member["values"]["pitch_pitch_rate"]}
-        assert ours["values"] | values == member["values"]
-        here, there = (flights.fly_candidate(x["values"]).seen for x in (ours, member))
-        for one, other in zip(here, there, strict=True):
-            off = max(abs(one.low - other.low), abs(one.high - other.high))
-            assert off <= 1e-3 * one.axis.width
-    assert equal == {"seed-2", "seed-21", "seed-22"}
-    changed = dict(described[0], values=described[0]["values"] | {"yaw_yaw_rate": 1.0})
-    assert not ensemble.agree([changed, *described[1:]], ENSEMBLE)
+    for member, stored in zip(described, ENSEMBLE, strict=True):
+        for traits in ("traits", "class_traits"):  # another machine may differ in the last digits
+            assert member.pop(traits) == pytest.approx(stored[traits], rel=1e-3)
+        assert member.pop("worst") == pytest.approx(stored["worst"], abs=2e-4)
+        assert member.items() <= stored.items()
 
 
 def test_the_largest_set_has_different_vehicles_with_the_best_ranks() -> None:
@@ -306,6 +295,18 @@ def test_the_shipped_vehicle_is_a_member(tmp_path: Path) -> None:
     vehicle = load_vehicle(ROOT / "configs/vehicle/abhv.yaml")
     traits = sides.measure(vehicle, *sides.find_trim(vehicle))
     assert not sides.excesses(traits).any()
+
+
+def test_the_pages_on_the_paper_are_those_of_the_stored_results() -> None:
+    stored = json.loads(ensemble.STORED.read_text(encoding="utf-8"))
+    claim = ROOT / "studies/paper_vehicle_claim.json"
+    judged = json.loads(claim.read_text(encoding="utf-8"))
+    pages = ROOT / "docs/explanation"
+    south = {"tlc": 5.011, "lqr": 5.045}  # km, of the nominal flights
+    text = (pages / "paper.md").read_text(encoding="utf-8")
+    assert paper.page(stored, judged, 200, south) == text
+    text = (pages / "paper-vehicles.md").read_text(encoding="utf-8")
+    assert paper.plausibility(ENSEMBLE) == text
 
 
 @pytest.mark.parametrize("script", ["paper_vehicle.py --smoke", "paper_vehicle_sides.py --smoke"])
