@@ -165,7 +165,7 @@ def test_only_json_is_printed_to_standard_output(abhv_mc, tmp_path, monkeypatch)
 def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
     options = ("--dry-run", "--runs", 400, "--json", tmp_path / "p.json", "-o", tmp_path / "out")
     code, out, err = abhv_mc("validate", "s_manoeuvre", *options)
-    assert code == 0 and "981" in out and len(re.findall(r" 0\.\d+ .*\b400\b", err)) == 1
+    assert code == 0 and "981" in out and len(re.findall(r"\b400\b.* 0\.\d+", err)) == 1
     (entry,) = json.loads((tmp_path / "p.json").read_text()).values()
     assert (entry["flights"], entry["plan"]["runs"]) == (400, 400)
     assert entry["plan"]["requirements"][0]["most_failures_at_runs"] == -1

@@ -406,10 +406,35 @@ def drawn_b(inputs: Path, flight: int) -> str:
     return f"{float(inputs.read_text().splitlines()[flight + 1].split(',')[2]):.4f}"
 
 
+def test_rows_of_two_tables_are_paired_in_order_on_request(tmp_path: Path) -> None:
+    """RocketPy writes a line to each of two files when a simulation ends, without its number."""
+    campaign, inputs, results = written_inputs(tmp_path)
+    drawn = read_campaign(campaign, 60).make_samples().draw(0, 60)
+    rows = list(csv.DictReader(inputs.read_text().splitlines()))
+    lines = [{name.split()[0]: float(row[name]) for name in list(row)[1:]} for row in rows]
+    inputs.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    table = tmp_path / "results.txt"
+    misses = [json.dumps({"miss": float(miss)}) + "\n" for _, miss in results]
+    table.write_text("".join(misses))
+    with pytest.raises(InputError, match="flight: line"):
+        import_tables([inputs, table], campaign, tmp_path / "out")
+    content = {**json.loads(campaign.read_text()), "columns": {"flight": "line"}}
+    campaign.write_text(json.dumps(content))
+    import_tables([inputs, table], campaign, tmp_path / "out")
+    flown = read_flown(tmp_path / "out")
+    assert flown.samples["a"].tolist() == drawn[:, 0].tolist()
+    assert flown.flights["system"].metrics["miss"].tolist() == [float(m) for _, m in results]
+    table.write_text("".join(misses[1:]))
+    with pytest.raises(InputError, match=r"59 rows.*60"):
+        import_tables([inputs, table], campaign, tmp_path / "other")
+
+
 FOREIGN = {
     "units row": "a,b,miss\nm,m,km\n{rows}",
     "brackets": "a (m),b {{m}},miss [km],x[0],x[1]\n{rows}",
     "numbered from 1": "number,a,b,miss_km\n{rows}",
+    "unit after a slash": "a / m,b in m,Ablage / km\n{rows}",
+    "unit in the name of a column": "a,b,Ablage_km\n{rows}",
     "lines of JSON": "{rows}",
     "tabular file of Dakota": "%eval_id interface a b response_fn_1\n{rows}",
 }
@@ -434,6 +459,8 @@ def test_foreign_dialects_give_the_same_verdicts(dialect: str, tmp_path: Path) -
         if "Dakota" in dialect:
             content["columns"] = {"flight": "eval_id", "miss": "response_fn_1 [km]"}
             lines = [f"{i} NO_ID {line.replace(',', ' ')}" for i, line in enumerate(lines, 1)]
+        if "unit " in dialect:
+            content["columns"] = {"miss": FOREIGN[dialect].split("\n")[0].split(",")[2]}
         if "numbered" in dialect:
             content["columns"] = {"flight": "number"}
             lines = [f"{i},{line}" for i, line in enumerate(lines, 1)][::-1]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _ROWS = 65536  # number of rows per block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings of exported tables
+_BY_ROW = "line"  # value of 'flight' under 'columns': rows of the tables are paired in order
 _ROW, _LINE = "#row", "#line"  # names of added columns, which no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
 _ECHO = 1e-4  # tolerance for inputs repeated in a table of results, relative to the largest value
@@ -69,7 +70,8 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     results = result_tables[0] if result_tables else inputs
     model: Any = campaign.model
     for name, head in model.columns.items():
-        if not any(name in rows.columns for rows in (inputs, results)):
+        is_by_row = (name, head) == ("flight", _BY_ROW)
+        if not is_by_row and not any(name in rows.columns for rows in (inputs, results)):
             expected = f"the column that 'columns' in the campaign file names for '{name}'"
             raise results.table.error(None, None, f"no column '{head}'", expected)
     for name in (*campaign.marginals, *measured):
@@ -142,6 +144,8 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     }
     numbers = table.numbers([columns[name].position for name in factors], finite=False)
     frame = pd.DataFrame(numbers * list(factors.values()), columns=list(factors))
+    if model.columns.get("flight") == _BY_ROW and "flight" not in columns:
+        frame["flight"] = np.arange(len(frame), dtype=np.float64)
     rows = _Rows(table, columns, factors, frame.assign(**{_ROW: np.arange(len(frame))}))
     for name, choices in labels.items():
         default = np.full(len(table), choices[0], object)
@@ -168,9 +172,17 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
     Raise InputError if a row of results has no inputs, or repeats inputs with other values.
     """
     for rows in (inputs, results):
-        if "flight" not in rows.columns:
-            expected = "a column 'flight' in both tables, to pair inputs and results"
+        if "flight" not in rows.frame:
+            expected = (
+                "a column 'flight' in both tables, to pair inputs and results, or "
+                f"'columns: {{flight: {_BY_ROW}}}' to pair the rows in order"
+            )
             raise rows.table.error(None, None, "no column 'flight'", expected)
+    if "flight" not in results.columns and len(inputs.frame) != len(results.frame):
+        problem = f"{len(results.frame)} rows, but {len(inputs.frame)} in {inputs.table.path.name}"
+        raise InputError(
+            results.table.path, problem, "equal numbers of rows, to pair them in order"
+        )
     drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
     drawn = drawn.drop_duplicates("flight")
     name = inputs.table.path.name

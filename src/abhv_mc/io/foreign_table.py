@@ -39,10 +39,12 @@ _WORDS = {
 }
 _COMMENT = re.compile(r"\s*(?:#(?!N/A)|%|!|//|---)")
 _UNIT_IN_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\)|\{([^{}]*)\})")
+_UNIT_AFTER_SIGN = re.compile(r"(.*?\S)(?:\s*/\s+|\s+/\s*|,\s+|\s+in\s+)(\S+)")
 _SUFFIXES = {
     "mps": "m/s",
     "fps": "ft/s",
     "kg m3": "kg/m3",
+    **{f"{length} {time}": f"{length}/{time}" for length in ("m", "km", "ft") for time in "sh"},
     "min": "?",
 }  # in column names, 'min' means minimum, as in altitude_min
 _CORNER = "\\"  # separator of the names of a matrix's two axes
@@ -124,7 +126,9 @@ class ForeignTable:
             if len(indices) > 1:
                 raise self.error(None, indices[1], f"the table has 2 columns '{text}'", "only one")
             for index in indices:
-                return Column(index, unit or split_head(self.heads[index])[1] or self.units[index])
+                own = self.heads[index]
+                stated = split_head(own)[1] or self.units[index] or _unit_suffix(own)[1]
+                return Column(index, unit or stated)
         return None
 
     def factor(self, column: Column, unit: str) -> float:
@@ -224,13 +228,36 @@ def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
 
 
 def split_head(head: str) -> tuple[str, str]:
-    """Split a heading such as 'altitude [ft]' into a name and a unit, which may be empty.
+    """Split a heading such as 'altitude [ft]' or 'altitude / ft' into a name and a unit.
 
-    An index as in 'x[0]' is not a unit.
+    The unit may be empty. An index as in 'x[0]' is not a unit.
     """
     match = _UNIT_IN_BRACKETS.fullmatch(head)
     unit = next(filter(None, match.groups()[1:]), "").strip() if match else ""
-    return (match[1], unit) if match and match[1] and not unit.isdecimal() else (head, "")
+    if match and match[1] and not unit.isdecimal():
+        return match[1], unit
+    if (match := _UNIT_AFTER_SIGN.fullmatch(head)) and _is_unit(match[2]):
+        return match[1], match[2]
+    return head, ""
+
+
+def _unit_suffix(head: str) -> tuple[str, str]:
+    """Split a heading such as 'altitude_ft' into a name and a unit, which may be empty."""
+    segments = head.split("_")
+    for i in range(1, len(segments)):
+        suffix = " ".join(segments[i:])
+        if _is_unit(unit := _SUFFIXES.get(suffix, suffix)):
+            return "_".join(segments[:i]), unit
+    return head, ""
+
+
+def _is_unit(text: str) -> bool:
+    """Return whether the text is a unit; a number is none."""
+    try:
+        parse_unit(text)
+    except Refusal:
+        return False
+    return not text.isdecimal()
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
@@ -285,7 +312,7 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
         return _read_text(path, text, has_units)
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        expected = "a CSV file in UTF-8, lines of JSON, Parquet or Excel"
+        expected = "a CSV file in UTF-8 (in Excel: CSV UTF-8), lines of JSON, Parquet or Excel"
         raise InputError(path, reason, expected) from None
 
 
