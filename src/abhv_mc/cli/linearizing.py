@@ -356,7 +356,7 @@ def linearize(
         )
     vehicle_file, mission_file, files = _find_flown(vehicle, mission, controller, trust_code)
     if len(files) > 1:
-        raise InputError("--controller", ", ".join(files), "one controller")
+        raise InputError("--controller", "found " + ", ".join(files), "one controller")
     (file,) = files.values()
     if gains is not None:
         from abhv_mc.one_flight.given import make_flight_plan

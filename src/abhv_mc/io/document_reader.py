@@ -60,7 +60,7 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         mark = error.problem_mark or error.context_mark
         location = (mark.line + 1, mark.column + 1) if mark else ()
         if mark and text[mark.index : mark.index + 1] == "\t":
-            raise InputError(path, "a tab", "indentation by spaces", *location) from None
+            raise InputError(path, "found a tab", "indentation by spaces", *location) from None
         if error.problem == "mapping values are not allowed here":
             expected = "quotes around a text with a colon, or one key per line"
             raise InputError(path, "a second colon", expected, *location) from None

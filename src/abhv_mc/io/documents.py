@@ -114,7 +114,7 @@ def read_document(path: "str | PathLike[str] | Document") -> Document:
     except IsADirectoryError:
         files = sorted(file.name for file in path.glob("*.yaml"))
         expected = f"a YAML file, such as {path / files[0]}" if files else "a YAML file"
-        raise InputError(path, "a folder", expected) from None
+        raise InputError(path, "found a folder", expected) from None
     except (OSError, ValueError) as error:
         raise InputError(path, f"the file cannot be read ({error})", "a YAML file") from None
     return Document(path, deepcopy(data), values, keys)
@@ -129,7 +129,7 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
 
     def of_numpy(value: Any) -> Any:
         if type(value).__module__ != "numpy" or getattr(value, "ndim", False):
-            raise InputError(path, f"a value of type {type(value).__name__}", "plain data")
+            raise InputError(path, f"found a value of type {type(value).__name__}", "plain data")
         return value.item()
 
     yaml = YAML(typ="safe", pure=True)

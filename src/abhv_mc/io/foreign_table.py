@@ -402,7 +402,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
             count = len(split_line(line, separator))
         if count != len(heads):
             raise InputError(
-                path, f"{count} cells", f"{len(heads)} cells, as in the heading", number
+                path, f"found {count} cells", f"{len(heads)} cells, as in the heading", number
             )
     body, delimiter = "\n".join(texts), separator
     if '"' in text or separator == _BLANKS:
@@ -458,7 +458,10 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
             outer = tuple(cells)
         elif len(cells) != len(heads) + 1:
             raise InputError(
-                path, f"{len(cells)} cells", f"{len(heads) + 1} cells, as in the heading", number
+                path,
+                f"found {len(cells)} cells",
+                f"{len(heads) + 1} cells, as in the heading",
+                number,
             )
         else:
             rows += [(*outer[1:], cells[0], *own) for own in zip(heads, cells[1:], strict=True)]
@@ -580,7 +583,7 @@ def take_numbers(
             raise table.error(None, None, f"no column {name}", expected)
         column = columns[name]
         if dimension.unit != "-" and not column.unit:
-            problem = f"'{table.heads[column.position]}' without a unit"
+            problem = f"'{table.heads[column.position]}' has no unit"
             expected = f"{dimension.name}, such as '{name} [{dimension.unit}]'"
             raise table.error(None, column.position, problem, expected)
         factors.append(table.factor(column, dimension.unit))

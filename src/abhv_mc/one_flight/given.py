@@ -75,7 +75,7 @@ def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
     from abhv_mc.user_code.from_function import make_law_text
 
     if kind != "control":
-        raise InputError(kind, "a function", "a name, a path or a mapping")
+        raise InputError(kind, "found a function", "a name, a path or a mapping")
     text = make_law_text(law)
     folder = _temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
     folder.mkdir(exist_ok=True)

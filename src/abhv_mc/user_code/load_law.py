@@ -200,7 +200,7 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
         construct = _REFUSED_CALLS.get(node.func.id)
     if construct is not None:
         return (
-            construct,
+            f"found {construct}",
             (f"numbers, named tuples and functions; {construct} are not allowed in compiled code"),
         )
     if isinstance(node, ast.Global | ast.Nonlocal):

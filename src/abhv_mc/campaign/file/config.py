@@ -32,7 +32,7 @@ def _none_for(word: str, most: int | None = None) -> Any:
 
     def read(value: Any) -> Any:
         if value is None:
-            raise Refusal("nothing", f"'{word}' or a whole number")
+            raise Refusal("found nothing", f"'{word}' or a whole number")
         return None if value == word else value
 
     return BeforeValidator(read, json_schema_input_type=written)
