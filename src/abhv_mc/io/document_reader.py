@@ -3,7 +3,6 @@
 Other modules should use :mod:`abhv_mc.io.documents` instead.
 """
 
-import functools
 import math
 import re
 from pathlib import Path
@@ -25,13 +24,26 @@ MAX_BYTES = 2_000_000
 # maximum number of values in a file, which nested YAML aliases can increase exponentially
 MAX_VALUES = 100_000
 
+_CAPACITY = 64  # number of parsed files in the cache
+_parsed: dict[bytes, tuple[Plain, Places, Places]] = {}
 _DECIMAL = re.compile(NUMBER)
 _TAG = "tag:yaml.org,2002:"
 
 
-@functools.lru_cache(maxsize=64)
 def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
-    """Parse a file; return data and locations of values and keys. Raise InputError if invalid."""
+    """Parse a file; return data and locations of values and keys. Raise InputError if invalid.
+
+    The result is cached by content, because a results folder contains copies of its input files.
+    """
+    result = _parsed.get(raw)
+    if result is None:
+        if len(_parsed) == _CAPACITY:
+            _parsed.clear()
+        result = _parsed[raw] = _parse(path, raw)
+    return result
+
+
+def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     if len(raw) > MAX_BYTES:
         raise InputError(
             path,

@@ -42,9 +42,14 @@ def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp
     return np.minimum(first + np.searchsorted(thresholds, scores), flights)
 
 
-@lru_cache(maxsize=16)
-def _first_counts(flights: int, probability: float, draws: int) -> NDArray[np.intp]:
-    return _counts(_scores(draws)[0], flights, probability)
+@lru_cache(maxsize=32)  # Most comparisons of a campaign have one of a few correlations.
+def _drawn_counts(
+    flights: int, probability: float, draws: int, correlation: float
+) -> NDArray[np.intp]:
+    """Return counts whose normal scores are correlated with the first set of scores."""
+    first, second = _scores(draws)
+    scores = correlation * first + np.sqrt(1.0 - correlation**2) * second
+    return _counts(scores, flights, probability)
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
@@ -110,7 +115,6 @@ def quantile_differences(
         np.concatenate([[-np.inf], values, [np.inf]]) for values in (sorted_a, sorted_b)
     )
     tail, draws = _draws(confidence)
-    scores_a, scores_b = _scores(draws)
     intervals = []
     for probability in probabilities:
         high_a, high_b = (
@@ -121,10 +125,8 @@ def quantile_differences(
             intervals.append(Interval(np.nan, np.nan, np.nan))
             continue
         shared = _together(a, b, high_a, high_b, probability)
-        below_a = _first_counts(a.size, probability, draws)
-        below_b = _counts(
-            shared * scores_a + np.sqrt(1.0 - shared**2) * scores_b, a.size, probability
-        )
+        below_a = _drawn_counts(a.size, probability, draws, 1.0)
+        below_b = _drawn_counts(a.size, probability, draws, shared)
         low = _minus(padded_a[below_a], padded_b[below_b + 1])
         high = _minus(padded_a[below_a + 1], padded_b[below_b])
         rank = int(tail * draws)

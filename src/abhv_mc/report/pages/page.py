@@ -75,7 +75,8 @@ def pack_arrays(arrays: Mapping[str, ArrayLike]) -> tuple[dict[str, object], str
 
 def pack_bytes(content: bytes) -> str:
     """Compress bytes reproducibly with gzip, and encode them in base64."""
-    return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
+    # Level 9 takes four times as long and saves only 1 % of the size.
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
 @dataclass(frozen=True)
