@@ -231,7 +231,6 @@ def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -
 
 
 @cache
-@cache
 def _find_dtype(kind: Any) -> np.dtype[Any]:
     """Return the element type of an array annotation."""
     return np.dtype(get_args(get_args(kind)[1])[0])

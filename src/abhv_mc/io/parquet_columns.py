@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pyarrow._compute import call_function
+
+_FEW = 10_000  # maximum number of rows converted without pyarrow.compute, whose import is slow
 
 
 def arrow_memory(content: bytes) -> pa.Buffer:
@@ -30,8 +31,10 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
 
 def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
     """Return the sorted distinct strings of a column, and the index of each row's string."""
-    column = column if column.type == pa.string() else column.cast(pa.string())
-    encoded = call_function("dictionary_encode", [column.combine_chunks()])
+    if len(column) <= _FEW:
+        texts, inverse = np.unique(np.array(column.to_pylist(), dtype=np.str_), return_inverse=True)
+        return texts.tolist(), inverse
+    encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
     texts, inverse = np.unique(
         np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True
     )

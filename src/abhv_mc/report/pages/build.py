@@ -169,10 +169,6 @@ def build_report(
     InputError
         If the folder does not contain a campaign, or if a file is invalid.
     """
-    import matplotlib.artist
-
-    # Documentation of keywords takes a third of the import of matplotlib.
-    matplotlib.artist.kwdoc = lambda artist: ""
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.folder.layout import explain_os_error, write_text
     from abhv_mc.report.numbers.compare import compare_baseline
