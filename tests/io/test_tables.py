@@ -143,6 +143,7 @@ def test_a_workbook_has_its_numbers_units_and_rows(tmp_path):
         ('a;b\n1;2\n"1" ; x\n', (3, 7), "'x'.*'b'"),
         ("a,b\n1,2\n\n1,\n", (4, 3), "''.*'b'"),
         ("a;b\n1,5;2\n1.5;3\n", (2, 1), "'1,5'"),  # a decimal comma, or thousands?
+        ("a;b\n1,5;2\n2,5;2\n1.5;3\n", (4, 1), "'1.5'"),  # most numbers have a comma
         ('a,b\n"1,234",2\n', (2, 1), "'1,234'"),
         ("a,b\n1,nan\n", (2, 3), "'nan'"),
         ("a,b\n1,2,3\n", (2, None), "3 cells"),

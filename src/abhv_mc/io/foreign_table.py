@@ -210,20 +210,21 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
 def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
     """Return the columns with decimal commas replaced by points.
 
-    Commas are treated as decimal separators if some numbers contain a comma and none contains a
-    point.
+    Commas are treated as decimal separators if more numbers contain a comma than a point. Cells
+    with a point then become invalid numbers.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    def has(pattern: str) -> bool:
+    def count(pattern: str) -> int:
         matches = (pc.match_substring_regex(columns[i], pattern) for i in texts)
-        return any(pc.any(match).as_py() for match in matches)
+        return sum(pc.sum(match).as_py() or 0 for match in matches)
 
     texts = [i for i, column in enumerate(columns) if pa.types.is_string(column.type)]
-    if has(_WITH_COMMA) and not has(_WITH_POINT):
+    if count(_WITH_COMMA) > count(_WITH_POINT):
         for i in texts:
-            columns[i] = pc.replace_substring(columns[i], ",", ".")
+            invalid = pc.replace_substring(columns[i], ".", "?")
+            columns[i] = pc.replace_substring(invalid, ",", ".")
     return columns
 
 
