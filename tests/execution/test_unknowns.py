@@ -295,7 +295,7 @@ def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_pa
         assert counts[2] > max(counts[:2])
         assert f" {len(judged)} values " in verdict.note
         if entry is speed:
-            most = rf"\b9 of 256 .*\blift \+10\s%, drag \+15\s%, .*\b{counts[2]} of 20 "
+            most = rf"\b9 of 256, .*\blift \+10\s%, drag \+15\s%, .*\b{counts[2]} of 20 "
             assert re.search(most, verdict.note)
         else:
             assert re.search(r"\b7 .*\b256 ", verdict.note) and " of 256 " not in verdict.note

@@ -70,7 +70,7 @@ def test_a_table_reads_as_a_list(tmp_path):
         ("99.73 %", "199 %", "requirements.csv:2:74: "),
         (",below,", ",belov,", "requirements.csv:1:23: "),
         ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,,", "requirements.csv:3:1: "),
-        ("one; two", "one, two", "requirements.csv:3: 10 cells"),
+        ("one; two", "one, two", "requirements.csv:3: found 10 cells"),
         (",metric,", ",rationale,", "requirements.csv:1:1: no column 'metric'"),
     ],
 )
