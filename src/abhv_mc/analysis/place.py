@@ -192,7 +192,7 @@ def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
 
 
 def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
-    """Return the headings of the columns in a table that are not compared."""
+    """Return the headings of the table columns that are not compared."""
     used = {column.position for name, column in table.columns.items() if name in compared}
     return [head for i, head in enumerate(table.table.heads) if i not in used]
 
@@ -301,7 +301,7 @@ def measure(
 
 
 def _sensor_of(channel: str) -> str | None:
-    """Return the quantity that a sensor measures in a channel, or None."""
+    """Return the sensed quantity to which a channel belongs, or None if there is none."""
     stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
     stem = stem.removesuffix("_error")
     return stem if stem in ALL_SENSORS else None

@@ -37,7 +37,10 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """Return the lean kernel for lean plans if the full kernel is not cached, else the full."""
+    """Return the lean kernel if ``lean`` is true and the full kernel is not cached.
+
+    Otherwise, return the full kernel.
+    """
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 

@@ -66,7 +66,7 @@ LAW_LOST = (
 
 
 def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """Return the outcome of a flight that, run alone, twice crashed or hung its process.
+    """Return the outcome of a flight that twice crashed or hung a process of its own.
 
     If the control law is native code, it is assumed to be the cause.
     """

@@ -245,7 +245,7 @@ def _python_memory(law: Law) -> dict[str, float]:
 
 
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
-    """Return lane-memory row and initial value of a control law's memory values, by name.
+    """Return the lane-memory row and initial value of each value in a law's memory, by name.
 
     The memory includes the last commands if the control law receives them (``onboard``). Raise
     InputError if the memory is hidden.

@@ -29,7 +29,7 @@ def reading_once() -> Iterator[None]:
 
 
 def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
-    """Decorate a function of a path so that :func:`reading_once` calls it once per file.
+    """Decorate a function of a path so that it runs once per file in :func:`reading_once`.
 
     If the argument is a document instead of a path, the function is always called.
     """

@@ -4,8 +4,8 @@ A unit is a product of symbols with integer powers ('kg m2', 'slug ft2', 'ft/s',
 by the next symbol. In files a quantity with a dimension needs a unit; on the command line some
 options allow a bare number.
 
-Conversion factors are from NIST SP 811 (2008), appendix B. Factors that are not exact there, such
-as that of the slug, are computed from exact factors.
+Conversion factors are from NIST SP 811 (2008), appendix B. Factors that SP 811 rounds, such as that
+of the slug, are computed from exact factors.
 """
 
 import math
@@ -78,7 +78,7 @@ class Dimension:
     unit: str
     example: str
     exponents: Exponents
-    largest: float = math.inf  # largest plausible value, SI
+    largest: float = math.inf  # largest plausible value in SI units
 
     @property
     def expected(self) -> str:

@@ -134,7 +134,7 @@ def name_states(code: VehicleCode | None) -> tuple[tuple[str, str], ...]:
 
 
 def reference_point(content: VehicleDocument) -> tuple[float, float]:
-    """Return x and z (m) of the point about which a function gives its moments."""
+    """Return x and z (m) of the point about which a function states its moments."""
     aerodynamics = content.aerodynamics
     if not isinstance(aerodynamics, AerodynamicsFunction):
         return 0.0, 0.0

@@ -70,7 +70,8 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     from abhv_mc.stability.probe import compile_probes
     from abhv_mc.stability.steady import trim_points
 
-    compile_probes(steady)  # Compilation starts before the trims are computed, which may need it.
+    # Computing the trims may require the compiled probes.
+    compile_probes(steady)
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
