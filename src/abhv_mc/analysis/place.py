@@ -316,7 +316,7 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return the histories that were stored regardless of the outcome, by flight number."""
+    """Return, by flight number, the histories that were stored regardless of the outcome."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
@@ -384,7 +384,7 @@ def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> Pla
 def _locate(
     flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
 ) -> PlacedFlight:
-    """Return the flight with the p-value of its history and its first exit from the band."""
+    """Return a test flight that includes its history's p-value and first exit from the band."""
     outside = band.deviations(history) > band.factor
     leaves = None
     if outside.any():

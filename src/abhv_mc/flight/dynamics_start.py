@@ -39,7 +39,7 @@ _NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| * step above which a warning or an 
 def start_custom(
     mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
 ) -> tuple[TrimPoint, Floats, list[str]]:
-    """Return the trim in equilibrium with custom dynamics, initial custom states and warnings.
+    """Return the trim with custom dynamics, the initial custom states, and warnings.
 
     ``rigid`` is the trim without custom dynamics; ``make_state`` converts a trim to a state. Raise
     InputError if there is no equilibrium or the integration step is too long.

@@ -155,7 +155,7 @@ def fly_in_memory(
 
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Compute the metrics that are quantiles over the counted ticks, interpolated linearly."""
+    """Compute metrics that are quantiles over the counted ticks, by linear interpolation."""
     quantiles = [
         (i, metric.limit)
         for i, metric in enumerate(plan.metrics)

@@ -21,7 +21,7 @@ class Outcome(IntEnum):
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # the value that the kernel uses
+    NOT_FINITE = int(user.NOT_FINITE)  # number that the kernel uses for the outcome
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7

@@ -207,7 +207,7 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
-    """Return the InputError for linearizing a control law whose memory is unknown."""
+    """Return the InputError raised if a control law to be linearized has unknown memory."""
     problems = {
         "c": "the memory of the control law is unknown",
         "fmu": "the memory of the FMU cannot be set completely",

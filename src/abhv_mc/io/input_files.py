@@ -17,7 +17,7 @@ _held: list[dict[Any, Any]] = []  # cached file contents and results of decorate
 
 @contextmanager
 def reading_once() -> Iterator[None]:
-    """Read each input file at most once during the context, in all modules and threads."""
+    """Read each input file only once while the context is open, in all modules and threads."""
     if _held:  # In a nested context, the outer cache is used.
         yield
         return

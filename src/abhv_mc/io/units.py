@@ -229,7 +229,7 @@ def parse_in_unit(value: str | float, unit: str) -> float:
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """Convert a quantity to ``unit``, which may be an unknown unit.
+    """Convert a quantity to ``unit``, which need not be a known unit.
 
     A plain number is in ``unit``; other units are converted if both units are known. Raise Refusal
     if the conversion is impossible.

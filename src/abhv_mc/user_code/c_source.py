@@ -116,7 +116,7 @@ def describe_layout(layout: Layout) -> str:
 
 
 def with_library(source: UserSource) -> UserSource:
-    """Return a control law's source with its library, built once per version of the source.
+    """Return a control law's source with its library, which is built once per version.
 
     Raise InputError with the first error of the C compiler.
     """

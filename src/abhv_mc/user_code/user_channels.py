@@ -1,4 +1,4 @@
-"""Compilation of custom channels, functions that return one value per control tick."""
+"""Compilation of custom channels, functions that each return one value per control tick."""
 
 import functools
 from collections import namedtuple
