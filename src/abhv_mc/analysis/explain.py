@@ -95,7 +95,7 @@ def explain_flight(
     """Find the smallest set of a failed flight's dispersions that reproduces the failure.
 
     `root` is the campaign's folder. `requirement` is the metric of the missed requirement to
-    explain. By default, an early termination is explained, or otherwise the first missed
+    explain. By default, the early termination is explained if there was one, else the first missed
     requirement. Raise InputError if the flight does not exist or did not fail.
     """
     folder = CampaignFolder(root)
@@ -150,7 +150,7 @@ def explain_flight(
 def with_margins(
     campaign: Experiment, controller: str, failures: Sequence[Failure]
 ) -> tuple[Experiment, bool]:
-    """Return the campaign for re-running failed flights, and whether margins are computed.
+    """Return a campaign for re-running failed flights, and whether it computes margins.
 
     Margins are computed if any failure is a missed requirement on a stability margin.
     """
@@ -240,7 +240,7 @@ def find_failure(
 
 
 def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
-    """Return the indices of the parameters, from the least to the most unusual value."""
+    """Return the indices of the parameters, sorted from the least to the most unusual value."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
     # A failure that does not occur in most flights has an infinite median time.
     middle = np.median(drawn, axis=0)

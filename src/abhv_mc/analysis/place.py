@@ -192,7 +192,7 @@ def _read_table(file: Path, units: Mapping[str, str]) -> NumberTable:
 
 
 def _unused(table: NumberTable, compared: Collection[str]) -> list[str]:
-    """Return the headings of the columns in a table that are not compared."""
+    """Return the headings of the table columns that are not compared."""
     used = {column.position for name, column in table.columns.items() if name in compared}
     return [head for i, head in enumerate(table.table.heads) if i not in used]
 
@@ -301,7 +301,7 @@ def measure(
 
 
 def _sensor_of(channel: str) -> str | None:
-    """Return the quantity that a sensor measures in a channel, or None."""
+    """Return the sensed quantity to which a channel belongs, or None if there is none."""
     stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
     stem = stem.removesuffix("_error")
     return stem if stem in ALL_SENSORS else None
@@ -316,7 +316,7 @@ def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Float
 
 
 def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return the histories that were stored regardless of the outcome, by flight number."""
+    """Return, by flight number, the histories that were stored regardless of the outcome."""
     steps = [
         1 if item == "all" else int(str(item).removeprefix("every "))
         for item in results.campaign.model.keep.histories.flights
@@ -384,7 +384,7 @@ def _place(label: str, names: Sequence[str], values: Floats, row: Floats) -> Pla
 def _locate(
     flight: PlacedFlight, band: Band, history: Floats, times: Floats, channels: Sequence[str]
 ) -> PlacedFlight:
-    """Return the flight with the p-value of its history and its first exit from the band."""
+    """Return a test flight that includes its history's p-value and first exit from the band."""
     outside = band.deviations(history) > band.factor
     leaves = None
     if outside.any():

@@ -1,4 +1,4 @@
-"""Search for the smallest set of inputs that causes a failure with all others nominal.
+"""Search for the smallest set of inputs that causes a failure if the others are nominal.
 
 Candidate sets are tried in order of increasing size while their number is within a budget. Beyond
 the budget, the full set is reduced until no single input can be omitted (delta debugging: Zeller &

@@ -42,8 +42,8 @@ _COLUMNS = {  # numbers of gains and of settings, by control law
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
 }  # A custom control law may have any number of gains and settings.
-# The kernel's outcome code for a flight that reached an end condition of its mission. Conversion to
-# an integer gives Outcome.OK.
+# The kernel's outcome code for a flight that reached an end condition of its mission. Converted to
+# an integer, the code is Outcome.OK.
 _FLOWN = 0.5
 
 
@@ -146,10 +146,10 @@ def make_kernel_plan(
 
 
 def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
-    """Return rows [flight, parameter] with added settings and initial custom states.
+    """Return rows [flight, parameter], with settings and initial custom states appended.
 
-    Rows that already have these values are unchanged, but settings of other control laws are
-    removed from their end.
+    Rows that already have these values are unchanged, except that settings of other control laws
+    are removed from the end of the rows.
     """
     foreign = plan.vehicle.foreign
     nominal = np.concatenate([foreign.settings, np.zeros(foreign.states)])
@@ -171,7 +171,7 @@ def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
     limits = plan.limits
     bounded = [
         limit for limit in LIMITS if any(map(math.isfinite, limit.bounds(limits)))
-    ]  # This list may be empty.
+    ]  # The list is empty if no limit is finite.
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
     state_limits = plan.vehicle.foreign.state_limit  # Limits of custom states come first.
     limited = np.flatnonzero(np.isfinite(state_limits))

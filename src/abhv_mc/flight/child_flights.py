@@ -1,4 +1,4 @@
-"""Simulation of native control laws in a child process, which may crash.
+"""Simulation of flights with native control laws in a child process that may crash.
 
 The memory of a single flight is mapped to a file that remains after a crash, so that the last tick
 can be reported.
@@ -29,7 +29,7 @@ from abhv_mc.user_code.unpack import laws_folder
 _LIMIT = 60.0  # time limit for each group of up to 16 flights, s
 _FEW = 16
 _ROWS = Z_ROWS + O_ROWS + 1  # number of rows of the file; the last row contains the control period
-_compiled: set[int] = set()  # lane counts of the compiled flights loaded by the child
+_compiled: set[int] = set()  # lane counts for which the child has loaded compiled flights
 
 
 def fly_in_child(

@@ -39,7 +39,7 @@ _NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| * step above which a warning or an 
 def start_custom(
     mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
 ) -> tuple[TrimPoint, Floats, list[str]]:
-    """Return the trim in equilibrium with custom dynamics, initial custom states and warnings.
+    """Return the trim with custom dynamics, the initial custom states, and warnings.
 
     ``rigid`` is the trim without custom dynamics; ``make_state`` converts a trim to a state. Raise
     InputError if there is no equilibrium or the integration step is too long.
@@ -75,7 +75,7 @@ def start_custom(
 
 
 def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
-    """Return the custom states whose rates are zero in the trim with ``push``.
+    """Return the custom states whose rates are zero in the trim with the load ``push``.
 
     The iteration starts at ``states``. Raise InputError if it does not converge.
     """
@@ -138,7 +138,7 @@ def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
 
 
 def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> None:
-    """Raise InputError if the function returns a non-finite number at the mission's start."""
+    """Raise InputError if custom dynamics return a non-finite number at the mission's start."""
     rates, _ = point.evaluate(states, push)
     names = [f"rate of '{state.name}'" for state in code.states]
     names += [f"{quantity} along {axis}" for quantity in ("force", "moment") for axis in "xyz"]
@@ -153,7 +153,7 @@ def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push:
 def _check_step(
     code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats, step: float
 ) -> list[str]:
-    """Return a warning if the integration step barely resolves the fastest eigenvalue.
+    """Return a warning if the integration step barely resolves the fastest mode.
 
     Raise InputError if the integration is unstable.
     """
@@ -199,7 +199,7 @@ class _StartPoint:
         return self.trims[push.tobytes()]
 
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
-        """Return the rates of the states and the resulting push, in the trim with ``push``."""
+        """Return the rates of the states and the resulting load, in the trim with ``push``."""
         trim, start = self.trim(push), self.mission.start
         x, alpha, mass = (
             self.make_state(trim),

@@ -37,7 +37,10 @@ compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
 
 @cache
 def choose_flight(lanes: int, lean: bool) -> Any:
-    """Return the lean kernel for lean plans if the full kernel is not cached, else the full."""
+    """Return the lean kernel if ``lean`` is true and the full kernel is not cached.
+
+    Otherwise, return the full kernel.
+    """
     full = compiled_flight(lanes)
     return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
 
@@ -152,7 +155,7 @@ def fly_in_memory(
 
 
 def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Compute the metrics that are quantiles over the counted ticks, interpolated linearly."""
+    """Compute metrics that are quantiles over the counted ticks, by linear interpolation."""
     quantiles = [
         (i, metric.limit)
         for i, metric in enumerate(plan.metrics)

@@ -21,7 +21,7 @@ class Outcome(IntEnum):
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # the value that the kernel uses
+    NOT_FINITE = int(user.NOT_FINITE)  # number that the kernel uses for the outcome
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7
@@ -66,7 +66,7 @@ LAW_LOST = (
 
 
 def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """Return the outcome of a flight that, run alone, twice crashed or hung its process.
+    """Return the outcome of a flight that twice crashed or hung a process of its own.
 
     If the control law is native code, it is assumed to be the cause.
     """

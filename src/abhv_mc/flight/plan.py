@@ -108,7 +108,7 @@ class FlightPlan:
     period: int = 0  # declared period of a custom control law in ticks; 0 if undeclared
     # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
-    # dispersed settings of control laws; they follow the vehicle's settings
+    # dispersed settings of control laws, after the vehicle's settings in parameter arrays
     law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
     filter_settings: Floats = field(
         default_factory=lambda: np.empty(0)
@@ -124,7 +124,7 @@ class FlightPlan:
     lean: bool = field(default=False, metadata={"stored": False})
 
     def lean_for(self, names: Collection[str]) -> "Self":
-        """Return the plan for flights that disperse the named parameters, lean if possible.
+        """Return the plan, lean if possible, for flights that disperse the named parameters.
 
         The result depends only on the names, so that all processes compile the same kernel.
         """

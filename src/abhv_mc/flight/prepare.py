@@ -78,7 +78,7 @@ _find_warnings = cache_results(
 _LEAST_FUEL = 1e-9  # fuel mass at which the tank counts as empty, kg
 _SPEED_FACTOR = 2.0  # default speed limit relative to the largest reference speed
 _OUTSIDE = 1.0  # minimum time outside the tables that causes a warning, s
-_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle of attack that is rarely a node of tables, rad
+_ALPHA_OF_AUTHORITY = np.deg2rad(1.2)  # small angle of attack that is rarely a table node, rad
 
 
 def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
@@ -395,7 +395,7 @@ def make_timing(mission: Mission, rate: float) -> Timing:
 def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> Floats:
     """Return the state of trimmed steady flight, with actuators at rest.
 
-    The body rotates with the local frame and, in a bank, with the turn rate.
+    The body rotates with the local frame and, if banked, also at the turn rate.
     """
     start = mission.start
     x = np.zeros(s.N_STATES)

@@ -207,7 +207,7 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
-    """Return the InputError for linearizing a control law whose memory is unknown."""
+    """Return the InputError raised if a control law to be linearized has unknown memory."""
     problems = {
         "c": "the memory of the control law is unknown",
         "fmu": "the memory of the FMU cannot be set completely",
@@ -245,7 +245,7 @@ def _python_memory(law: Law) -> dict[str, float]:
 
 
 def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
-    """Return lane-memory row and initial value of a control law's memory values, by name.
+    """Return the lane-memory row and initial value of each value in a law's memory, by name.
 
     The memory includes the last commands if the control law receives them (``onboard``). Raise
     InputError if the memory is hidden.

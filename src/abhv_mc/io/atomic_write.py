@@ -11,7 +11,7 @@ TEMPORARY = ".temporary"  # suffix of files that are being written
 
 @contextlib.contextmanager
 def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
-    """Yield a temporary path, which is renamed to ``path`` at the end or deleted on error.
+    """Yield a temporary path, whose file is renamed to ``path`` or, on error, deleted.
 
     The temporary path is absolute, because pyarrow interprets a relative path with a colon as an
     address. If several writers write the same file, the last one to finish wins. Missing folders

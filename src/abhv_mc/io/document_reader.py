@@ -21,7 +21,7 @@ Plain = dict[str, Any] | list[Any] | str | int | float | bool | None
 Places = dict[tuple[str | int, ...], Place]
 
 MAX_BYTES = 2_000_000
-# maximum number of values in a file, which nested YAML aliases can increase exponentially
+# maximum number of values in a file, which prevents exponential growth by nested YAML aliases
 MAX_VALUES = 100_000
 
 _CAPACITY = 64  # number of parsed files in the cache
@@ -86,7 +86,7 @@ def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         YAMLError,
         ValueError,
         OverflowError,
-    ) as error:  # An OverflowError is caused by an escape beyond the range of Unicode.
+    ) as error:  # An escape sequence beyond the range of Unicode raises OverflowError.
         raise InputError(path, str(error).splitlines()[0], "YAML 1.2") from None
 
 
@@ -150,7 +150,7 @@ class _Builder:
             result[key] = self.build(value_node, path)
             if (
                 value_node.start_mark.index == value_node.end_mark.index
-            ):  # The marks of an empty value are on a later line than the key.
+            ):  # ruamel marks an empty value on a line after its key.
                 self.values[path] = self.keys[path]
         return result
 

@@ -59,7 +59,7 @@ class Document:
     data: Plain
     value_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
     key_places: Mapping[tuple[Key, ...], Place] = field(repr=False)
-    # files that this file names and whose entries are part of the data
+    # files named in this file whose entries are part of the data
     tables: tuple["Document", ...] = field(default=(), repr=False)
 
     @property
@@ -73,13 +73,13 @@ class Document:
         return str(self.path)
 
     def position(self, *keys: Key) -> Place:
-        """Return line and column (from 1) of the value at ``keys``, or of its nearest parent."""
+        """Return the line and column (from 1) of the value at ``keys`` or its nearest parent."""
         while keys not in self.value_places:
             keys = keys[:-1]
         return self.value_places[keys]
 
     def key_position(self, *keys: Key) -> Place:
-        """Return line and column (from 1) of the last key in ``keys``, or of a list item."""
+        """Return the line and column (from 1) of the last key, or list item, in ``keys``."""
         return self.key_places.get(keys) or self.position(*keys)
 
     def error(self, keys: tuple[Key, ...], problem: str, expected: str) -> InputError:
@@ -296,7 +296,7 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
     name = context["discriminator"].strip("'")
     name = (
         "kind" if name.endswith("()") else name
-    )  # The tag of a discriminator function is called the kind of the value.
+    )  # If a function determines the tag, error messages call the tag "kind".
     if "tag" in context:
         tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
         return document.error(
@@ -307,7 +307,7 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
 
 
 def _plain(message: str) -> str:
-    """Return a pydantic message without "Input should be"."""
+    """Return a pydantic message without its prefix "Input should be"."""
     message = message.removeprefix("Input should ").removeprefix("be ")
     if message.startswith(("greater than", "less than")):
         return f"a value {message}"

@@ -1,4 +1,4 @@
-"""Tables from other programs: CSV of any dialect, JSON lines, Parquet and Excel.
+"""Tables from other programs: CSV of any dialect, JSON Lines, Parquet and Excel.
 
 The reader keeps the source location of each cell for error messages. All tables of flights,
 samples, missions, vehicles and gains are read with the same rules for units in column headings.
@@ -46,7 +46,7 @@ _SUFFIXES = {
     "kg m3": "kg/m3",
     **{f"{length} {time}": f"{length}/{time}" for length in ("m", "km", "ft") for time in "sh"},
     "min": "?",
-}  # in column names, 'min' means minimum, as in altitude_min
+}  # in column names such as altitude_min, 'min' means minimum, not minutes
 _CORNER = "\\"  # separator of the names of a matrix's two axes
 _BLANKS = " "  # separator that represents any number of blanks or tabs
 _FEW = 1000  # maximum number of rows that are parsed in Python
@@ -81,7 +81,11 @@ class ForeignTable:
         return int(self.data.num_rows)
 
     def error(self, row: int | None, column: int | None, problem: str, expected: str) -> InputError:
-        """Return the InputError for a cell; row None is the heading, column None the whole line."""
+        """Return the InputError for a cell.
+
+        If ``row`` is None, the cell is a heading. If ``column`` is None, the error states only the
+        line.
+        """
         if self.value_cells and column != len(self.heads) - 1:
             column = None
         located, start = self.position(row, column or 0)
@@ -89,7 +93,7 @@ class ForeignTable:
         return InputError(self.path, problem, expected, located, start if has_column else None)
 
     def position(self, row: int | None, column: int) -> tuple[int, int]:
-        """Return line and column (from 1) of a cell; row None is the heading."""
+        """Return the line and column (from 1) of a cell, or of a heading if ``row`` is None."""
         line = self.head_line if row is None else self.lines[row]
         text = self.head_text if row is None else self.texts[row] if self.texts else ""
         if row is not None and self.value_cells:
@@ -102,8 +106,8 @@ class ForeignTable:
         """Return the columns of ``names`` that exist in the table.
 
         A heading is a name, optionally with a unit: 'altitude [ft]', 'altitude (ft)', 'altitude
-        {ft}' or 'altitude_ft'. ``heads`` maps names to other headings. Raise InputError if two
-        columns match one name.
+        {ft}' or 'altitude_ft'. ``heads`` maps names to the headings that replace them. Raise
+        InputError if two columns match one name.
         """
         columns: dict[str, Column] = {}
         known_names = frozenset(names)
@@ -159,7 +163,7 @@ class ForeignTable:
         if self.separator != ",":
             values = _with_points(values)
         for i, (column, own) in enumerate(zip(columns, values, strict=True)):
-            if short:  # Importing Arrow's functions would take 0.1 s.
+            if short:  # Importing pyarrow.compute takes 0.1 s.
                 out[:, i] = self._parse(column, own)
             else:
                 try:
@@ -193,7 +197,7 @@ class ForeignTable:
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column without dictionary encoding; booleans are numbers, text is stripped."""
+    """Return a column without dictionary encoding, booleans as numbers and text stripped."""
     import pyarrow as pa
 
     if pa.types.is_dictionary(column.type):
@@ -253,7 +257,7 @@ def _unit_suffix(head: str) -> tuple[str, str]:
 
 
 def _is_unit(text: str) -> bool:
-    """Return whether the text is a unit; a number is none."""
+    """Return whether the text is a unit; a number such as '1' is not a unit."""
     try:
         parse_unit(text)
     except Refusal:
@@ -262,9 +266,9 @@ def _is_unit(text: str) -> bool:
 
 
 def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
-    """Return the name and the unit in a heading, or empty strings.
+    """Return the name and the unit in a heading; both are empty if the name is unknown.
 
-    ``names`` are the possible names.
+    ``names`` are the known names.
     """
     if head in names:
         return head, ""
@@ -304,7 +308,8 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
             return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
-            # Errors in a spreadsheet name only the row, because cells have no character columns.
+            # Errors in a spreadsheet state only the row, because cells have no position in a line
+            # of text.
             return replace(table, texts=(), head_text="")
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")

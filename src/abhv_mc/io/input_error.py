@@ -68,7 +68,7 @@ class InputErrors(InputError):
     Attributes
     ----------
     errors
-        Each problem as an :class:`InputError`; the other attributes are those of the first.
+        Each problem as an :class:`InputError`; the other attributes are those of the first problem.
 
     Examples
     --------
@@ -160,5 +160,5 @@ def describe(value: object) -> str:
 
 
 def found_value(value: object) -> str:
-    """Return the problem of an error about an unexpected value."""
+    """Return the text of an error about an unexpected value, such as "found 3"."""
     return f"found {describe(value)}"

@@ -17,7 +17,7 @@ _held: list[dict[Any, Any]] = []  # cached file contents and results of decorate
 
 @contextmanager
 def reading_once() -> Iterator[None]:
-    """Read each input file at most once during the context, in all modules and threads."""
+    """Read each input file only once while the context is open, in all modules and threads."""
     if _held:  # In a nested context, the outer cache is used.
         yield
         return
@@ -29,7 +29,7 @@ def reading_once() -> Iterator[None]:
 
 
 def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
-    """Decorate a function of a path so that :func:`reading_once` calls it once per file.
+    """Decorate a function of a path so that it runs once per file in :func:`reading_once`.
 
     If the argument is a document instead of a path, the function is always called.
     """

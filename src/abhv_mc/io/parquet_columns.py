@@ -1,6 +1,7 @@
 """Conversion between Parquet columns and arrays without importing pandas or pyarrow.compute.
 
-The corresponding functions of pyarrow import these modules, which takes a third of a second.
+The corresponding functions of pyarrow import pandas or pyarrow.compute, which takes a third of a
+second.
 """
 
 from collections.abc import Sequence

@@ -4,8 +4,8 @@ A unit is a product of symbols with integer powers ('kg m2', 'slug ft2', 'ft/s',
 by the next symbol. In files a quantity with a dimension needs a unit; on the command line some
 options allow a bare number.
 
-Conversion factors are from NIST SP 811 (2008), appendix B. Factors that are not exact there, such
-as that of the slug, are computed from exact factors.
+Conversion factors are from NIST SP 811 (2008), appendix B. Factors that SP 811 rounds, such as that
+of the slug, are computed from exact factors.
 """
 
 import math
@@ -78,7 +78,7 @@ class Dimension:
     unit: str
     example: str
     exponents: Exponents
-    largest: float = math.inf  # largest plausible value, SI
+    largest: float = math.inf  # largest plausible value in SI units
 
     @property
     def expected(self) -> str:
@@ -229,7 +229,7 @@ def parse_in_unit(value: str | float, unit: str) -> float:
 
 
 def parse_in_any_unit(value: str | float, unit: str) -> float:
-    """Convert a quantity to ``unit``, which may be an unknown unit.
+    """Convert a quantity to ``unit``, which need not be a known unit.
 
     A plain number is in ``unit``; other units are converted if both units are known. Raise Refusal
     if the conversion is impossible.

@@ -35,7 +35,7 @@ class Node:
     line: int
     column: int
     children: list["Node"] = field(default_factory=list)
-    raw: str = ""  # unfolded text
+    raw: str = ""  # original text, which may span several lines
 
     @cached_property
     def text(self) -> str:
@@ -65,7 +65,7 @@ class Node:
         return InputError(self.path, problem, expected, self.line, self.column)
 
     def number(self, text: str) -> float:
-        """Convert text of the element to a number. Raise InputError if this is impossible."""
+        """Convert text from the element to a number. Raise InputError if it is not a number."""
         try:
             value = float(text)
         except ValueError:

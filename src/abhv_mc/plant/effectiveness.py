@@ -1,4 +1,4 @@
-"""Derivatives of the aerodynamic coefficients with respect to deflections, for allocation.
+"""Derivatives of coefficients with respect to deflections, for control allocation.
 
 A term ``table * variable`` may depend on a deflection through the variable and through an axis of
 the table. Both dependences are linear inside a table cell, so the derivatives are exact. The list
@@ -24,7 +24,10 @@ def _input_weights(vehicle: Vehicle) -> Floats:
 
 
 def _slope_rows(vehicle: Vehicle, weights: Floats) -> tuple[dict[tuple[int, int], int], int]:
-    """Return the first slope row of each (group, axis) that depends on inputs, and row count."""
+    """Return the first slope row of each (group, axis) that depends on inputs.
+
+    The second result is the total number of rows.
+    """
     tables = vehicle.tables
     rows: dict[tuple[int, int], int] = {}
     end = int(tables.n_rows)

@@ -366,7 +366,7 @@ class Parameters:
         return PARAMETERS[0].name in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
-        """Return the nominal values of parameters [name]."""
+        """Return the nominal values [name] of the named parameters."""
         return self.nominal[[self.index[name] for name in names]]
 
 

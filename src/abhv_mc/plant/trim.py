@@ -1,4 +1,4 @@
-"""Trim: angle of attack, elevator and equivalence ratio that balance the full tables.
+"""Trim: angle of attack, elevator and equivalence ratio that balance a vehicle.
 
 Forces in the plane of symmetry and the pitching moment about the centre of gravity are balanced
 exactly, with zero aileron, rudder and sideslip. The method follows Zhu & Shen (2014), section 4.3,

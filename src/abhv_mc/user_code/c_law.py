@@ -1,8 +1,8 @@
 """Loading of control laws in C, and the compiled loop that calls them.
 
-The loop over the lanes fills the structs of abhv_law.h and calls the step function. Each lane
-stores the index of the state of its flight. Native code runs in workers and the child process,
-never in the main process.
+The loop over the lanes (SIMD lanes, one flight each) fills the structs of abhv_law.h and calls the
+step function. Each lane stores the index of the state of its flight. Native code runs in workers
+and the child process, never in the main process.
 """
 
 import ctypes
@@ -41,8 +41,9 @@ _SYSTEM = (
     sys.base_prefix,
 )
 _LINE = 64  # alignment of each flight's state, bytes
-_COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))  # offset of the command, bytes
-_NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)  # offset of the memory, bytes
+# offsets of the command and of the memory in the buffer, bytes
+_COMMAND = 8 * (s.N_SEEN + len(ONBOARD_ROWS))
+_NUMBERS = _COMMAND + 8 * (len(COMMAND_ROWS) + MAX_ACTUATORS)
 
 
 class CLibrary(NamedTuple):
@@ -160,10 +161,10 @@ def open_c_law(
 ) -> OpenLaw:
     """Return the control law for ``width`` lanes and ``n_states`` simultaneous flights.
 
-    ``effectors`` are the vehicle's effectors. If a law exposes its memory of ``memory`` numbers,
-    they are stored in rows of lane memory, as for a compiled law, and the law's state is restored
-    from these rows at each tick. Only the first ``seen`` measured quantities are passed to the law;
-    the others are NaN.
+    ``effectors`` are the vehicle's effectors. If the law exposes its memory of ``memory`` numbers,
+    these numbers are stored in rows of lane memory, as for a compiled law, and the state of the law
+    is restored from these rows at each tick. Only the first ``seen`` measured quantities are passed
+    to the law; the others are NaN.
     """
     library = load_library(source)
     recipe: Any = source.recipe

@@ -108,12 +108,15 @@ def make_settings_header(layout: Layout) -> str:
 
 
 def describe_layout(layout: Layout) -> str:
-    """Return the settings as text, as contained in libraries built with abhv_settings.h."""
+    """Return a description of the layout of the settings.
+
+    Libraries that are built with abhv_settings.h contain this text.
+    """
     return ", ".join(f"{name}[{length}]" if length else name for name, length in layout) or "none"
 
 
 def with_library(source: UserSource) -> UserSource:
-    """Return a control law's source with its library, built once per version of the source.
+    """Return a control law's source with its library, which is built once per version.
 
     Raise InputError with the first error of the C compiler.
     """

@@ -30,7 +30,7 @@ _child: "_Child | None" = None
 
 
 class LostError(Exception):
-    """Error raised if the child process ends or exceeds its time limit (``hung``)."""
+    """Error raised if the child process ends, or exceeds its time limit (``hung`` is true)."""
 
     def __init__(self, reason: str, hung: bool, process: int) -> None:
         super().__init__(reason, hung, process)
@@ -137,7 +137,7 @@ class _Child:
             self._process.kill()
 
     def end(self) -> None:
-        if self._pid != os.getpid():  # The object was copied by a fork of this process.
+        if self._pid != os.getpid():  # A forked process must not end its parent's child.
             return
         self.kill()
         self._process.wait()

@@ -64,12 +64,12 @@ def compile_law(
     effectors: tuple[str, ...] = (),
     dispersed_row: int = 0,
 ) -> Any:
-    """Compile a control law to a loop over ``width`` lanes, with the attribute ``address``.
+    """Compile a control law and return its loop over ``width`` lanes.
 
-    ``gains`` are the names of the gain columns; ``effectors`` are the names of the vehicle's
-    effectors if the law commands effectors. ``dispersed_row`` is the first row of the dispersed
-    settings of each flight, or 0 if no setting is dispersed. Raise InputError, with the user's
-    line, for code that does not compile.
+    The loop has the attribute ``address``. ``gains`` are the names of the gain columns;
+    ``effectors`` are the names of the vehicle's effectors if the law commands effectors.
+    ``dispersed_row`` is the first row of the dispersed settings of each flight, or 0 if no setting
+    is dispersed. If the code does not compile, raise InputError with the line in the user's file.
     """
     law = load_law(source)
     with refuse_in_words(source, "the law", WANTED):
@@ -96,10 +96,10 @@ def compile_law(
 
 @functools.lru_cache(maxsize=64)
 def compile_filter(source: UserSource, settings: tuple[float, ...], width: int) -> Any:
-    """Compile a measurement filter to a loop over ``width`` lanes.
+    """Compile a measurement filter and return its loop over ``width`` lanes.
 
-    The loop has the attribute ``address``. Raise InputError, with the user's line, for code that
-    does not compile.
+    The loop has the attribute ``address``. If the code does not compile, raise InputError with the
+    line in the user's file.
     """
     law = load_law(source)
     lane = functools.partial(lane_of, width)
@@ -146,7 +146,7 @@ REFERENCE_TEXT = tuple_text(
 
 
 def lane_of(width: int, row: int) -> str:
-    """Return the source text of the value in a row of lane memory for the current lane."""
+    """Return source text that refers to the current lane's value in a row of lane memory."""
     return f"Z[{row * width} + lane]"
 
 
@@ -172,7 +172,7 @@ def build(
     salt: str = "",
     expected: str = WANTED,
 ) -> Any:
-    """Compile generated source text that calls ``function`` and return its ``loop``.
+    """Compile generated source text that calls ``function``; return the compiled ``loop``.
 
     Raise InputError at the line that numba reports, or else at the line of the function.
     """
@@ -183,7 +183,7 @@ def build(
 
 
 def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
-    """Compile source text that uses ``names`` and return its function ``loop``.
+    """Compile source text that uses ``names``; return the compiled function ``loop``.
 
     ``salt`` distinguishes loops of equal text that use different names. Raise Uncompilable if
     compilation fails.
@@ -206,7 +206,7 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
 
 
 def compiled_names(module: Module) -> dict[str, Any]:
-    """Return the global names of a file, with objects prepared for numba.
+    """Return the global names of a file, with their objects converted for numba.
 
     Tables become look-up functions, and classes become functions that convert their arguments to
     floats.
@@ -306,7 +306,7 @@ def _measured_text(lane: Callable[[int], str]) -> str:
 
 
 def _memory_lines(law: Law, lane: Callable[[int], str]) -> list[str]:
-    """Return the lines that build a law's memory from its rows, if it has one.
+    """Return the lines that build the memory of a law, if any, from rows of lane memory.
 
     At the first tick, the memory has its default values. Each value is assigned to a variable
     first, because numba cannot compile a call with more than 30 arguments if one is a conditional
@@ -380,7 +380,10 @@ def _make_loop(
 
 
 def _explain(module: Module, error: Uncompilable, first_line: int, expected: str) -> InputError:
-    """Return a shortened numba message as an InputError at the user's line or ``first_line``."""
+    """Return an InputError with a shortened numba message and its line in the user's file.
+
+    If the message contains no such line, the error is located at ``first_line``.
+    """
     source = module.source
     line: int | None = error.line if error.file == source.file else None
     for match in re.finditer(re.escape(f'File "{source.file}", line ') + r"(\d+)", error.message):

@@ -48,7 +48,7 @@ class LinearPlant(NamedTuple):
 
 
 class Trim(NamedTuple):
-    """Nominal controls on the reference trajectory at one time, SI and radians."""
+    """Nominal controls at one time of the reference trajectory, in SI units and radians."""
 
     angle_of_attack: float
     bank: float
@@ -81,12 +81,12 @@ class DesignModel:
         return self.table[:, REFERENCE.index("time")]
 
     def trim(self, time: float) -> Trim:
-        """Return the nominal controls at the control tick nearest to ``time``, s."""
+        """Return the nominal controls at the control tick nearest to ``time`` (s)."""
         row = self.table[self._tick(time)]
         return Trim(*(float(row[REFERENCE.index(name)]) for name in Trim._fields))
 
     def linearize(self, time: float) -> LinearPlant:
-        """Return the nominal vehicle linearized at the control tick nearest to ``time``, s.
+        """Return the nominal vehicle linearized at the control tick nearest to ``time`` (s).
 
         The Earth is a nonrotating sphere. The vehicle flies the coordinated turn of the reference,
         and actuator dynamics are neglected.
@@ -151,8 +151,8 @@ def watched_design(
 ) -> tuple[tuple[str, ...], Floats]:
     """Return the names and columns [tick, gain] of the gains designed for a control law.
 
-    The design runs in the child process, which checks file reads. Raise InputError if the design
-    fails.
+    The design runs in the child process, which rejects reads of undeclared files. Raise InputError
+    if the design fails.
     """
     recipe = source.recipe
     design: Any = load_law(source).design if recipe is None else recipe["design"]
@@ -164,7 +164,10 @@ def watched_design(
 
 
 def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
-    """Read gains from a CSV file; interpolate linearly, with constant extrapolation."""
+    """Read gains from a CSV file and interpolate them linearly at ``times`` (s).
+
+    Outside the times in the file, the gains are constant.
+    """
     table = read_foreign_table(path)
     time = table.find(["time"]).get("time")
     indices = [i for i in range(len(table.heads)) if not time or i != time.position]
@@ -188,7 +191,7 @@ def _design(
     if recipe is None:
         kind = load_law(source).settings
         settings_tuple = kind and kind(*numbers)
-    else:  # The design is a Python file that may read all declared files.
+    else:  # The design function is in a Python file, which may read all declared files.
         root = source.file.removesuffix(source.files[0][0])
         files = {recipe["design"]: b"", **dict(source.files)}
         source = UserSource(

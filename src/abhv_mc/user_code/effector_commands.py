@@ -80,7 +80,7 @@ def parse_law(source: UserSource) -> ast.Module:
         values = dict(zip(keys, argument.values, strict=True))
         numbers: list[ast.expr] = [
             ast.Call(ast.Name("float", ast.Load()), [values[name]], [])
-            for name in names  # Conversion gives all values the same type.
+            for name in names  # The conversion makes all values floats.
         ]
         for keyword in call.keywords:
             if keyword.arg == "effectors":
@@ -101,7 +101,7 @@ def tuple_codes(source: UserSource) -> dict[str, types.CodeType]:
 
 
 def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
-    """Return the vehicle's effectors if it has actuators or a law commands effectors.
+    """Return the effectors if the vehicle has actuators or a law commands effectors.
 
     No custom code is run. The result is empty if a file is invalid; the error is reported when
     plans are made.
@@ -123,7 +123,7 @@ def find_driven(vehicle: Path, controllers: Iterable[Path]) -> tuple[str, ...]:
 
 
 def drive_commanded(vehicle: Vehicle, source: UserSource) -> Vehicle:
-    """Return the vehicle, with actuators added if a control law commands effectors.
+    """Return the vehicle; if a control law commands effectors, add effector actuators.
 
     Raise InputError for effectors that the vehicle does not have.
     """

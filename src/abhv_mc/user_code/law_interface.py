@@ -1,4 +1,4 @@
-"""Arguments and results of custom control laws: named tuples of floats, SI and radians."""
+"""Arguments and results of custom code: named tuples of floats in SI units and radians."""
 
 from collections import namedtuple
 from collections.abc import Callable, Iterator
@@ -56,7 +56,7 @@ class Measured(NamedTuple):
     longitude: float
     north: float  # integral of the northward Earth-relative velocity, m
     east: float
-    equivalent_airspeed: float  # referred to sea-level density, m/s
+    equivalent_airspeed: float  # airspeed referred to the density at sea level, m/s
     cross_track: float  # deviation to the left of the reference heading, m
     acceleration_x: float  # specific force at the centre of gravity, body axes, m/s2
     acceleration_y: float
@@ -123,7 +123,10 @@ def nest(
     numbers: Iterator[Any],
     make: Callable[[Any, list[Any]], Any] = lambda kind, values: kind(*values),
 ) -> Any:
-    """Construct a nested named tuple from a flat iterator of numbers; ``make`` builds tuples."""
+    """Construct a nested named tuple from an iterator of numbers.
+
+    ``make`` constructs each tuple from its class and its values.
+    """
     hints = kind.__annotations__.values()
     return make(
         kind,
@@ -249,7 +252,7 @@ Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED 
 Filtered.__doc__ = """Result of a measurement filter; omitted fields keep the measured values."""
 FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 
-# Classes of the arguments that the program supplies.
+# Classes of the arguments that abhv-mc supplies.
 GIVEN = {"measured": Measured, "reference": Reference, "onboard": Onboard}
 CLASSES = {"memory": "Memory", "settings": "Settings", "commands": "Commands", "gains": "design"}
 ARGUMENTS = (

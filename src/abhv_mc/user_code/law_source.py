@@ -25,9 +25,9 @@ _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onbo
 
 
 def law_place(controller: UserController) -> Path:
-    """Return the file of a control law from the path in its controller file.
+    """Return the path of the control law that a controller file names.
 
-    The path may point outside the folder of the controller file.
+    The path may lead outside the folder of the controller file.
     """
     if isinstance(controller, CController):
         return controller.library or controller.sources[0]
@@ -37,8 +37,8 @@ def law_place(controller: UserController) -> Path:
 def read_law_source(controller: UserController) -> UserSource:
     """Return the code and declared files of a controller, without building the code.
 
-    For a law in C or an FMU, the text of the result describes build, platform and wiring. Raise
-    InputError if a file is invalid.
+    For a law in C or an FMU, the text in the result describes the build, the platform and the
+    wiring. Raise InputError if a file is invalid.
     """
     paths = find_files(controller)
     if isinstance(controller, PythonController):

@@ -1,6 +1,6 @@
 """Loading and checking of control laws in Python files.
 
-Errors name the line of the user's file that cannot be compiled.
+Errors state the line of the user's file that cannot be compiled.
 """
 
 import ast
@@ -162,7 +162,8 @@ def _check_dispersable(law: Law, line: int) -> None:
 def check_functions(module: Module, name: str, texts: dict[str, Any] | None = None) -> None:
     """Check that a function, and each function that it calls, can be compiled.
 
-    ``texts`` replaces the module's syntax trees. Raise InputError if a construct is not allowed.
+    ``texts`` are the syntax trees to check instead of those of the module. Raise InputError if a
+    construct is not allowed.
     """
     texts, seen, pending = texts or module.texts, {name}, [name]
     while pending:
@@ -236,7 +237,7 @@ def _fields_of(law: Law) -> dict[str, Any]:
 
 
 def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
-    """Raise InputError for attributes that the arguments of a function do not have.
+    """Raise InputError for an attribute that an argument of a function does not have.
 
     ``kinds`` gives the class of each argument.
     """
@@ -259,7 +260,10 @@ def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
 
 
 def _check_returns(law: Law, name: str) -> None:
-    """Check that each return value is a Command (or Filtered), with Memory if defined."""
+    """Check that each return value is a Command (or Filtered).
+
+    A function with an argument ``memory`` must also return a Memory.
+    """
     remembers = "memory" in law.arguments
     result_class = "Filtered" if law.mark.filters else "Command"
     expected = f"return {result_class}(...){', Memory(...)' if remembers else ''}"

@@ -68,7 +68,10 @@ class Module:
     names: dict[str, Any]  # global names of the file
 
     def marked(self, mark: str) -> dict[str, Callable[..., Any]]:
-        """Return the functions with one of the decorators of ``abhv_mc.extend``, by name."""
+        """Return the functions marked by a decorator of ``abhv_mc.extend``, by function name.
+
+        ``mark`` is the attribute that the decorator sets.
+        """
         functions = {
             name: value for name, value in self.names.items() if type(value) is types.FunctionType
         }
@@ -162,13 +165,13 @@ def run_module(source: UserSource) -> Module:
         refuse_in_words(source, "the file", "a file that runs without errors"),
         in_its_folder(source),
     ):
-        exec(code, module.__dict__)  # the user's file
+        exec(code, module.__dict__)  # executes the user's file
     return Module(source, module.__dict__)
 
 
 @contextlib.contextmanager
 def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[None]:
-    """Convert exceptions that custom code raises in the context to InputErrors with lines.
+    """Convert exceptions raised by custom code in the context to InputErrors with lines.
 
     OSErrors and MemoryErrors outside custom code, such as a full disk, are not converted.
     """
@@ -200,7 +203,8 @@ def _undeclared(source: UserSource, error: Exception) -> tuple[str, str] | None:
         top = str(error.name).partition(".")[0]
         entry = next((name for name in (f"{top}.py", f"{top}/") if (beside / name).exists()), None)
         return (f"imports '{error.name}'", entry) if entry else None
-    if isinstance(error, FileNotFoundError):  # numpy names the missing file only in the message.
+    # For numpy, only the text of the exception contains the name of the missing file.
+    if isinstance(error, FileNotFoundError):
         candidates = [str(error.filename), *re.findall(r"[\w./-]+\w", describe_exception(error))]
         named = (os.path.relpath(beside / word, beside) for word in candidates)
         entry = next(

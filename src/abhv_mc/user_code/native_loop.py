@@ -13,7 +13,7 @@ from abhv_mc.user_code.source import UserSource
 
 
 class OpenLaw(NamedTuple):
-    """Control law that is ready for calls, with the objects that must stay alive meanwhile."""
+    """Control law that is ready to be called, with the objects that its calls require."""
 
     address: int
     context: int

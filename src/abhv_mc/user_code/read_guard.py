@@ -25,7 +25,10 @@ _SEPARATORS = re.compile(r"[\s=<>|;&\"'`(),]+")
 
 
 class ReadGuard:
-    """Guard that lets a process read only declared, package, system and its own files."""
+    """Guard that lets a process read only declared files and certain other files.
+
+    The other files are those of packages, of the system and of the process itself.
+    """
 
     def __init__(
         self,
@@ -57,7 +60,8 @@ class ReadGuard:
     def allows(self, real: str) -> bool:
         """Return whether the file at a real path may be read."""
         if Path(real).parent.name == "__pycache__" and real.endswith(".pyc"):
-            with contextlib.suppress(ValueError):  # The file was not compiled from a source file.
+            # The function raises ValueError if the file was not compiled from a source file.
+            with contextlib.suppress(ValueError):
                 real = importlib.util.source_from_cache(real)
         if real in self.declared or real in self.written:
             return True

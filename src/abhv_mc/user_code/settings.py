@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 def make_user_settings(document: Document, controller: PythonController, law: Law) -> Floats:
-    """Return the values of class ``Settings``, SI. Raise InputErrors for invalid entries."""
+    """Return the values of class ``Settings`` in SI. Raise InputErrors for invalid entries."""
 
     def number(name: str, unit: str, default: float) -> float:
         if name not in controller.settings and np.isnan(default):
@@ -39,7 +39,7 @@ def _read_fields(
     entries: Mapping[str, Any],
     read: Callable[[str, str, float], T],
 ) -> dict[str, T]:
-    """Read the entry of each field of a class with ``read(name, unit, default)``.
+    """Return the value of each field of a class, read by ``read(name, unit, default)``.
 
     Raise InputErrors with the source locations of invalid entries.
     """
@@ -75,7 +75,7 @@ class CommandSteps(NamedTuple):
     values: tuple[Floats, ...]  # values [step] of each command, SI
 
     def columns(self, time: Floats) -> Floats:
-        """Return the values of the commands [tick, command] at the control ticks ``time``, s."""
+        """Return the values of the commands [tick, command] at the control ticks ``time`` (s)."""
         columns_of_values = [
             values[np.searchsorted(times, time + 1e-9, side="right") - 1]
             for times, values in zip(self.times, self.values, strict=True)

@@ -68,7 +68,7 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
 
 
 def find_package_versions(sources: Iterable[UserSource]) -> dict[str, str]:
-    """Return the versions of the installed packages imported by custom code, by name.
+    """Return the versions of the installed packages that custom code imports, by package.
 
     This function does not run the code.
     """

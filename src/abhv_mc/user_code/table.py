@@ -39,8 +39,9 @@ class Table(LookUp):
     arrays
         Ascending grids, and values [grid, grid, ...].
     extrapolate
-        Ends beyond which the table is extrapolated linearly instead of held constant: ``neither``,
-        ``min``, ``max`` or ``both``, for all grids or for each.
+        Ends of the grids beyond which values are extrapolated linearly instead of held constant:
+        ``neither``, ``min``, ``max`` or ``both``, as one string for all grids or one string per
+        grid.
 
     Examples
     --------

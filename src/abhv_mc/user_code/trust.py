@@ -31,7 +31,7 @@ def is_trusted(source: UserSource) -> bool:
 
 
 def trust(source: UserSource) -> None:
-    """Record that the user has run a source, only in memory if the list is not writable."""
+    """Record that the user has run a source; if the list is not writable, only in memory."""
     if is_trusted(source):
         return
     try:

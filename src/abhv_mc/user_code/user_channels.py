@@ -1,4 +1,4 @@
-"""Compilation of custom channels, functions that return one value per control tick."""
+"""Compilation of custom channels, functions that each return one value per control tick."""
 
 import functools
 from collections import namedtuple
@@ -45,10 +45,10 @@ _ARGUMENTS = ("actual", "measured", "memory", "reference", "command", "time", "d
 
 @functools.lru_cache(maxsize=16)
 def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
-    """Compile custom channels to a loop over ``width`` lanes, with the attribute ``address``.
+    """Compile custom channels and return their loop over ``width`` lanes.
 
-    ``memory`` is the class of the law's memory if lane memory stores it, else None. Raise
-    InputError if a channel cannot be compiled.
+    The loop has the attribute ``address``. ``memory`` is the class of the law's memory if lane
+    memory stores the memory, else None. Raise InputError if a channel cannot be compiled.
     """
     module = run_module(source)
     with refuse_in_words(source, "the file of channels", "plain functions"):

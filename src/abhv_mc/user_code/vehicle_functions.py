@@ -112,7 +112,7 @@ def load_functions(code: VehicleCode, vehicle: Vehicle) -> Foreign:
 def compile_functions(code: VehicleCode, width: int) -> Functions:
     """Compile the functions of a vehicle to loops over ``width`` lanes.
 
-    Raise InputError, with the user's line, for code that does not compile.
+    If the code does not compile, raise InputError with the line in the user's file.
     """
     loops = dict.fromkeys(_ARGUMENTS)
     first = 0  # index of the function's first setting in the list of all settings
@@ -217,7 +217,7 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
 
 
 def _check_count(module: Module, code: VehicleCode, count: int, line: int) -> None:
-    """Raise InputError unless ``count`` is the number of states."""
+    """Raise InputError unless ``count`` equals the number of states."""
     if count != len(code.states):
         problem = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
         raise InputError(module.source.file, problem, _rates_of(code), line)
@@ -270,7 +270,7 @@ def _states(code: VehicleCode) -> Any:
 
 
 def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | None]:
-    """Return the fields of class ``Settings``, if defined. Raise InputError for bad values.
+    """Return the fields of class ``Settings``, if any. Raise InputError for invalid values.
 
     The value of a field is None if the vehicle file sets it, else the field's default.
     """
@@ -310,8 +310,8 @@ def _read_settings(
 ) -> str:
     """Return the source line that constructs the settings of a function.
 
-    If ``dispersed``, the settings of the flight always apply, because only the plant calls the
-    function.
+    If ``dispersed`` is true, only the plant calls the function, so the flight's settings always
+    apply.
     """
 
     def read(position: int) -> str:
@@ -385,7 +385,7 @@ def _write_effect(width: int, code: VehicleCode, module: Module) -> list[str]:
     rows = {f"made.rates[{i}]": s.CUSTOM_RATE + i for i in range(len(code.states))}
     rows |= {f"made.force[{i}]": s.CUSTOM_FORCE + i for i in range(3)}
     rows |= {f"made.moment[{i}]": s.CUSTOM_MOMENT + i for i in range(3)}
-    # Quantities that no Sensed call names stay zero and need no code.
+    # Quantities that are not arguments of a Sensed call remain zero and need no code.
     called = {name for name, value in module.names.items() if value is Sensed}
     calls = [
         node

@@ -195,7 +195,7 @@ class Unstart(StrictModel):
 
 
 class Relight(StrictModel):
-    """Recovery of the thrust after an engine failure; thrust is lost with the throttle's lag."""
+    """Recovery of the thrust after an engine failure; the loss follows the throttle's lag."""
 
     delay: Annotated[Time, Field(ge=0.0)] = Field(
         0.0, description="time from the end of the failure until the thrust begins to recover"
@@ -355,7 +355,7 @@ class Effector(SurfaceActuator):
 
     @property
     def driven(self) -> bool:
-        """Whether the surface has its own actuator; ``surfaces`` supplies missing values."""
+        """Whether the surface has its own actuator, with missing values from ``surfaces``."""
         return bool(self.model_fields_set - set(AXIS_DEFLECTIONS))
 
     @model_validator(mode="after")

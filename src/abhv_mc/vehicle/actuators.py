@@ -1,4 +1,4 @@
-"""Conversion of effectors and actuators from a vehicle file to arrays, and queries."""
+"""Conversion of a vehicle file's effectors and actuators to arrays, and their queries."""
 
 from collections.abc import Mapping
 
@@ -36,9 +36,10 @@ _AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effe
 def pack_effectors(
     effectors: Mapping[str, Effector], named_axes: set[str]
 ) -> tuple[Floats, Effectors, Ints]:
-    """Return the mix of the file's effectors, the table of all effectors, and their names.
+    """Return the mix of the file's effectors, a record of all effectors, and the names.
 
-    Names are arrays of character codes. An axis that the aerodynamics use counts as an effector.
+    The names are those of the file's effectors, as arrays of character codes. The record also
+    contains the axes that the aerodynamics use.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
     variables = np.array(
@@ -84,7 +85,7 @@ def _make_row(
     kind: ActuatorKind | None,
     dynamics: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
-    """Return one row of the array of actuators; missing keys get neutral values."""
+    """Return one row of the array of actuators; values of missing keys are neutral."""
     row = {"low": limits[0], "high": limits[1], "rate_limit": 0.0, "bandwidth": 1.0, "damping": 1.0}
     names = (*DYNAMICS["second_order"], *SLACK)
     row |= dict.fromkeys(SLACK, 0.0)

@@ -332,7 +332,7 @@ class VehicleDocument(StrictModel):
     )
 
     def state_limits(self) -> dict[str, float]:
-        """Return the limits of the custom states by name. Raise Refusal if a limit is invalid."""
+        """Return the limits of each custom state. Raise Refusal if a limit is invalid."""
         states = self.dynamics.states if self.dynamics else {}
         limits = {}
         for name, value in (self.limits.states if self.limits else {}).items():
@@ -352,7 +352,8 @@ class VehicleDocument(StrictModel):
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
         """Return each use of a table as (table, quantity, key in the file).
 
-        The quantity is the propulsion quantity in the table, or the variable ``times`` of the term.
+        The quantity is the propulsion quantity that the table contains, or the variable by which a
+        term multiplies the table (its key ``times``).
         """
         uses: list[tuple[str, str | None, tuple[str | int, ...]]] = []
         for quantity, key in PROPULSION_TABLES.items():

@@ -1,8 +1,8 @@
 """Table look-up and coefficient build-up with numpy, outside compiled code.
 
 The functions ``evaluate_tables`` and ``table_rows`` sum over the corners of a cell in different
-orders. Both are needed to reproduce the last digits of results: trims depend on the order in the
-first function, controller designs on the order in the second.
+orders. Both are needed to reproduce the last digits of results: trims depend on the order in
+``evaluate_tables``, and controller designs depend on the order in ``table_rows``.
 """
 
 from typing import Any

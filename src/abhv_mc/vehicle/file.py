@@ -244,7 +244,7 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 
 
 def _make_constants(content: VehicleDocument) -> Constants:
-    """Return a vehicle's constants, with neutral values for a missing engine or surfaces."""
+    """Return a vehicle's constants, with neutral values if engine or surfaces are missing."""
     engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
     capture = engine if isinstance(engine, Capture) else None
     jet = None if isinstance(engine, ThrustFunction) else engine

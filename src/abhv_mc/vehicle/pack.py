@@ -130,7 +130,10 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
 
 
 def table_range(tables: Tables, variable: str) -> tuple[float, float]:
-    """Return the range of a variable that all tables cover; infinite if no table uses it."""
+    """Return the range of a variable that all tables with this variable cover.
+
+    The range is infinite if no table depends on the variable.
+    """
     low, high = -np.inf, np.inf
     for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(variable)):
         grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]

@@ -1,6 +1,7 @@
 """Reading of tables on a complete grid, with one row per point or as a matrix.
 
-Column headers state variables and units (``mach,alpha_deg,value``), unless the vehicle file does.
+Column headers state variables and units (``mach,alpha_deg,value``), unless the vehicle file states
+them.
 """
 
 import itertools
@@ -93,7 +94,7 @@ def _find_role(
 
 
 def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
-    """Return the factor that converts an axis to SI, from the column's role."""
+    """Return the factor that converts an axis to SI; the column's role contains the unit."""
     dimension, unit = (
         _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
         role.unit,

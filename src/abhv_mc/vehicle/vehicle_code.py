@@ -134,7 +134,7 @@ def name_states(code: VehicleCode | None) -> tuple[tuple[str, str], ...]:
 
 
 def reference_point(content: VehicleDocument) -> tuple[float, float]:
-    """Return x and z (m) of the point about which a function gives its moments."""
+    """Return x and z (m) of the point about which a function states its moments."""
     aerodynamics = content.aerodynamics
     if not isinstance(aerodynamics, AerodynamicsFunction):
         return 0.0, 0.0
@@ -142,7 +142,7 @@ def reference_point(content: VehicleDocument) -> tuple[float, float]:
 
 
 def make_code(document: Document, content: VehicleDocument) -> VehicleCode | None:
-    """Read the custom code of a vehicle file without running it; return None if there is none.
+    """Return the custom code that a vehicle file names, or None; the code is not run.
 
     Raise InputError if the code is invalid.
     """

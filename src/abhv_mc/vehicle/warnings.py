@@ -1,4 +1,4 @@
-"""Warnings about implausible vehicle data: fuel, units and signs of derivatives, drag.
+"""Warnings about implausible vehicle data: fuel, drag, and units and signs of derivatives.
 
 A derivative per degree instead of per radian is 57.3 times too small. The accepted ranges are wider
 than the values of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B;

@@ -42,7 +42,7 @@ def make_corners(campaign: Experiment) -> Floats:
 
 @one_blas_thread()
 def describe_stability(campaign: Experiment, plans: Mapping[str, FlightPlan]) -> dict[str, Any]:
-    """Return the content of ``margins.json``: nominal margins and minima over corners.
+    """Return the content of ``margins.json``: nominal margins, and minimum margins at corners.
 
     ``plans`` include the code of custom control laws. If a controller has no trim or margins, the
     result contains the reason. The result is empty for vehicles without control surfaces or engine.
@@ -70,7 +70,8 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     from abhv_mc.stability.probe import compile_probes
     from abhv_mc.stability.steady import trim_points
 
-    compile_probes(steady)  # Compilation starts before the trims are computed, which may need it.
+    # Computing the trims may require the compiled probes.
+    compile_probes(steady)
     points = trim_points(steady, parameters)
     if points.faults[0]:
         return {"fault": points.faults[0]}
@@ -95,7 +96,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
 
 
 def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the smallest margins of one loop over all corners; None if a margin is unlimited."""
+    """Return the smallest margins of one loop over all corners, with None if unlimited."""
     least: dict[str, Any] = {"loop": rows[0]["loop"]}
     for key in rows[0]:
         if key.endswith(

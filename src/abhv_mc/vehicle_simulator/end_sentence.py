@@ -1,4 +1,4 @@
-"""Sentences that describe how a flight ended, with the first quantity that is not finite."""
+"""Sentences on how a flight ended, which name the first quantity that is not finite."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ _ORDER = sorted(
 
 
 def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
-    """Return sentences about the end of a flight, which is re-run if the cause is unknown.
+    """Return sentences about the end of a flight; re-run the flight if the cause is unknown.
 
     ``parameters`` is the flight's row [1, parameter].
     """

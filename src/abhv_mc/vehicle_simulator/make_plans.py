@@ -123,7 +123,7 @@ def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list
 
 
 def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Return a sentence that states the reference of measurements, or none without wind."""
+    """Return a list with a sentence on the reference of measurements; empty without wind."""
     plan = next(iter(plans.values()))
     windy = any(name.startswith("wind.") for name in campaign.varied) or plan.profile[:, 1:3].any()
     return [f"{IN_WIND} {describe_sensing(plan.vehicle.constants.sensing)}"] if windy else []

@@ -27,7 +27,7 @@ _LOOKED_AT = 1000  # number of flights whose sensor intervals are checked
 def make_margin_plans(
     campaign: "Experiment", plans: Mapping[str, FlightPlan]
 ) -> dict[str, MarginPlan]:
-    """Return plans that compute stability margins, or none if no margins are requested.
+    """Return plans that compute stability margins; empty if no margins are requested.
 
     Raise InputError if margins cannot be computed.
     """
@@ -78,10 +78,10 @@ def count_metrics(plan: FlightPlan) -> int:
 
 
 def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str, TrimMargins]:
-    """Return for each controller a function of rows [flight, parameter] that returns margins.
+    """Return, for each controller, a function that computes margins of dispersed trims.
 
-    The margins are those of the dispersed trims; no flight is simulated. Raise InputError if
-    margins cannot be computed.
+    Its argument is an array of rows [flight, parameter]; no flight is simulated. Raise InputError
+    if margins cannot be computed.
     """
     from abhv_mc.campaign.file.config import MarginsOfFlights
 

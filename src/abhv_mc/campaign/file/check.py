@@ -57,7 +57,7 @@ from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.user_code.effector_commands import find_driven
 
-_SAME = 1e-9  # relative tolerance within which nominal values are equal
+_SAME = 1e-9  # relative tolerance within which nominal values count as equal
 
 
 def check_derived(
@@ -110,7 +110,7 @@ def read_campaign(
 ) -> Experiment:
     """Read and check a campaign file. Raise InputErrors with all problems.
 
-    ``runs``, ``seed`` and ``controllers`` override entries of the file.
+    ``runs``, ``seed`` and ``controllers`` override the entries of these names in the file.
     """
     document = read_tables(read_document(path))
     file_runs = document.data.get("runs") if isinstance(document.data, dict) else None
@@ -246,7 +246,7 @@ def name_effectors(document: Document) -> Document:
             for name, index in zip(names, entries, strict=False)
         }
     except (InputError, KeyError, TypeError, AttributeError):
-        return document  # The pydantic models report this error.
+        return document  # The pydantic models report the invalid entry.
 
     def renamed(text: str) -> str:
         group, _, suffix = text.partition(".")
@@ -270,7 +270,7 @@ def name_effectors(document: Document) -> Document:
 
 
 def _select_controllers(document: Document, controllers: Sequence[str]) -> Document:
-    """Return a checked campaign that is restricted to ``controllers``."""
+    """Return a checked campaign restricted to ``controllers``."""
     data = document.entries
     key = systems_key(data)
     systems = data.get(key) or {}
@@ -287,9 +287,10 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
 def _check_asked(
     document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
 ) -> None:
-    """Check the controllers that the question of the campaign compares.
+    """Check the names of the controllers to compare.
 
-    The names must belong to different controllers, starting with the campaign's first controller.
+    They must be names of different controllers of the campaign. The first name must be that of the
+    campaign's first controller.
     """
     if not isinstance(model.asks, Compared):
         return
@@ -414,7 +415,7 @@ def _declare_metrics(
     effectors: tuple[str, ...],
     states: tuple[tuple[str, str], ...],
 ) -> tuple[Metric, ...]:
-    """Return the records of custom metrics, without running the file of custom channels."""
+    """Return the records of custom metrics. The file of custom channels is not run."""
     location: tuple[str, ...] = ("metrics",)
     entries, source = model.metrics, document
     if isinstance(entries, Path):

@@ -78,7 +78,7 @@ def _sampling(value: Any) -> Any:
 
 
 class Correlation(StrictModel):
-    """Correlation of two parameters, as a rank (Spearman) or normal correlation."""
+    """Spearman's rank correlation or normal correlation of two parameters."""
 
     between: tuple[str, str] = Field(description="the two correlated parameters")
     rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
@@ -182,7 +182,7 @@ class MarginsOfFlights(StrictModel):
     )
 
     def of(self, runs: int) -> int:
-        """Return for how many of ``runs`` flights margins are computed."""
+        """Return the number of flights, out of ``runs``, for which margins are computed."""
         return runs if self.flights is None else min(self.flights, runs)
 
 
@@ -196,7 +196,7 @@ class PooledSeed(StrictModel):
 
 
 class Family(StrictModel):
-    """Joint risk of a false PASS among all pairs of a requirement and a controller."""
+    """Risk of at least one false PASS among all pairs of a requirement and a controller."""
 
     method: Literal["holm"] = Field(
         "holm", description="correction for multiple verdicts: Holm's step-down procedure"
@@ -207,7 +207,7 @@ class Family(StrictModel):
 
 
 class Execution(StrictModel):
-    """Execution settings; no result depends on them."""
+    """Execution settings, which do not affect any result."""
 
     workers: Workers = Field(
         None,
@@ -232,7 +232,7 @@ class Execution(StrictModel):
 
 
 class Compared(StrictModel):
-    """Controllers that the campaign's question compares."""
+    """Controllers that a campaign compares."""
 
     compare: Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
         description="controllers to compare, starting with the first controller of the campaign"
@@ -240,9 +240,9 @@ class Compared(StrictModel):
 
 
 def select_asked(data: dict[str, Any], controllers: Collection[str]) -> dict[str, Any]:
-    """Return the data of a campaign, with its question restricted to ``controllers``.
+    """Return the data of a campaign with its comparison restricted to ``controllers``.
 
-    The question is removed if fewer than two controllers remain.
+    The comparison is removed if fewer than two of the compared controllers remain.
     """
     asks = data.get("asks")
     if not isinstance(asks, dict):
@@ -262,7 +262,7 @@ def _metrics_kind(value: Any) -> str:
 class Campaign(StrictModel):
     """Content of a campaign file."""
 
-    # Simulator, referenced by name because it belongs to a higher layer.
+    # The simulator is referenced by name, because it belongs to a higher layer.
     simulator_maker: ClassVar = "abhv_mc.vehicle_simulator.simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign and of its results folder in reports/")
     question: str = Field(

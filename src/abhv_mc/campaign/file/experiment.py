@@ -37,7 +37,7 @@ from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED, Verdict, judge
 
-_MIDDLE = 0.6  # position of the middle within a range, chosen to differ from the nominal value
+_MIDDLE = 0.6  # position of the middle value in a range, chosen to differ from nominal
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Requirement:
     limits: Bounds  # limits in the metric's unit
     probability: float
     consumer_risk: float
-    producer_risk: float | None  # None: equal to the consumer's risk
+    producer_risk: float | None  # None if equal to the consumer's risk
     controllers: tuple[str, ...]  # controllers that must meet the requirement
     named: bool  # whether the file names the controllers of the requirement
     early_is_failure: bool  # whether an early termination counts as a failure
@@ -77,7 +77,7 @@ class Experiment:
 
     document: Document
     model: Campaign
-    runs: int  # number of flights per controller, at all points of the unknowns together
+    runs: int  # total number of flights per controller at all points of the unknowns
     # distributions of the dispersed parameters, by name; empty for a sample file
     marginals: dict[str, Marginal]
     copula: Copula
@@ -89,12 +89,12 @@ class Experiment:
     effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
     states: tuple[tuple[str, str], ...] = ()  # names and units of the vehicle's custom states
     systems: Mapping[str, System] = field(default_factory=dict)  # prepared systems, by controller
-    columns: tuple[str, ...] | None = None  # columns of imported samples; None: drawn inputs
+    columns: tuple[str, ...] | None = None  # columns of imported samples; None if drawn
     derived: Derived = ()  # parameters computed from other parameters
     unknowns: Unknowns = field(default_factory=Unknowns)
     parameters: Parameters = OURS  # all parameters of a flight, dispersed or nominal
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
-    file_runs: int | None = None  # number of flights in the campaign file
+    file_runs: int | None = None  # number of flights stated in the campaign file
     engine: Engine | None = None  # replacement for the compiled flight code
     # indices of requirements that were set after the results were known
     later_choices: frozenset[int] = frozenset()
@@ -115,7 +115,7 @@ class Experiment:
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """Controllers that the question compares; empty if it compares none."""
+        """Controllers that the campaign compares; empty if it compares none."""
         return self.model.asks.compare if isinstance(self.model.asks, Compared) else ()
 
     @property
@@ -124,7 +124,7 @@ class Experiment:
 
     @cached_property
     def outcomes(self) -> Outcomes:
-        """Outcomes that the flights of the campaign may have."""
+        """Possible outcomes of the campaign's flights."""
         return self.simulator.outcomes
 
     @property
@@ -165,7 +165,7 @@ class Experiment:
 
     @property
     def has_noise(self) -> bool:
-        """Return whether the simulator has noise without evidence of its independence."""
+        """Return whether the simulator has noise that has not been shown to be independent."""
         return self.repeatability is not None and not self.repeatability.is_evidence
 
     @property
@@ -298,7 +298,7 @@ class Experiment:
 
     @property
     def worst(self) -> int:
-        """Number N of worst flights to keep (``worst N``), or 0."""
+        """Number of worst flights to keep: N of the entry ``worst N``, or 0."""
         items = [str(item).split() for item in self.model.keep.histories.flights]
         return max((int(fields[1]) for fields in items if fields[0] == "worst"), default=0)
 
@@ -310,7 +310,7 @@ class Experiment:
         return [limit for limit in own if limit is not None]
 
     def ends_of(self, i: int) -> Floats:
-        """Return the low end, middle and high end of the range of dimension ``i``."""
+        """Return the lower bound, a middle value and the upper bound of dimension ``i``."""
         if i >= len(self.names):
             low, high = (
                 float(end[i - len(self.names)]) for end in (self.unknowns.low, self.unknowns.high)
@@ -321,7 +321,7 @@ class Experiment:
         return np.asarray(self.marginals[self.names[i]].at_fraction(np.array([0.0, _MIDDLE, 1.0])))
 
     def make_samples(self) -> SampleSource:
-        """Return the source of samples, with columns ordered as ``inputs``."""
+        """Return the source of samples, with its columns in the order of ``inputs``."""
         if self.model.pooled:
             sources = [self._samples_of(pool.seed, self.runs) for pool in self.model.pooled]
             return pooled_samples(sources, [pool.runs for pool in self.model.pooled], self.runs)
@@ -330,7 +330,7 @@ class Experiment:
         )
 
     def search_rows(self, flights: int, points: Floats) -> Floats:
-        """Return rows of ``inputs`` for a search at each of ``points`` [point, unknown].
+        """Return rows of ``inputs`` at each of ``points`` [point, unknown], for a search.
 
         The samples are independent of the samples of the judged flights.
         """
@@ -360,10 +360,11 @@ class Experiment:
         ]
 
     def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
-        """Return a verdict with notes on its limitations.
+        """Return a verdict with its limitations noted.
 
-        A requirement may have been set after the results were known, or may lack a search for the
-        worst values of the unknowns.
+        The notes state whether the requirement was set after the results were known, and whether no
+        search for the worst values of the unknowns was made. Without this search, PASS becomes NOT
+        SHOWN.
         """
         notes = [verdict.note]
         if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):

@@ -21,7 +21,7 @@ _ABOVE_ZERO = re.compile(
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _RARELY = 1e-6  # tolerated probability of values beyond a bound
-_FIRST = 1000  # number of first flights whose derived parameters are checked
+_FIRST = 1000  # number of flights, from flight 0, whose derived parameters are checked
 
 
 def find_impossible(campaign: Experiment) -> list[InputError]:
@@ -30,7 +30,7 @@ def find_impossible(campaign: Experiment) -> list[InputError]:
 
 
 def refuse_input(campaign: Experiment, name: str, problem: str, expected: str) -> InputError:
-    """Return the InputError for a varied input, with its location in the file."""
+    """Return the InputError for a varied input, with the location of its entry in the file."""
     location: tuple[str, ...] = (
         ("dispersions", name) if campaign.sample_file is None else ("sampling",)
     )
@@ -86,8 +86,8 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
     family = campaign.family_risk
     verdicts = len(entries) * len(campaign.controllers)
     for i, entry in enumerate(entries):
-        # Holm's procedure divides the joint risk by the number of verdicts in its first step, which
-        # decides if no flight fails.
+        # In its first step, Holm's procedure divides the joint risk by the number of verdicts. This
+        # step is decisive if no flight fails.
         risk = min(entry.consumer_risk, family / verdicts) if family else entry.consumer_risk
         needed = flights_to_pass(0, entry.probability, risk)
         if needed <= campaign.runs_at_point:
@@ -120,7 +120,7 @@ def _meaningless(campaign: Experiment) -> Iterator[InputError]:
                 and isinstance(marginal, ContinuousMarginal)
                 and marginal.density(np.array(1e-12)) < 1e-6
             ):
-                continue  # The distribution approaches zero but does not include it.
+                continue  # The values of the distribution approach zero but do not reach it.
             expected = "positive values, as from a truncated_normal or lognormal distribution"
             entry = campaign.dispersions.get(name, {})
             width = entry.get("half_width", entry.get("sigma"))

@@ -37,7 +37,7 @@ _KEYS: dict[str, set[str]] = {
 def find_kind(path: Path | Document, expected: str | None = None) -> str:
     """Return the kind of an input file. Raise InputError if no kind matches.
 
-    The result is ``expected`` unless at least two more keys match another kind.
+    The result is ``expected`` unless another kind has at least two more of the file's keys.
     """
     document = read_document(path)
     keys = set(document.data) if isinstance(document.data, dict) else set()
@@ -80,9 +80,10 @@ _DATA = (".csv", ".parquet", ".pq", ".json", ".gz", ".py")
 
 
 def locate(path: Path) -> Path:
-    """Return an absolute path without links to folders.
+    """Return an absolute path in which links to folders are resolved.
 
-    A link to the file itself is kept, because the file's references are relative to the link.
+    A link to the file itself is not resolved, because paths in the file are relative to the folder
+    of the link.
     """
     return path.parent.resolve() / path.name
 
@@ -104,7 +105,7 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
 
 
 def _named_files(value: Any) -> Iterator[str]:
-    """Yield the values of keys that name files in vehicle, mission and controller files."""
+    """Yield the file names in the data of a vehicle, mission or controller file."""
     for key, inner in value.items() if isinstance(value, dict) else ():
         if key in ("file", "python", "around") and isinstance(inner, str):
             yield inner

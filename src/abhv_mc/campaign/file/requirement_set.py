@@ -1,4 +1,4 @@
-"""Requirement sets for judging the flights of an existing campaign again."""
+"""Requirement sets by which the flights of an existing campaign are judged again."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ from abhv_mc.io.documents import (
 JUDGING = ("requirements", "family", "question", "asks")
 _PRESENTING = ("author", "figures", "measured", "tune")
 _LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
-_EMPTY = Path("requirements")  # file name in error messages about requirements set from Python
+_EMPTY = Path("requirements")  # file name in errors about requirements from Python code
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
@@ -72,7 +72,8 @@ def read_requirement_set(source: RequirementSource) -> Document:
 def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
     """Return the data of a campaign with another set of requirements.
 
-    The points of the unknowns still record the requirements for which they were searched.
+    The entry ``points`` still lists the requirements for which the worst values of the unknowns
+    were searched.
     """
     judged = {**data, **{key: changed[key] for key in JUDGING if key in changed}}
     points, before = data.get("points") or {}, data.get("requirements") or []
@@ -83,7 +84,7 @@ def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> di
 
 
 def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
-    """Return a campaign judged by another set of requirements.
+    """Return a campaign whose flights are judged by another set of requirements.
 
     Raise InputErrors with source locations in the requirement set.
     """
@@ -138,7 +139,7 @@ def describe_requirement_changes(
 
 
 def _by_name(entries: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return requirement entries keyed by id or metric; repeated names are numbered."""
+    """Return requirement entries keyed by id or metric; repeated keys are numbered."""
     named: dict[str, Mapping[str, Any]] = {}
     for entry in entries:
         name = str(entry.get("id") or entry["metric"])
@@ -156,10 +157,12 @@ def _text(value: object) -> str:
 def find_later_choices(
     first: Sequence[Mapping[str, Any]], current: Sequence[Mapping[str, Any]]
 ) -> frozenset[int]:
-    """Return the indices of current requirements that are not in the first set.
+    """Return the indices of the current requirements that the first set does not contain.
 
-    Requirements are compared by metric, side, probability and risk. A changed limit does not
-    increase the risk, because verdicts remain valid if results are checked repeatedly.
+    Requirements are compared by metric, side, probability, risk and treatment of early
+    terminations. Limits are not compared: if a changed one-sided limit yields a false PASS, the
+    limit that the metric meets with exactly the required probability also yields one, so the risk
+    does not increase.
     """
     first_choices = {_choice(entry) for entry in first}
     return frozenset(i for i, entry in enumerate(current) if _choice(entry) not in first_choices)

@@ -28,7 +28,7 @@ _OWN_PARAMETER = "^(failure|aerodynamics|propulsion|dynamics|law|initial)[.]"
 
 
 class _Generator(GenerateJsonSchema):
-    """Schema generator that omits titles of keys and defaults that are mappings."""
+    """Schema generator that omits all titles of keys, and defaults that are mappings."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -51,7 +51,7 @@ def _is_finite(default: Any) -> bool:
 
 
 def _in_words(default: Any, schema: Schema) -> Any:
-    """Return a default value as written in a file, where quantities have units."""
+    """Return a default value as it is written in a file, where quantities have units."""
     if isinstance(default, (list, tuple)):
         parts = schema.get("prefixItems") or [schema.get("items", {})] * len(default)
         return [

@@ -46,7 +46,7 @@ YesNo = Annotated[
 
 
 class Simulator(StrictModel):
-    """Custom simulator: a Python function, or a program that exchanges JSON lines."""
+    """Custom simulator: a Python function, or a program that reads and writes JSON Lines."""
 
     python: str | None = Field(
         None,
@@ -198,7 +198,7 @@ class OwnMetric(OwnChannel):
 
 
 class SimulatorExecution(Execution):
-    """Execution settings; the time limit is a setting of the simulator."""
+    """Execution settings without the time limit, which is a setting of the simulator."""
 
     isolation: ClassVar = "auto"  # type: ignore[misc]
     flight_time_limit: ClassVar = None  # type: ignore[misc]

@@ -15,9 +15,9 @@ _QUANTILE = "quantile of the metric over the flights"
 
 
 class Free(StrictModel):
-    """Parameter of the controller file that tuning varies by a factor.
+    """Parameter in the controller file that tuning multiplies or divides by a factor.
 
-    In the campaign file, the key may replace the mapping.
+    In the campaign file, the value of ``key`` alone may replace the mapping.
     """
 
     key: str = Field(description="key in the controller file, such as velocity.speed.bandwidth")
@@ -34,7 +34,7 @@ class Aim(StrictModel):
 
 
 class Limit(StrictModel):
-    """Bound on a quantile of a metric, in its unit or relative to the initial controller.
+    """Bound on a quantile of a metric, absolute or relative to the initial controller.
 
     For a stability margin, the limit applies to the smallest margin of the nominal vehicle, or of
     the nominal vehicle and all corners of the dispersions.
@@ -58,7 +58,7 @@ class Limit(StrictModel):
 
     @property
     def is_margin(self) -> bool:
-        """Return whether the limit is on a stability margin rather than a metric of flights."""
+        """Return True if ``metric`` is a stability margin, False if it is a metric of flights."""
         return self.metric in MARGIN_NAMES
 
     @model_validator(mode="after")

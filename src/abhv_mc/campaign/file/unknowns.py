@@ -39,7 +39,7 @@ _HINTED = 3  # maximum number of dispersions named in a hint
 
 
 def unknowns_hint(dispersed: Iterable[str]) -> str:
-    """Return a hint about dispersions that may be constant in the programme, or ''."""
+    """Return a hint about dispersed parameters that may have one true value, or ''."""
     drawn = [
         name for name in dispersed if name.startswith("aero.") or name.endswith("_effectiveness")
     ]
@@ -110,12 +110,12 @@ class Unknowns:
     tried: int = 0
     shared: int | None = None  # number of points at which all requirements are judged; None: all
     most_failures: tuple[MostFailures, ...] = ()
-    # requirements whose worst values were not searched
+    # requirements for which the worst values of the unknowns were not searched
     unsearched: frozenset[int] = frozenset()
     parameters: Parameters = OURS
 
     def values(self, positions: Floats) -> Floats:
-        """Return SI values [point, unknown] for positions from -1 to 1 within the bounds."""
+        """Return SI values [point, unknown] for positions from -1 (lower bound) to 1 (upper)."""
         return self.low + 0.5 * (positions + 1.0) * (self.high - self.low)
 
     def words(self, point: int) -> str:
@@ -140,7 +140,7 @@ class Unknowns:
     def note(
         self, controller: str, requirement: int, verdicts: Sequence[Verdict], worst: int
     ) -> str:
-        """Return a note about the points of a requirement and the result of the search.
+        """Return a note on the points at which a requirement is judged and on the search.
 
         ``verdicts`` [point] are the verdicts at all points; ``worst`` is the point farthest from a
         PASS.
@@ -181,9 +181,9 @@ def points_entry(
     searches: Sequence[Search],
     flights: int,
 ) -> dict[str, object]:
-    """Return the entry `points` for the chosen points and the results of the searches.
+    """Return the entry `points` with the chosen points and the results of the searches.
 
-    ``flights`` is the number of flights at each point tried.
+    ``flights`` is the number of flights that each search simulates at a point.
     """
     values = unknowns.values(chosen.points)
     entry: dict[str, object] = {
@@ -251,7 +251,8 @@ def check_unknowns(
 ) -> Unknowns:
     """Return the campaign's unknowns; append problems to ``errors``.
 
-    ``other_roles`` maps each parameter with another use to a description, such as 'a dispersion'.
+    ``other_roles`` maps parameters that have another role to its description, such as 'a
+    dispersion'.
     """
     before, ends = len(errors), []
     for name, entry in unknowns.items():

@@ -49,7 +49,7 @@ _TAKEN = {
     *BUILT_IN,
     *(signal.name for signal in MARGIN_FAULTS),
 }
-# Units that may end the names of metrics; longer suffixes precede shorter ones.
+# Units with which names of metrics may end; longer suffixes precede shorter ones.
 _NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
 
 

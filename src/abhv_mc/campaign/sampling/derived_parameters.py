@@ -1,9 +1,9 @@
 """Derived inputs: parameters computed from other parameters of the same flight.
 
-An example is a drag factor that follows lift. Derived inputs are computed from the drawn parameters
-and are not a dimension of the samples: only their operands are drawn, stored, searched and
-re-weighted. Expressions have the syntax of metrics, with parameters in SI units; they are parsed
-into instructions and never run as Python.
+An example is a drag factor that depends on the lift factor. Derived inputs are computed from the
+drawn parameters and are not a dimension of the samples: only their operands are drawn, stored,
+searched and re-weighted. Expressions have the syntax of metrics, with parameters in SI units; they
+are parsed into instructions and never run as Python.
 """
 
 import re

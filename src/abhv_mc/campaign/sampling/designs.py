@@ -8,7 +8,8 @@ not depend on the number or order of flights, on other parameters or on neighbou
 A design assigns a probability in [0, 1] to each flight and parameter, which the inverse of the
 parameter's distribution converts to a value. With ``random``, ``sobol`` and ``halton``, flight k
 has the same numbers for any number of flights. With the other designs, the numbers depend on the
-number of flights; for ``corners``, ``grid`` and ``one_at_a_time``, the parameters determine it.
+number of flights; for ``corners``, ``grid`` and ``one_at_a_time``, the parameters determine this
+number.
 
 A Gaussian copula correlates samples and preserves the marginals: the Cholesky factor of the
 correlation matrix combines the standard normal variables of a flight. A rank correlation

@@ -40,7 +40,7 @@ class _Distribution(StrictModel):
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
-        """Return the marginal of the drawn values in SI units. Raise Refusal if invalid."""
+        """Return the marginal in SI units, without ``probability``. Raise Refusal if invalid."""
 
     def make_marginal(self, parameter: Parameter) -> Marginal:
         """Return the marginal in SI units, including ``probability``. Raise Refusal if invalid."""

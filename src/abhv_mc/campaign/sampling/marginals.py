@@ -90,7 +90,7 @@ class ContinuousMarginal:
 
     @cached_property
     def frozen(self) -> Any:
-        """Frozen distribution; uniform and normal distributions do not use scipy.stats."""
+        """Frozen distribution, computed without scipy.stats if it is uniform or normal."""
         if self.law in _PLAIN:
             return _PLAIN[self.law](*self.arguments)
         from scipy import stats
@@ -150,7 +150,8 @@ class MixtureMarginal:
         """Return quantiles by bisection between the quantiles of the components."""
         ends = np.stack([component.ppf(probability) for component in self.parts])
         low, high = ends.min(axis=0), ends.max(axis=0)
-        # Further steps do not change a converged quantile, so quantiles do not affect each other.
+        # Further steps do not change converged quantiles, so each quantile depends only on its
+        # probability.
         for _ in range(_HALVINGS):
             middle = low + 0.5 * (high - low)
             if np.all((middle == low) | (middle == high)):

@@ -113,7 +113,7 @@ def pooled_samples(
 ) -> SampleSource:
     """Return samples of several seeds in sequence, with ``runs`` flights per seed.
 
-    The last source supplies further flights up to ``flights``.
+    The last source supplies further flights, up to a total of ``flights``.
     """
     starts = np.cumsum((0, *runs[:-1])).tolist()
     ends = [*starts[1:], flights]
@@ -151,7 +151,10 @@ def samples_at_points(
 def full_rows(
     names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS
 ) -> Floats:
-    """Return rows of all parameters [flight, parameter], nominal where not sampled or derived."""
+    """Return rows of all parameters [flight, parameter] for rows of samples.
+
+    Parameters that are neither sampled nor derived have their nominal values.
+    """
     rows = np.tile(parameters.nominal, (len(values), 1))
     rows[:, [parameters.index[name] for name in names]] = values
     derive(rows, derived, parameters)
