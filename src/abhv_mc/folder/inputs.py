@@ -33,7 +33,7 @@ To reproduce the results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 
 @dataclass(frozen=True)
 class FolderInputs:
-    """Campaign file with references into a results folder, and the files copied there.
+    """Campaign file that refers to copies in a results folder, and the copied files.
 
     File names are relative to the folder.
     """

@@ -171,7 +171,7 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails are not compared ...' if flights are too few to compare tails, or ''."""
+    """Return '; tails are not compared ...' if there are too few flights for tails, else ''."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])
