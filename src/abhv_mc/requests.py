@@ -121,7 +121,7 @@ class CheckedRequest:
     """Base class of requests, whose values are converted and checked on construction."""
 
     def __post_init__(self) -> None:
-        """Convert and check each value. Raise InputError, which names the field, if invalid."""
+        """Convert and check each value. Raise InputError, naming the field, if one is invalid."""
         for name, option in options_of(type(self)).items():
             value, check = getattr(self, name), _CHECKS.get(option.kind)
             if value is not None and check is not None:

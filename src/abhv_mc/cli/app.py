@@ -89,7 +89,7 @@ _EXAMPLES = {  # examples printed after the options
     ),
     "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
 }
-_PANELS: dict[str, tuple[Any, ...]] = {  # Names are commands that packages add.
+_PANELS: dict[str, tuple[Any, ...]] = {  # Names stand for commands that packages add.
     "First day": (
         *(starting.new, starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
@@ -157,7 +157,7 @@ def _add_command(
 
 
 def _make_command(name: str, command: Any, panel: str | None) -> Any:
-    """Convert a function that a package has registered into a command."""
+    """Make a command from a function that a package has registered."""
     parent = typer.Typer(cls=TyperGroup)
     _add_command(parent, name, command, panel)
     return typer.main.get_group(parent).commands[name]
@@ -231,7 +231,7 @@ for _hidden_name, _command in _HIDDEN.items():
 
 def main() -> None:
     """Run the command line and exit with its exit code."""
-    # Set this variable before numpy is loaded: BLAS threads slow down operations on small matrices.
+    # The variable must be set before numpy is loaded. BLAS threads slow down small matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Fewer garbage collections during imports reduce the start time by a tenth.
     gc.set_threshold(100_000, 10, 10)
@@ -245,5 +245,5 @@ def main() -> None:
         ) as error:  # Also catch SystemExit, so that every exit has a documented code.
             code = flush_output(exit_code_of(error))
             if "duckdb" not in sys.modules:  # duckdb would report frozen objects as leaks.
-                gc.freeze()  # skip the garbage collection at exit
+                gc.freeze()  # Skip the garbage collection at exit.
             sys.exit(code)

@@ -179,7 +179,7 @@ def describe_outcomes(count: "ControllerCount") -> str:
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """Print the verdicts by requirement and controller, followed by the advice on each verdict.
+    """Print the verdicts by requirement and controller, followed by advice on the verdicts.
 
     Lines have at most 80 columns.
     """

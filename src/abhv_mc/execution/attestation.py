@@ -1,4 +1,4 @@
-"""Signatures of processes that compute blocks of flights, and checks of the processes' code."""
+"""Signatures of processes that compute blocks of flights, and checks of their code."""
 
 import sys
 import threading
@@ -31,7 +31,8 @@ class Attestation:
         """Prepare the check of all workers.
 
         If a host's kind of processor differs from this machine's, one of the host's flights is
-        computed again in this process; with ``every_worker``, one flight of each worker is.
+        computed again in this process. With ``every_worker``, one flight of each worker is computed
+        again.
         """
         self._engine, self._every = engine, every_worker
         self._seen: set[Any] = set()

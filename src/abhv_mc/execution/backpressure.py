@@ -13,7 +13,7 @@ def work_ahead(
 ) -> Generator[T, None, None]:
     """Yield the result of ``work`` for each of ``calls``, in order of completion.
 
-    At any time, at most two results per worker are in computation or waiting. Without
+    At any time, at most two results per worker are in progress or finished but unused. Without
     this limit, workers that are faster than the disk would fill the memory with finished blocks.
     Closing the generator ends all waiting workers.
     """
@@ -25,7 +25,7 @@ def work_ahead(
     def call(arguments: tuple[Any, ...]) -> T:
         slots.acquire()
         if closed.is_set():
-            slots.release()  # The next waiting thread needs the slot to end.
+            slots.release()  # Without the slot, the next thread cannot end.
             raise RuntimeError("the results are no longer needed")
         return work(*arguments)
 

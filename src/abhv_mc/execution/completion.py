@@ -35,8 +35,8 @@ class Completion:
     def goal(self) -> int:
         """Return the number of flights to run.
 
-        A campaign that stops as soon as all verdicts are known needs only the flights up to this
-        point. The numbers of flights at which verdicts are assessed depend only on the flights
+        A campaign that stops as soon as all verdicts are PASS or FAIL needs only the flights up to
+        this point. The numbers of flights at which verdicts are assessed depend only on the flights
         themselves, not on workers or interruptions.
         """
         if self.campaign.model.stop is None:

@@ -31,7 +31,7 @@ _PAIRS = 4  # maximum number of pairs of processes
 
 
 class FirstFlights(NamedTuple):
-    """Warnings and repeatability found by the first flights of a campaign."""
+    """Results of the first flights of a campaign: warnings and repeatability."""
 
     warnings: tuple[str, ...] = ()
     repeatability: Repeatability | None = None

@@ -128,7 +128,7 @@ def count_flights(
 def judge_counts(
     all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
 ) -> list[tuple[FlightCounts, RequirementCount, Verdict, int]]:
-    """Return each controller's verdict on each requirement, and the verdict's point of unknowns.
+    """Return each controller's verdict on each requirement, with its point of the unknowns.
 
     If ``flights`` is given, only the first ``flights`` flights are assessed. All pairs of
     requirement and controller form one family of tests.

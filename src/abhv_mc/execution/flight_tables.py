@@ -22,7 +22,7 @@ _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings 
 _BY_ROW = "line"  # value of 'flight' under 'columns' that pairs rows of two tables in order
 _ROW, _LINE = "#row", "#line"  # names of added columns, which no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
-_ECHO = 1e-4  # relative tolerance (of the largest value) for inputs repeated with results
+_ECHO = 1e-4  # tolerance for inputs repeated in a table of results, as a share of the largest value
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Storage of the time histories of selected flights at the end of a campaign.
+"""Storage of selected flights' time histories, which happens at the end of a campaign.
 
 The selected flights are run again, because the worst flights are known only at the end. The
 repeated flights are bit-identical.

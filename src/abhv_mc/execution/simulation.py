@@ -13,7 +13,7 @@ from abhv_mc.io.documents import InputError
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
-    """Raise InputError if the flights of a folder were computed by another version of the code."""
+    """Raise InputError if another version of the code computed the flights of a folder."""
     flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
         problem = f"the flights are from another version of the program (source {flown}, now {now})"

@@ -108,7 +108,7 @@ def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> No
 
 
 def _has_flights(manifest: Manifest, blocks: list[FlightRows]) -> bool:
-    """Return whether a complete folder contains exactly these flights (compare digests)."""
+    """Return whether a complete folder and these flights have the same digest."""
     return manifest.digest == str(sum((block.digest() for block in blocks), Digest()))
 
 

@@ -141,7 +141,7 @@ class _Worker:
         return answer
 
     def _receive(self, limit: float, processor: float = 0.0) -> Any:
-        """Return the next message, which must arrive within ``limit`` s (CPU: ``processor`` s)."""
+        """Return the next message. Raise FlightLostError if the process is too slow or ends."""
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()

@@ -91,7 +91,7 @@ def metric_sign(record: Metric) -> float:
 
 
 def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
-    """Return the rows in ``a`` and the rows in ``b`` of the common flights, in the same order."""
+    """Return the rows of the common flights in ``a`` and in ``b``, in the same order."""
     _, rows_a, rows_b = np.intersect1d(a.flight, b.flight, assume_unique=True, return_indices=True)
     return rows_a, rows_b
 

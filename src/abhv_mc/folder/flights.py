@@ -232,7 +232,7 @@ def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
 
 
 def parse_block_name(path: Path) -> tuple[str, int, int]:
-    """Return the controller and the flight range (first, stop) that a block file's name states."""
+    """Return the controller and the flight range (first, stop) in the name of a block file."""
     controller, _, stop = path.stem.rpartition("-")
     controller, _, first = controller.rpartition("-")
     if not (controller and first.isdecimal() and stop.isdecimal() and (first + stop).isascii()):

@@ -178,7 +178,7 @@ def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: 
 def merge_inputs(
     stored: FolderInputs, requested: FolderInputs, selected: bool = False
 ) -> FolderInputs:
-    """Return ``requested`` with additional controllers and requirements of ``stored``.
+    """Return ``requested`` with the additional controllers and requirements of ``stored``.
 
     Requirements without controllers apply to the first controller of ``requested``, or to the first
     controller of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.

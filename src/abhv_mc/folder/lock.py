@@ -27,7 +27,7 @@ _SETTLE = 0.2  # time in s for another process to restore a lease that it moved 
 
 
 class _HeldError(Exception):
-    """Error raised if another process holds the lock, with the holder and a remedy."""
+    """Error raised if another process holds the lock; it names the holder and a remedy."""
 
     def __init__(self, holder: str, remedy: str = "the same command after its end") -> None:
         super().__init__(holder, remedy)

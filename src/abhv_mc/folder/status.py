@@ -12,7 +12,7 @@ from abhv_mc.io.input_error import InputError
 
 @dataclass(frozen=True)
 class Status:
-    """Manifest of a results folder, with the holder of the folder's lock and the size in bytes."""
+    """Manifest of a results folder, with the folder's lock holder and its size in bytes."""
 
     folder: str
     manifest: Manifest

@@ -37,10 +37,10 @@ _LABEL = 18  # maximum number of characters per line of a row label
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 _SIMULTANEOUS_LINE: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 MEDIANS = ("q50", MOST_MEDIAN)
-# style of the shaded times at which no limit applies to a channel
+# style of the shading where no limit applies to a channel
 _EXCLUDED: dict[str, Any] = {"color": INK, "alpha": 0.13, "linewidth": 0}
 _NEXT_WORST: dict[str, Any] = {"color": INK, "linewidth": 0.35, "alpha": 0.45}
-# style of the shaded times that an inset enlarges
+# style of the shading of the period that an inset enlarges
 _ENLARGED: dict[str, Any] = {"color": INK, "alpha": 0.08, "linewidth": 0}
 # position of the inset in axes coordinates: left edge, lower edge, width, height
 _INSET = (0.3, 0.66, 0.69, 0.34)

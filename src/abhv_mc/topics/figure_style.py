@@ -35,7 +35,7 @@ _COLORS = 128
 SMALLEST = 8.0  # size of all text in pt; figures are printed at the drawn width
 
 # Okabe and Ito's palette (jfly.uni-koeln.de/color), in the order of the controllers.
-# The last three colours are darker than the original ones, to be legible on white.
+# The last three colours are darker than in the original palette, to be legible on white.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
     "#0072B2",
     "#D55E00",
@@ -353,7 +353,7 @@ def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) ->
 def draw_limits(
     axes: Axes, way: Literal["x", "y"], limits: Sequence[float], unit: str
 ) -> list[str]:
-    """Draw the limits near the range of an axis; return a note on every other limit."""
+    """Draw the limits near the range of an axis; return notes on the limits not drawn."""
     notes = []
     for limit in limits:
         ends = axes.get_xlim() if way == "x" else axes.get_ylim()

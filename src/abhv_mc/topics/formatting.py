@@ -11,7 +11,7 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 def _decimals(error: float) -> int:
-    """Return the number of decimals that shows one digit of an error (two if it starts with 1)."""
+    """Return the decimals that show one digit of an error, or two digits if the first is 1."""
     magnitude = math.floor(math.log10(error))
     return -magnitude + (1 if error / 10.0**magnitude < 2.0 else 0)
 

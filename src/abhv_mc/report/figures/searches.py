@@ -30,7 +30,7 @@ from abhv_mc.topics.figure_style import (
 )  # fmt: skip
 
 _ROW = 0.22  # height of a parameter's row, inches
-# The first flight after the nominal one has the most visible colour.
+# The first flight after the nominal flight has the most visible colour.
 _FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])
 # channel, axis label and scale of each panel that shows individual flights
 FLIGHT_PANELS = (

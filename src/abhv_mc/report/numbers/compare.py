@@ -28,7 +28,7 @@ class CampaignPair(ControllerPair):
 
     controllers: tuple[str, str]
     any_failure: PairedFailures  # failures due to a violated requirement or early termination
-    newly_lost: int  # flights that only b terminated early or failed to run
+    newly_lost: int  # flights that terminated early or failed to run only in campaign b
     # non-inferiority tests by metric, at the worst point of the unknown parameters
     not_worse: Mapping[str, Gate]
 
@@ -214,7 +214,7 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
 
 
 def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
-    """Describe the result of a metric's non-inferiority test for the campaign ``label``."""
+    """Describe the result of the non-inferiority test of a metric in the campaign ``label``."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
     point = f"at {gate.at}, " if gate.at else ""
     text = (

@@ -46,7 +46,7 @@ _NAMED = 2  # maximum number of violated requirements or metrics named in a sent
 _MOST_LONGER = 100
 _FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
-# ratios of control effort that differ from 1 by less than this are not mentioned
+# smallest difference from 1 of the ratios of control effort that are mentioned
 _SAME_USAGE = 0.05
 
 
@@ -227,7 +227,7 @@ def _concerned_controllers(models: Models) -> list[str]:
 def _binding_verdicts(
     verdicts: Verdicts, name: str
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the requirements that apply to a controller, or all if none, with verdicts.
+    """Return the requirements on a controller (all if there are none) with their verdicts.
 
     The verdict is None if no flight of the controller could be computed.
     """
@@ -407,7 +407,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
         if len(phrases) > _NAMED
     ]
     if several:
-        # The answer names up to two violated requirements; if there are more, it only counts them.
+        # The answer names up to two violated requirements; of more, it states only the number.
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]

@@ -152,7 +152,7 @@ def build_report(
     folder
         Folder of the campaign.
     baseline
-        Folder of an earlier campaign on the same samples, with which this one is compared.
+        Folder of an earlier campaign on the same samples, with which the campaign is compared.
     svg
         Also write each figure as SVG.
     stage

@@ -52,7 +52,7 @@ def _label(signal: Signal) -> str:
 
 
 def _thinned(curve: Floats, band: str, every: int) -> Floats:
-    """Return every ``every``-th sample; bands min and max also cover the samples between."""
+    """Return every ``every``-th sample; min and max bands also cover the skipped samples."""
     extreme = {"min": np.fmin, "max": np.fmax}.get(band)
     if extreme is None or every == 1:
         return curve[::every]

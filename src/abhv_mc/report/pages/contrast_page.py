@@ -230,7 +230,7 @@ def _quantile_table(
     *,
     shows_all: bool,
 ) -> Table:
-    """Return a table of the quantiles of required metrics that differ, or of all quantiles."""
+    """Return a table of all quantiles, or of the differing quantiles of required metrics."""
     groups = []
     for metric, description in contrast.words.items():
         rows = [

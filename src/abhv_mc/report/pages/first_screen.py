@@ -33,7 +33,7 @@ class Bar:
     high: float | None
     median: float | None
     tolerance: float | None
-    beyond: bool  # whether the bar or the tolerance limit lies beyond the right end of the chart
+    beyond: bool  # whether the bar or the tolerance limit lies beyond the right edge of the chart
     # text on the right: tolerance limit with margin or, without a requirement, the median
     edge: str
     words: str  # text for screen readers
@@ -103,7 +103,7 @@ def _is_required(entry: GlanceRow) -> bool:
 def _scale_to_values(entry: GlanceRow) -> GlanceRow:
     """Scale a row without a requirement to its own values.
 
-    The best value, or zero, is at the left end and the worst value at the limit's position.
+    The best value, or zero, is at the left edge, and the worst value is at the limit's position.
     """
     sign = 1.0 if entry.below else -1.0
     ends = [sign * end for cell in entry.cells.values() for end in (cell.low, cell.high)]

@@ -24,7 +24,7 @@ CELLS = (120, 80)  # cells of the density plot, horizontal and vertical
 BARS = 60  # number of bars in a histogram strip
 _HISTORY_RATE = 5.0  # sampling rate of the histories, Hz
 _STRIPS = 24  # maximum number of dispersions drawn as strips
-_HEADED = 4  # number of metrics in the table without requirements
+_HEADED = 4  # number of metrics in the table if there are no requirements
 # Limits are drawn if the range of flights and limits is at most this multiple of the range of the
 # flights.
 _FAR = 3.0

@@ -61,7 +61,7 @@ class Case(NamedTuple):
     """Test case of a JUnit file."""
 
     name: str
-    status: str  # "PASS", "FAIL", or the reason for another verdict
+    status: str  # "PASS", "FAIL", or the reason why the verdict is neither
     words: str
 
 

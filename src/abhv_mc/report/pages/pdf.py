@@ -39,7 +39,7 @@ main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, fi
 
 
 def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = False) -> Path:
-    """Print a page to an A4 or letter PDF in the folder of the page; return the PDF's path.
+    """Print a page to a PDF (A4 or letter) in the same folder, and return the PDF's path.
 
     If ``brief``, the PDF has only two pages. Raise InputError if the browser fails.
     """

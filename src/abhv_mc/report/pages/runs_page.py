@@ -1,4 +1,4 @@
-"""Page that lists the campaigns below a folder, where users sort, filter and compare them."""
+"""Page that lists the campaigns below a folder and lets users filter and compare them."""
 
 import os
 import shlex

@@ -33,7 +33,7 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 250  # maximum number of plotted flights per controller
-_TRADES = 3  # maximum number of panels per row; also of metrics if no metric is required
+_TRADES = 3  # maximum number of panels per row, and of metrics in a campaign without requirements
 # quantile levels of the differences at which the axis ends, so that outliers are cut off
 _ENDS = (0.005, 0.995)
 

@@ -242,10 +242,10 @@ def _metric(
 def _lost_everywhere(
     a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
 ) -> ListedFailures:
-    """Compare early terminations in pairs; return the largest p-value over all points.
+    """Return the paired comparison of early terminations, with the points' largest p-value.
 
-    A point is a set of values of the unknown parameters. If the difference at a point has another
-    sign than the difference over all flights, its p-value counts as 1.
+    A point is a set of values of the unknown parameters. A point counts with a p-value of 1 if the
+    difference at this point and the difference over all flights have opposite signs.
     """
     failures = _failures(a, b, flight)
     point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
@@ -268,7 +268,7 @@ def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
 def compare_any_failures(
     a: ControllerFlights, b: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> ListedFailures:
-    """Compare failures in pairs; a failure is an early termination or a missed requirement."""
+    """Return the paired comparison of failures (early terminations or missed requirements)."""
     rows_a, rows_b = common_rows(a, b)
     failed = failed_anyhow(a, requirements)[rows_a], failed_anyhow(b, requirements)[rows_b]
     return _failures(*failed, a.flight[rows_a])

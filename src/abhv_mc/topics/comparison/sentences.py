@@ -18,7 +18,7 @@ def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
 
 
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
-    """Return the metrics in which `pair.a` is better, worse, mixed or undecided.
+    """Group the metrics by the result for `pair.a`: better, worse, mixed or undecided.
 
     If ``full``, each metric is followed by shares of flights, or by the reason for mixed results.
     """

@@ -32,7 +32,7 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-# share of all flights in each of two groups: a parameter's lowest and highest values
+# share of the flights in each of two groups, with the lowest and highest values of a parameter
 _TENTH = 0.1
 _FEWEST_OF_TENTH = 5  # minimum number of flights in a group with the lowest or highest values
 _KEPT = 12  # maximum number of parameters stored per metric
@@ -41,7 +41,7 @@ _MOST_FLIGHTS = 5_000
 _NAMED = 2  # maximum number of drivers per error named in a sentence
 _LISTED = 4  # maximum number of drivers per error listed in the table
 _MOVED = 2  # maximum number of controllers described by a sentence
-_NOISY = 0.5  # unexplained share of the variance from which sentences mention it
+_NOISY = 0.5  # minimum unexplained share of the variance that is mentioned in a sentence
 
 Ends = tuple[float, float, float]  # estimate, and lower and upper bound of its 95 % interval
 

@@ -138,7 +138,7 @@ def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]
 def flight_curve(
     history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return a flight's times and channel values, minus the reference if ``off_reference``."""
+    """Return the times and values of a channel; ``off_reference`` subtracts the reference."""
     time, values = history["time"], history[curve.channel]
     less = reference[curve.reference] if curve.off_reference else None
     return time, off_reference(time, values, reference.get("time", time), less)

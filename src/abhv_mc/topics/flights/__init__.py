@@ -151,7 +151,7 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
 
 
 def _kept_words(names: Names) -> str:
-    """State how many of the worst flights by changed requirements have stored histories.
+    """State how many of the worst flights under changed requirements have histories.
 
     The text is empty if all of the worst flights have stored histories.
     """

@@ -56,7 +56,7 @@ def ended_words(outcome: str, missed: int, required: int) -> str:
 
 
 def channel_of(record: Metric, channels: Collection[str]) -> str | None:
-    """Return a metric's channel: its source, or the channel that starts the metric's name."""
+    """Return the source of a metric, or the channel whose name is a prefix of its name."""
     stems = {
         name: ((name.rpartition("_")[0] or name) if name in CHANNEL_INDEX else name)
         for name in channels
@@ -83,7 +83,7 @@ def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """Return the rows of the worst flights that have histories, or of all if none has."""
+    """Return the rows of the worst flights; only flights with histories if there are any."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
         results.flights[name].flight[rows], list(flights_with_history(results.folder, name))
