@@ -58,7 +58,7 @@ __all__ = [
 
 
 class Campaign:
-    """Validated campaign file, accepted by functions in place of its path.
+    """Validated campaign file; functions accept this object in place of a path.
 
     Attributes
     ----------

@@ -22,14 +22,14 @@ class Bounds(NamedTuple):
         }
 
     def __str__(self) -> str:
-        """Return 'below 50', 'above 3' or 'between 3 and 50'."""
+        """Return the limits as text: 'below 50', 'above 3' or 'between 3 and 50'."""
         if self.low is not None and self.high is not None:
             return f"between {self.low:g} and {self.high:g}"
         return " ".join(f"{side} {value:g}" for side, value in self.as_entry().items())
 
     @property
     def symbols(self) -> str:
-        """Limits as '< 50', '> 3' or 'between 3 and 50'."""
+        """Limits as text with symbols: '< 50', '> 3' or 'between 3 and 50'."""
         return str(self).replace("below", "<").replace("above", ">")
 
     @property

@@ -53,7 +53,7 @@ def load_entry_point(group: str, name: str) -> Any:
 def find_packages() -> list[str]:
     """Return the installed packages that may change results.
 
-    A package may change results if it registers more than commands, functions and topics.
+    A package may change results if it registers anything other than commands, functions and topics.
     """
     entries = (
         entry

@@ -1,4 +1,4 @@
-"""Interface of custom control laws, filters, channels and vehicle functions.
+"""Interface for custom control laws, filters, channels and vehicle functions.
 
 A control law is a Python function that is called once per control tick of a flight. Its arguments
 are named tuples of floats in SI units and radians, passed by name. The functions of this module

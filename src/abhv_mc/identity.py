@@ -1,7 +1,7 @@
 """Origin of results: hash of the imported source and compilers, commit and machine.
 
-The hash covers the subpackages of abhv_mc, except those that only present results (``_SHOWN``), and
-the packages that register executors, stores, control laws or blocks
+The hash covers the subpackages of abhv_mc, except those that only present results (``_SHOWN``). It
+also covers the packages that register executors, stores, control laws or blocks
 (:mod:`abhv_mc.entry_points`). If the source is edited while a process runs, the process still
 executes the old code. The hash is therefore computed when this module is imported, and the source
 of modules that are imported later is compared with it. The cache of compiled code uses a different
@@ -148,7 +148,7 @@ def find_versions() -> dict[str, str]:
 
 def find_compiler() -> str:
     """Return the numba interface that compiled the flight code, ``private`` or ``public``."""
-    from abhv_mc.kernel.jit import compiler  # imported here because it loads numba
+    from abhv_mc.kernel.jit import compiler  # Import late, because the module loads numba.
 
     return compiler()
 

@@ -149,7 +149,7 @@ class Simulator(Protocol):
         """
 
     def find_warnings(self, plans: Mapping[str, Any]) -> list[str]:
-        """Return warnings about the mission, undecidable requirements, impossible dispersions."""
+        """Return warnings on the mission, undecidable requirements and impossible dispersions."""
 
     def find_reference(self, plan: Any) -> dict[str, Floats]:
         """Return the reference trajectory as columns, at the rate of the histories."""
@@ -203,9 +203,10 @@ class Executor(Protocol):
       block each. Blocks may finish in any order; no result depends on the order.
     - **Crashes and hangs.** If flights raise an exception, end their process or exceed the time
       limit, :meth:`fly` raises ``FlightLostError``. The run then computes the block again in
-      smaller pieces, and records a flight that is lost on its own as ``failed_to_run``. The
-      executor replaces a lost worker. An external simulator records its lost flights itself; if a
-      block is lost, the run computes it once more, and then stops.
+      smaller pieces, and records each flight that is lost even when computed alone as
+      ``failed_to_run``. The executor starts a new worker in place of a lost one. An external
+      simulator records its lost flights itself; if a block is lost, the run computes the block once
+      more, and then stops.
     - **Failure of the machine.** If no flight can be computed, ``UnusableError`` is raised: the run
       stops, and completed flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
     - **Interrupts.** :meth:`close` does not wait for flights, leaves no process behind, and may be
@@ -235,7 +236,7 @@ Connect = Callable[[str], AbstractContextManager[OpenExecutor]]
 
 
 class Store(Protocol):
-    """Storage of campaign folders: a local folder, or an address.
+    """Storage of campaign folders: a local folder, or a remote store with an address.
 
     Every command works in a local folder, which the store fills and copies back to the address. A
     store must promise:
@@ -245,10 +246,9 @@ class Store(Protocol):
       listed file.
     - **One writer.** While one process is in :meth:`writing`, any other process, on any host, gets
       an InputError that names the writer. The claim of a process that died expires, by the clock
-      of the store if it has one. On a file system without ``flock``, however, the lease of another
-      host must be removed by hand. A local folder is locked by the command that writes, not by the
-      store.
-      A process whose claim was taken over is interrupted and writes nothing more.
+      of the store if the store has a clock. On a file system without ``flock``, however, the lease
+      of another host must be removed by hand. A local folder is locked by the command that writes,
+      not by the store. A process whose claim was taken over is interrupted and writes nothing more.
     - **No loss.** :meth:`writing` begins with the content of the store, so that an interrupted run
       can resume. When the context ends, even by an error or an interrupt, the content of the local
       folder is copied to the store, or kept in a local folder that ``StorageFullError`` names.
@@ -276,4 +276,4 @@ class Store(Protocol):
         """Provide a local folder that is saved to the store; ``staging`` may name the folder."""
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return the process that writes to the folder ``name``, and the folder's size in bytes."""
+        """Return the process that writes to the folder ``name``, if any, and the size in bytes."""

@@ -1,4 +1,4 @@
-"""Creation of starter folders for a campaign with all its files or a custom simulator."""
+"""Creation of starter folders: a campaign with all its files, or a custom simulator."""
 
 import json
 import os
@@ -207,7 +207,7 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
     text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
     text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
-    text = re.sub(r"(?m)^asks:.*\n", "", text)  # 'asks' names other controllers.
+    text = re.sub(r"(?m)^asks:.*\n", "", text)  # 'asks' would not name my_law.
     campaign.write_text(text, encoding="utf-8")
     return files
 

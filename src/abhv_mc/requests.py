@@ -27,9 +27,9 @@ class Option(NamedTuple):
     """Description of one field of a request, for Python and the command line."""
 
     help: str
-    kind: str  # kind of value in `abhv_mc.cli.request_options`; '' for options only in Python
+    kind: str  # kind of value in `abhv_mc.cli.request_options`; '' if only Python has the option
     default: str | None = None  # description of the default value, if one is needed
-    low: Any = None  # smallest and largest allowed number
+    low: Any = None  # smallest allowed number; `high` is the largest
     high: Any = None
 
 
@@ -121,7 +121,7 @@ class CheckedRequest:
     """Base class of requests, whose values are converted and checked on construction."""
 
     def __post_init__(self) -> None:
-        """Convert and check each value. Raise InputError, with its field, for an invalid value."""
+        """Convert and check each value. Raise InputError, naming the field, if one is invalid."""
         for name, option in options_of(type(self)).items():
             value, check = getattr(self, name), _CHECKS.get(option.kind)
             if value is not None and check is not None:
@@ -130,7 +130,7 @@ class CheckedRequest:
 
 @dataclass(frozen=True)
 class Request(CheckedRequest):
-    """Options of a run, requested from the command line, a notebook or a merge."""
+    """Options of a run that is started from the command line, a notebook or a merge."""
 
     campaign: CampaignPath
     output: Annotated[

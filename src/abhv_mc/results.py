@@ -309,13 +309,13 @@ class Results:
 
     @staticmethod
     def explained_figure(explanation: "Explanation", dpi: float = 100.0) -> "Figure":
-        """Return a figure of a failed flight, its causes alone, and the nominal flight."""
+        """Return a figure of a failed flight, one with its causes only, and the nominal flight."""
         from abhv_mc.report.pages.single_flights import make_explained_figure
 
         return _on_white(make_explained_figure(explanation), dpi)
 
     def whatif(self, settings: Mapping[str, Any]) -> "pd.DataFrame":
-        """Return quantiles for the simulated and, by re-weighting, for other dispersions.
+        """Return quantiles for the simulated dispersions and, by re-weighting, for others.
 
         An example of `settings` is ``{"aero.drag.half_width": "12 %"}``. The effective numbers of
         flights are in the table's ``attrs``. Raise InputError if the flights do not cover the new

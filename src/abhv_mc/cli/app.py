@@ -2,8 +2,8 @@
 
 A command is a function, or a ``typer.Typer`` if it has subcommands; related commands share a file.
 All command modules are imported at every start; modules that load slowly are therefore imported
-inside functions. Commands that packages add (:mod:`abhv_mc.cli.added_commands`) are listed in the
-panels of the help by name.
+inside functions. ``_PANELS`` lists built-in commands as functions, and commands that packages add
+(:mod:`abhv_mc.cli.added_commands`) by name.
 """
 
 import gc
@@ -38,7 +38,7 @@ _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
 
 class _Short:
-    """Mixin for help texts with short type names of options and no type names of flags."""
+    """Mixin for help texts that show short type names for options and none for flags."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the command's parameters; options get the short type names of ``_SHORT``."""
@@ -89,7 +89,7 @@ _EXAMPLES = {  # examples printed after the options
     ),
     "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
 }
-_PANELS: dict[str, tuple[Any, ...]] = {  # Commands that packages add are listed by name.
+_PANELS: dict[str, tuple[Any, ...]] = {  # Names stand for commands that packages add.
     "First day": (
         *(starting.new, starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
@@ -157,7 +157,7 @@ def _add_command(
 
 
 def _make_command(name: str, command: Any, panel: str | None) -> Any:
-    """Convert a function that a package registers to a command."""
+    """Make a command from a function that a package has registered."""
     parent = typer.Typer(cls=TyperGroup)
     _add_command(parent, name, command, panel)
     return typer.main.get_group(parent).commands[name]
@@ -189,7 +189,7 @@ app = typer.Typer(
 
 
 def _print_versions(expected: bool) -> None:
-    """Print the versions needed in problem reports, and exit."""
+    """Print the versions that a problem report should state, and exit."""
     if expected:
         import platform
         from importlib.metadata import version
@@ -231,7 +231,7 @@ for _hidden_name, _command in _HIDDEN.items():
 
 def main() -> None:
     """Run the command line and exit with its exit code."""
-    # Set this variable before numpy is loaded: BLAS threads slow down operations on small matrices.
+    # The variable must be set before numpy is loaded. BLAS threads slow down small matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Fewer garbage collections during imports reduce the start time by a tenth.
     gc.set_threshold(100_000, 10, 10)
@@ -245,5 +245,5 @@ def main() -> None:
         ) as error:  # Also catch SystemExit, so that every exit has a documented code.
             code = flush_output(exit_code_of(error))
             if "duckdb" not in sys.modules:  # duckdb would report frozen objects as leaks.
-                gc.freeze()  # skip the garbage collection at exit
+                gc.freeze()  # Skip the garbage collection at exit.
             sys.exit(code)

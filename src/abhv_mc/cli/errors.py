@@ -29,7 +29,7 @@ _TYPER_INTERRUPTED = 130
 def exit_code_of(error: BaseException) -> int | str | None:
     """Print an error to standard error and return the exit code."""
     if isinstance(error, SystemExit) and isinstance(error.__context__, BrokenPipeError):
-        # The process that reads the output has ended; typer would exit with code 1.
+        # The process that reads the output has ended. In this case typer would exit with code 1.
         return ExitCode.INCOMPLETE
     if isinstance(error, SystemExit) and error.code != _TYPER_INTERRUPTED:
         return error.code

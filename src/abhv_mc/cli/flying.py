@@ -210,7 +210,7 @@ _LEVEL |= {"latitude": math.radians(29.3), "heading": math.radians(90.0)}
 def _find_start(start_file: Path, vehicle: Path | None) -> tuple[Path, dict[str, float]]:
     """Return the vehicle and the initial flight condition (SI units) of a mission or campaign.
 
-    For a vehicle file, the flight condition is the level flight in ``_LEVEL``.
+    For a vehicle file, the flight condition is the level flight defined by ``_LEVEL``.
     """
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.control.mission import read_mission

@@ -209,8 +209,8 @@ def _take(
 ) -> "Place":
     """Return an operating point of the nominal flight, and print warnings about it.
 
-    The option --bank applies only to the trim point; at a time of the flight, the simulated flight
-    determines the bank angle.
+    The option --bank applies only to the trim point. At a time of the nominal flight, the flight
+    itself determines the bank angle.
     """
     from abhv_mc.io.units import ANGLE
     from abhv_mc.one_flight.linear_models import take_point

@@ -14,7 +14,7 @@ from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 
 
 def _of_kinds(*kinds: str) -> dict[str, Any]:
-    """Return the parser, completion and help for an argument that accepts certain file kinds.
+    """Return parser, completion and help for an argument that accepts files of these kinds.
 
     Shells complete paths and the names of shipped files.
     """

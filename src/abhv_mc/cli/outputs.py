@@ -29,7 +29,7 @@ def output_file(path: Path | None) -> Path | None:
     """Return the path of an output file. Raise InputError if the file cannot be written."""
     if path is None:
         return None
-    # Writing as root to /dev/null would replace the device.
+    # If root wrote to /dev/null, the file would replace the device.
     if path.exists() and not path.is_file():
         raise InputError(path, "the path is a folder or a device", "the name of a file")
     return _check(path, path.absolute().parent)

@@ -95,8 +95,8 @@ def finish(
 ) -> None:
     """Create the report, print the result, and exit with the corresponding code.
 
-    ``address`` is the path or address given by the user; ``can_rerun`` is true if the command
-    repeats flights that failed to run.
+    ``address`` is the path or address given by the user; ``can_rerun`` is true if the same
+    command repeats flights that failed to run.
     """
     from abhv_mc.folder.pooled_campaigns import suggest_merge
 
@@ -179,7 +179,7 @@ def describe_outcomes(count: "ControllerCount") -> str:
 
 
 def print_requirements(manifest: "Manifest") -> None:
-    """Print the verdicts by requirement and controller, followed by advice on them.
+    """Print the verdicts by requirement and controller, followed by advice on the verdicts.
 
     Lines have at most 80 columns.
     """
@@ -226,7 +226,7 @@ def print_requirements(manifest: "Manifest") -> None:
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
-    """Return a text with the verdict counts of each controller and the decisive controllers.
+    """Describe each controller's verdicts; name the controllers that set the exit code.
 
     Example: 'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code depends on tlc (3 verdicts).'
     """

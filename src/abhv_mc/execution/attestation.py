@@ -1,4 +1,4 @@
-"""Signatures of the processes that compute blocks of flights, and checks of their code."""
+"""Signatures of processes that compute blocks of flights, and checks of their code."""
 
 import sys
 import threading
@@ -30,8 +30,9 @@ class Attestation:
     def __init__(self, engine: "Engine", every_worker: bool = False) -> None:
         """Prepare the check of all workers.
 
-        One flight of each host whose kind of processor differs from that of this machine is
-        computed again in this process; with ``every_worker``, one flight of each worker.
+        If a host's kind of processor differs from this machine's, one of the host's flights is
+        computed again in this process. With ``every_worker``, one flight of each worker is computed
+        again.
         """
         self._engine, self._every = engine, every_worker
         self._seen: set[Any] = set()
@@ -40,7 +41,7 @@ class Attestation:
     def check(self, plan: FlightPlan, parameters: Floats, block: FlightBlock) -> FlightBlock:
         """Check a block and return it unchanged.
 
-        Raise UnusableError, with the name of the worker, if its code or any bit of its results
+        Raise UnusableError, which names the worker, if the worker's code or any bit of its results
         differs.
         """
         self.check_code(block)

@@ -1,4 +1,4 @@
-"""Function calls on threads, with a limit on the results that wait for the disk."""
+"""Function calls on threads, with a limit on the number of results that wait for the disk."""
 
 import threading
 import warnings
@@ -13,7 +13,7 @@ def work_ahead(
 ) -> Generator[T, None, None]:
     """Yield the result of ``work`` for each of ``calls``, in order of completion.
 
-    At any time, at most two results per worker are being computed or wait to be consumed. Without
+    At any time, at most two results per worker are in progress or finished but unused. Without
     this limit, workers that are faster than the disk would fill the memory with finished blocks.
     Closing the generator ends all waiting workers.
     """
@@ -25,7 +25,7 @@ def work_ahead(
     def call(arguments: tuple[Any, ...]) -> T:
         slots.acquire()
         if closed.is_set():
-            slots.release()  # Release the slot, so that the next waiting thread can also end.
+            slots.release()  # Without the slot, the next thread cannot end.
             raise RuntimeError("the results are no longer needed")
         return work(*arguments)
 

@@ -1,4 +1,4 @@
-"""Simulation of a block of flights in batches that fill the vector lanes of the kernel."""
+"""Simulation of a block of flights in batches that fill the kernel's vector lanes."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ def fly_in_batches(
     recorded: "Recorded",
     begin: Callable[[], None] = lambda: None,
 ) -> FlightBlock:
-    """Simulate all rows in batches, calling ``begin`` before each batch."""
+    """Simulate all rows in batches, and call ``begin`` before each batch."""
     blocks = []
     for first in range(0, max(1, len(parameters)), BATCH_FLIGHTS):
         begin()

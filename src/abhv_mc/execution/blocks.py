@@ -60,9 +60,9 @@ def cut_blocks(
     """Yield blocks of at most ``size`` flights, alternating between controllers.
 
     ``missing`` gives, by controller, the masks [flight] of missing rows and missing envelope
-    contributions. Blocks end at multiples of ``size``, and all flights of a block lack the same
-    data. No block contains flights on both sides of ``cut``. ``unrecorded`` contains the number of
-    the first flight whose history is not recorded, and the block size from that flight on.
+    contributions. Blocks end at multiples of ``size``, and the same data is missing for all flights
+    of a block. No block contains flights on both sides of ``cut``. ``unrecorded`` contains the
+    number of the first flight without a recorded history, and the block size from that flight on.
     """
     ranges = {
         name: list(_uniform_ranges(rows, envelope, size, cut, unrecorded))
@@ -79,7 +79,7 @@ def cut_blocks(
 def _uniform_ranges(
     rows: Mask, envelope: Mask, size: int, cut: int, unrecorded: tuple[int, int] | None
 ) -> Iterator[tuple[int, int]]:
-    """Yield (first, stop) for each range of flights that lack the same data."""
+    """Yield (first, stop) for each range of flights for which the same data is missing."""
     first_unrecorded, unrecorded_size = unrecorded or (len(rows), size)
     state = rows.astype(np.int8) + 2 * envelope.astype(np.int8)
     changes = np.flatnonzero(np.diff(state)) + 1

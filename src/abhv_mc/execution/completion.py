@@ -1,4 +1,4 @@
-"""Completion of a campaign: its stored flights and its missing flights."""
+"""Completion of a campaign: the numbers of stored flights and the missing flights."""
 
 import numpy as np
 
@@ -35,9 +35,9 @@ class Completion:
     def goal(self) -> int:
         """Return the number of flights to run.
 
-        A campaign that stops when proven needs only the flights up to its verdicts. The numbers of
-        flights at which verdicts are assessed depend only on the flights themselves, not on workers
-        or interruptions.
+        A campaign that stops as soon as all verdicts are PASS or FAIL needs only the flights up to
+        this point. The numbers of flights at which verdicts are assessed depend only on the flights
+        themselves, not on workers or interruptions.
         """
         if self.campaign.model.stop is None:
             return self.stop

@@ -1,8 +1,8 @@
-"""Trial flights before a campaign: the nominal flight, and tests of each dispersion.
+"""Trial flights before a campaign: the nominal flight, and trials of each dispersion.
 
-A dispersion that enters no equation of the simulation leaves all bits of a flight unchanged. Such a
-dispersion is rejected with an error before the campaign, as is a metric that is not finite in the
-nominal flight.
+A dispersion that enters no equation of the simulation leaves all bits of a flight unchanged. Before
+the campaign, such a dispersion is rejected with an error. A metric that is not finite in the
+nominal flight is rejected too.
 """
 
 import math
@@ -27,9 +27,9 @@ _COMPILING = 1800.0  # time in s allowed for compilation on a busy machine
 def make_trials(campaign: Experiment) -> Floats:
     """Return rows [trial, input]: the nominal flight and three trials per dispersion.
 
-    In its trials, a dispersion has its nominal value and the values at both ends of its range. All
-    other dispersions are slightly above their medians: the start time of a gust, for example, has
-    an effect only if there is a gust, and the median speed of a symmetric gust is zero.
+    In its three trials, a dispersion has its nominal value, its lower bound and its upper bound.
+    All other dispersions are slightly above their medians: the start time of a gust, for example,
+    has an effect only if there is a gust, and the median speed of a symmetric gust is zero.
     """
     names = campaign.dimensions
     nominal = campaign.parameters.nominal_of(names)
@@ -80,7 +80,7 @@ def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
 def find_ineffective(
     campaign: Experiment, trials: Floats, flown: Collection[FlightBlock]
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield dispersions that have no effect in the trials, with the ends of their ranges."""
+    """Yield each dispersion without effect in the trials, with the bounds of its range."""
     for i, name in enumerate(campaign.dimensions):
         unchanged, *rows = range(1 + _ROWS * i, 1 + _ROWS * (i + 1))
         if not any(differs(block, row, unchanged) for block in flown for row in rows):

@@ -38,8 +38,8 @@ class Estimate:
     rows_bytes: int
     histories_bytes: int
     searched: int  # number of flights per controller in the search over the unknowns
-    # number of flights per controller whose histories are stored, not counting failed flights that
-    # are selected by 'failed'
+    # number of flights per controller whose histories are stored, without the flights selected by
+    # the entry 'failed'
     kept: int
     envelope_bytes: int  # disk space of envelope data during the run
     warnings: tuple[str, ...]  # warnings about the mission
@@ -58,7 +58,7 @@ class Estimate:
 def estimate_campaign(
     campaign: Experiment, engine: Engine | None = None, workers: int | None = None
 ) -> Estimate:
-    """Estimate the cost from a few flights of each controller; no files are left behind.
+    """Estimate the cost from a few flights of each controller, and leave no files behind.
 
     Raise InputError for errors that only a flight reveals, such as a dispersion without effect.
     """

@@ -1,7 +1,7 @@
 """Executors of blocks: worker processes, this process, or executors from packages.
 
 Worker processes are the default, because a crash in compiled code ends the whole process. Threads
-start one second faster, but a campaign then survives only flights that raise an exception. The
+start one second faster, but a crash then ends the campaign, and only exceptions are handled. The
 option ``--scheduler`` selects the executor of an installed package.
 """
 

@@ -1,4 +1,4 @@
-"""Simulation of the first flights of a custom simulator to test its repeatability.
+"""Simulation of first flights by a custom simulator to test the simulator's repeatability.
 
 The flights are simulated in two new processes in parallel, and repeated in each process.
 """
@@ -25,13 +25,13 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability
 
-_LONG = 1.0  # time of a flight in s, above which only one flight is repeated in each process
+_LONG = 1.0  # duration of a flight in s above which each process repeats only one flight
 _CHECKED = 8  # number of rows of inputs that are checked
 _PAIRS = 4  # maximum number of pairs of processes
 
 
 class FirstFlights(NamedTuple):
-    """Warnings and repeatability found by the first flights of a campaign."""
+    """Results of the first flights of a campaign: warnings and repeatability."""
 
     warnings: tuple[str, ...] = ()
     repeatability: Repeatability | None = None
@@ -93,7 +93,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
                 f"'{name}' from {low:g} to {high:g} has no effect on any flight"
                 for name, low, high in find_ineffective(campaign, trials, flown)
                 if name
-                in campaign.names  # Three values do not prove that an unknown has no effect.
+                in campaign.names  # Three values cannot prove that an unknown has no effect.
             ]
             for name, block in zip(campaign.systems, flown, strict=True):
                 events[name].update(block.events)
@@ -122,7 +122,7 @@ def _checked(campaign: Experiment, process: int = 1) -> Experiment:
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
-    """Simulate each row in two new processes; several pairs of processes run in parallel.
+    """Simulate each row in two new processes; several pairs of processes may run in parallel.
 
     Return the flights by system and process, with the two processes of a pair next to each other,
     and warnings about undeclared files that native code reads.

@@ -93,7 +93,7 @@ def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
 
 
 def flight_values(campaign: Experiment) -> tuple[Signal, ...]:
-    """Return the columns that follow the samples in the flights table."""
+    """Return the columns of the flights table that follow the sampled parameters."""
     return (*campaign.measured, END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
 
 
@@ -128,10 +128,10 @@ def count_flights(
 def judge_counts(
     all_counts: Mapping[str, FlightCounts], campaign: Experiment, flights: int | None = None
 ) -> list[tuple[FlightCounts, RequirementCount, Verdict, int]]:
-    """Return the verdict for each controller and requirement, and its point of the unknowns.
+    """Return each controller's verdict on each requirement, with its point of the unknowns.
 
-    ``flights`` restricts the assessment to this number of first flights. All pairs of requirement
-    and controller form one family of tests.
+    If ``flights`` is given, only the first ``flights`` flights are assessed. All pairs of
+    requirement and controller form one family of tests.
     """
     counted = [(counts, count) for counts in all_counts.values() for count in counts.requirements]
     points, groups = len(campaign.unknowns.points), []

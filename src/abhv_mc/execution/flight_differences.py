@@ -10,7 +10,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import relative_difference
 
-ESTIMATES = "requirements get estimates instead of verdicts"  # end of warnings on differences
+ESTIMATES = "requirements get estimates instead of verdicts"  # last clause of warnings
 
 
 class Difference(NamedTuple):

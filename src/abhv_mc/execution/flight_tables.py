@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 _ROWS = 65536  # number of rows per block
 _HEADS = {"controller": "system", END_TIME.name: "end_time"}  # column headings of exported tables
-_BY_ROW = "line"  # value of 'flight' under 'columns': rows of the tables are paired in order
+_BY_ROW = "line"  # value of 'flight' under 'columns' that pairs rows of two tables in order
 _ROW, _LINE = "#row", "#line"  # names of added columns, which no input can have
 _OK, _NOT_COMPUTED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
-_ECHO = 1e-4  # tolerance for inputs repeated in a table of results, relative to the largest value
+_ECHO = 1e-4  # tolerance for inputs repeated in a table of results, as a share of the largest value
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
 def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
     """Join inputs and results by flight number; flights without results failed to run.
 
-    Raise InputError if a row of results has no inputs, or repeats inputs with other values.
+    Raise InputError if a row of results has no inputs, or if it repeats inputs with other values.
     """
     for rows in (inputs, results):
         if "flight" not in rows.frame:

@@ -1,4 +1,4 @@
-"""Function that reads the experiment of a results folder, whose flights can be re-run."""
+"""Function that reads the experiment of a results folder to re-run its flights."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -18,7 +18,7 @@ from abhv_mc.io.input_error import InputError
 def open_flown(
     folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False
 ) -> Experiment:
-    """Check a results folder and return its experiment, ready to re-run flights.
+    """Check a results folder and return an experiment that can re-run the folder's flights.
 
     Raise InputError for an unknown controller, a damaged file or untrusted code.
     """

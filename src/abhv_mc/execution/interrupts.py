@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM, which interrupt a run unless a block is being stored."""
+"""Handling of Ctrl-C and SIGTERM, which interrupt a run except while a block is stored."""
 
 import contextlib
 import signal
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C in the context, if called in the main thread."""
+    """Treat SIGTERM like Ctrl-C in the context if the context is opened in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

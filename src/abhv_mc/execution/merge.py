@@ -28,10 +28,11 @@ def merge_campaign(
     """Merge complete shards, or campaigns that differ only in their seeds, into ``out``.
 
     The envelopes, histories and verdicts of all flights are created too. The same call resumes an
-    interrupted merge. ``trust_code`` permits running custom code of the folders that the user has
-    not run before. ``requirements`` contains the requirements for all flights; it must be given if
-    the parts have different requirements. Raise InputError, before files are created, if the parts
-    belong to different campaigns, were run with different code or plans, or share flights.
+    interrupted merge. ``trust_code`` permits custom code in the folders to run although the user
+    has not run it before. ``requirements`` is a file with the requirements for all flights; it must
+    be given if the parts have different requirements. Raise InputError, before files are created,
+    if the parts belong to different campaigns, were run with different code or plans, or share
+    flights.
     """
     sharded = read_manifest(CampaignFolder(parts[0]).manifest).shard is not None
     folders = order_shards(parts) if sharded else check_poolable(parts)

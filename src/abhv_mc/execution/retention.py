@@ -1,4 +1,4 @@
-"""Storage of the time histories of selected flights at the end of a campaign.
+"""Storage of selected flights' time histories, which happens at the end of a campaign.
 
 The selected flights are run again, because the worst flights are known only at the end. The
 repeated flights are bit-identical.
@@ -43,7 +43,7 @@ def select_flights(
         if isinstance(item, int):
             selected.update(
                 {item} & set(range(flights))
-            )  # A selected flight does not exist if the campaign stopped before this flight.
+            )  # If the campaign stopped early, a selected flight may not exist.
         elif item == "all":
             selected.update(range(flights))
         elif item == "failed":
@@ -120,7 +120,7 @@ def write_kept_histories(
     landed = work_ahead(workers, rerun, ((file,) for file in missing))
     with Progress("histories", total) as progress, closing(landed):
         for file, block in landed:
-            # Lost flights were completed earlier and failed only in this repetition.
+            # A flight that is lost now was completed earlier; only its repetition failed.
             lost = block.outcome == Outcome.FAILED_TO_RUN
             failed += [
                 f"no history of flight {file.flights[row]} of {file.controller}"

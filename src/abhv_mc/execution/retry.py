@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # Worker processes do not import modules that only annotation
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
-PIECE = 16  # flights in a piece of a block that is divided once; time limits are for this number
+PIECE = 16  # flights per piece after a block is first divided; time limits apply to this number
 _reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
 _PIECES = (PIECE, 1, 1)
@@ -40,7 +40,7 @@ class FlightLostError(Exception):
 
 
 class UnusableError(Exception):
-    """Error raised if no flight can be computed; the campaign stops without more failures."""
+    """Error raised if no flight can be computed; the campaign stops and records no failures."""
 
 
 def time_limit(flights: int, piece_limit: float) -> float:
@@ -56,9 +56,9 @@ def fly_with_retries(
 ) -> FlightBlock:
     """Compute the flights of ``parameters`` with ``attempt``, and retry lost flights.
 
-    After a loss, the block is computed in smaller pieces. Flights that are lost on their own have
-    the outcome ``failed_to_run``. Raise UnusableError if there are PIECE or more flights, none of
-    which can be computed.
+    After a loss, the block is computed in smaller pieces. Flights that are lost even when computed
+    alone get the outcome ``failed_to_run``. Raise UnusableError if there are PIECE or more flights,
+    none of which can be computed.
     """
     if len(parameters) > BATCH_FLIGHTS:
         try:

@@ -1,4 +1,4 @@
-"""Run of a campaign, which computes missing flights, envelopes and histories."""
+"""Run of a campaign: computation of missing flights, envelopes and histories."""
 
 import json
 import sys
@@ -168,7 +168,7 @@ class _Run:
         return RunResult(self.folder.root, self.manifest)
 
     def _keeps_products(self) -> bool:
-        """Return whether stored histories are kept although requirements select other flights.
+        """Return True if stored histories are kept although requirements select other flights.
 
         A version of the program cannot add histories to flights of another version.
         """
@@ -176,14 +176,14 @@ class _Run:
         return is_other and self._has_margins() and self._has_envelopes()
 
     def _has_products(self) -> bool:
-        """Return whether histories, margins and envelopes are current; true for all shards."""
+        """Return whether histories, margins and envelopes are current; for a shard, return True."""
         if self.sharded:
             return True
         histories = all(file.product.is_current(self.files) for file in self._list_histories())
         return histories and self._has_margins() and self._has_envelopes()
 
     def _has_margins(self) -> bool:
-        """Return whether trim margins are current or cannot be computed."""
+        """Return True if trim margins are current or cannot be computed."""
         no_margins = self.simulator.engine.find_stability is None
         return no_margins or self.products.margins.is_current(self.files)
 
@@ -205,7 +205,7 @@ class _Run:
         )
 
     def _has_envelopes(self) -> bool:
-        """Return whether envelopes are current and complete, or not requested."""
+        """Return True if envelopes are current and complete, or if none are requested."""
         last = min(self.completion.goal(), envelope_states.ENVELOPE_FLIGHTS)
         is_complete = all(
             mask[self.completion.first : last].all() for mask in self.completion.done.values()
@@ -214,7 +214,7 @@ class _Run:
         return no_envelopes or (is_complete and self.products.envelopes.is_current(self.files))
 
     def _fly(self) -> None:
-        """Run the missing flights; if the campaign stops when proven, run them in steps."""
+        """Run the missing flights, in steps if the campaign stops when its verdicts are known."""
         self.recording = None
         if self.campaign.has_bands:
             self.cells = self._make_cells()
@@ -317,7 +317,7 @@ class _Run:
             self.stored.add(rows)
 
     def _check_stored(self) -> None:
-        """Re-run some flights of a custom simulator and record whether values differ."""
+        """Re-run some flights of a custom simulator and record whether their values differ."""
         if self.stored is None:
             return
         size, description = self.stored.run_again(self.fly, self.workers)
@@ -362,8 +362,8 @@ class _Run:
         if self.sharded:
             self._join_files()
             return
-        # Files that will be replaced are first removed from the manifest, in case the process is
-        # killed.
+        # Files that will be replaced are first removed from the manifest, because the process may
+        # be killed.
         histories = self._list_histories()
         products = (file.product for file in histories)
         current = {product.path for product in products if product.is_current(self.files)}
@@ -411,8 +411,8 @@ class _Run:
             print(f"{problem}; run the same command to try again", file=sys.stderr)
         self._write_stability()
         for name, collector in self.collectors.items():
-            # Otherwise the stored values are needed to re-run failed flights and to extend slow
-            # simulations.
+            # In other cases the stored values are needed when failed flights are run again or a
+            # campaign of slow simulations is extended.
             if (
                 self.simulator.capabilities.is_repeatable
                 and not self.completion.all_counts[name].uncomputed.any()

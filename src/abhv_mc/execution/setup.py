@@ -1,4 +1,4 @@
-"""Setup of a run: checks, and creation or opening of the results folder."""
+"""Setup of a run: checks of the request, and creation or opening of the results folder."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -187,7 +187,7 @@ def _resume(
         next(iter(before.systems)),
         *map(before.data.get, JUDGING),
     ]
-    # The manifest does not list the campaign file if a run that extended the folder was killed.
+    # If a run was killed while it extended the folder, the manifest lacks the campaign file.
     changed = added or longer or is_rejudged or not files.knows(folder.campaign)
     products = Products(folder, merged.systems, requested.runs)
     nominal = products.nominal, products.reference
@@ -233,7 +233,7 @@ def _resume(
 
 
 def _join(requested: Experiment, inputs: FolderInputs, merged: FolderInputs) -> Experiment:
-    """Return the campaign of the folder, with the controllers of earlier runs."""
+    """Return the requested campaign with the controllers of earlier runs in the folder."""
     if (merged.data, list(merged.systems)) == (inputs.data, list(inputs.systems)):
         return requested
     campaign = check_campaign(merged.document, requested.engine)
@@ -328,7 +328,7 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
 
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Raise InputError if this version of the program draws different samples."""
+    """Raise InputError if this version of the program would draw different samples."""
     source, flown = campaign.make_samples(), SampleReader(folder.samples)
     for first in range(0, flown.flights, ROW_GROUP):
         group = first, min(first + ROW_GROUP, flown.flights)

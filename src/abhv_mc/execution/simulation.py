@@ -13,7 +13,7 @@ from abhv_mc.io.documents import InputError
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
-    """Raise InputError if other code than the present code computed the flights of a folder."""
+    """Raise InputError if another version of the code computed the flights of a folder."""
     flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
         problem = f"the flights are from another version of the program (source {flown}, now {now})"
@@ -27,8 +27,8 @@ def make_ready(
 ) -> Experiment:
     """Return the experiment with ``plans`` as its systems.
 
-    Plans with ``margins`` are added if the campaign requests them. Raise InputError if margins
-    cannot be computed.
+    With ``margins``, plans that compute margins are added if the campaign requests margins. Raise
+    InputError if margins cannot be computed.
     """
     margin_plans = experiment.simulator.add_margins(plans) if margins else {}
     return replace(

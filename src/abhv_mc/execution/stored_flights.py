@@ -23,7 +23,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Fly
 
-# one of 50 stored flights is re-run, but at least 4 and at most 64
+# One of 50 stored flights is re-run, but at least 4 and at most 64 flights in total.
 _LEAST, _MOST, _SHARE = 4, 64, 50
 
 

@@ -1,4 +1,4 @@
-"""Tests of whether imported flights are draws from the dispersions of the campaign."""
+"""Tests of whether imported flights are random draws from the campaign's dispersions."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,8 +22,8 @@ def check_draws(
 
     ``samples`` [flight, input] are in the units of the campaign, ``factors`` [input] convert from
     the units of the table, and ``lines`` [flight] are line numbers in the table. Raise InputErrors
-    if a value lies outside its distribution, or if a table whose draws are declared independent
-    contradicts the declared dispersions.
+    if a value lies outside the range of its distribution, or if a table whose draws are declared
+    independent contradicts the declared dispersions.
     """
     columns = []
     for name, marginal in campaign.marginals.items():
@@ -87,7 +87,7 @@ def _normal_correlations(campaign: Experiment) -> Floats:
 def _contradictions(
     findings: TableFindings, campaign: Experiment, columns: list[Column], lines: Ints
 ) -> Iterator[tuple[str, str, int]]:
-    """Yield (problem, expected value, line) for findings that contradict independence."""
+    """Yield (problem, expected value, line) for each finding that contradicts independence."""
     names = list(campaign.marginals)
     levels = {level.column: level for level in reversed(findings.levels)}
     for j in sorted({*findings.too_far, *levels}):

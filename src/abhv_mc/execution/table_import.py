@@ -38,8 +38,8 @@ def import_tables(
 
     The campaign has no simulator. Either one table contains inputs and results, or a table of
     inputs and a table of results are paired by flight number. Requirements get verdicts if tests
-    do not reject the independence of the inputs, and estimates otherwise. Raise InputError, with
-    the row, if a table is invalid.
+    do not reject the independence of the inputs, and estimates otherwise. Raise InputError, which
+    states the row, if a table is invalid.
     """
     campaign = read_campaign(campaign_file, runs=1)
     if campaign.can_rerun:
@@ -108,7 +108,7 @@ def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> No
 
 
 def _has_flights(manifest: Manifest, blocks: list[FlightRows]) -> bool:
-    """Return whether a complete folder contains exactly these flights, by their digest."""
+    """Return whether a complete folder and these flights have the same digest."""
     return manifest.digest == str(sum((block.digest() for block in blocks), Digest()))
 
 

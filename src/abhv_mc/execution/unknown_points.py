@@ -34,7 +34,7 @@ def select_points(
     workers: int | None,
     baseline: Unknowns | None = None,
 ) -> Experiment:
-    """Search for the worst points of each controller; return the campaign with the points.
+    """Search for the worst points of each controller; return the campaign with these points.
 
     A point is a set of values of the unknown parameters. Points of ``baseline`` that lie within the
     bounds are added. A campaign without unknown parameters, or with points in its file, is returned

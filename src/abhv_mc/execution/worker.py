@@ -74,7 +74,7 @@ def serve(connection: Connection, fly: "Fly") -> None:
 def compute(
     fly: "Fly", plan: FlightPlan, parameters: Floats, recorded: "Recorded" = None
 ) -> FlightBlock:
-    """Compute and sign a block, for executors with processes that may be lost."""
+    """Compute and sign a block; for executors whose processes may be lost."""
     allow_here()
     return sign(fly_in_batches(fly, plan, parameters, recorded))
 
@@ -94,7 +94,7 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
 
 
 def _end_with_parent() -> None:
-    """Make this process end when its parent ends, even if a flight hangs."""
+    """Make this process end when its parent ends, even while a flight hangs."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])

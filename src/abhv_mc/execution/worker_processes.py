@@ -1,7 +1,7 @@
-"""Pool of worker processes, which replaces processes that hang or end.
+"""Pool of worker processes, which starts a new process for each one that hangs or ends.
 
-A thread of the parent waits for each process. Each process has a separate pipe, so that a process
-that is killed while it sends a result does not disturb the other processes.
+For each process, a thread of the parent waits for results. Each process has a separate pipe, so a
+process that is killed while it sends a result does not disturb the other processes.
 """
 
 import contextlib
@@ -141,7 +141,7 @@ class _Worker:
         return answer
 
     def _receive(self, limit: float, processor: float = 0.0) -> Any:
-        """Return the next message, received within ``limit`` s and ``processor`` s of CPU time."""
+        """Return the next message. Raise FlightLostError if the process is too slow or ends."""
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
@@ -202,7 +202,7 @@ class WorkerPool:
     def _find_limit(self, plan: FlightPlan) -> float | None:
         """Derive the time limit for all workers from a nominal flight in this process.
 
-        Return None if the flight must not run in this process; each worker then finds its own
+        Return None if the flight must not run in this process; each worker then derives its own
         limit.
         """
         if must_run_in_child(plan):

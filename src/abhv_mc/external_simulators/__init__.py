@@ -1,1 +1,1 @@
-"""Custom simulators, run in processes that are monitored flight by flight."""
+"""Custom simulators, which run in processes that are monitored flight by flight."""

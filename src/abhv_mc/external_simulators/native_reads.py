@@ -12,7 +12,7 @@ _PACKAGES = {"site-packages", "dist-packages"}
 
 
 def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) -> list[str]:
-    """Return undeclared files that ``processes`` and their children map or keep open.
+    """Return undeclared files that ``processes`` and their descendants map or keep open.
 
     Files created after ``started`` (s since the epoch) are omitted, because the processes probably
     created them. For programs other than Python functions, only files in the folders of the

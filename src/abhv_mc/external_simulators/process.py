@@ -26,7 +26,7 @@ _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a p
 _READ = 1 << 18
 _ENDING = 2.0  # time in s for a process to end after closing standard output
 _LOOK = 1.0  # interval in s between checks of a computing process
-_EXCERPT = 2000  # number of bytes kept at each end of the standard error output
+_EXCERPT = 2000  # number of bytes kept from the start and from the end of the standard error output
 _MOST_ERRORS = 1 << 20  # maximum size in bytes of the standard error output on disk
 # Linux does not run a script that is open for writing, so processes start one by one.
 _starting = threading.Lock()
@@ -80,7 +80,7 @@ class Process:
         self._excerpt = b""
         self._next_flight = int.from_bytes(os.urandom(4), "big")
         self.flights = 0  # number of completed flights
-        # number of replies since the last check that do not repeat the string of their request
+        # number of replies, since the last check, that do not repeat the string of their request
         self.unproven = 0
         self.first_time = 0.0  # time in s from the start to the first reply
         self.longest = 0.0  # longest time in s to any later reply
@@ -93,10 +93,11 @@ class Process:
     def answers(
         self, requests: Sequence[bytes], limit: float, *, start: float = 0.0, ahead: bool = False
     ) -> Iterator[dict[str, Any]]:
-        """Yield the reply to each of ``requests``, each within ``limit`` s of the previous reply.
+        """Yield the replies to ``requests``, each within ``limit`` s after the previous one.
 
-        ``start`` gives additional seconds for the first reply of the process; with ``ahead``
-        several requests are sent in advance. Raise LostFlightError or OutOfStepError.
+        ``start`` is the additional time in s for the first reply of the process. With ``ahead``,
+        several requests are sent before their replies arrive. Raise LostFlightError or
+        OutOfStepError.
         """
         size = max(1, min(_AHEAD, _FITS // (16 + max(map(len, requests), default=1))))
         step = size if ahead else 1
@@ -136,7 +137,7 @@ class Process:
         return answer
 
     def _make_text(self) -> str:
-        """Return an arbitrary string that is unique in this process."""
+        """Return an arbitrary string, which is unique among the requests of this process."""
         self._next_flight += 1
         return f"{self._next_flight * 2654435761 & 0xFFFFFFFF:08x}"
 

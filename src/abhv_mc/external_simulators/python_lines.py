@@ -1,4 +1,4 @@
-"""Host program of custom Python simulators, which exchange JSON lines.
+"""Host program of custom Python simulators, which exchanges JSON lines with abhv-mc.
 
 The program imports nothing of abhv-mc except the read guard, which it loads by path. The guard
 rejects files that the campaign does not list, because changes to such files would not be detected.

@@ -1,7 +1,7 @@
 """Flights of a custom simulator; a crash or hang affects only the current flight.
 
-Each reply must belong to its request. A silence check waits for surplus output, which no request
-explains.
+Each reply must belong to its request. A silence check waits for surplus output, that is, lines that
+no request asked for.
 """
 
 import sys
@@ -22,10 +22,10 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock, Recording
 from abhv_mc.io.input_error import is_exhausted
 
-_AHEAD = 1e-3  # computing time of a flight in s, below which requests are sent ahead of replies
+_AHEAD = 1e-3  # computing time of a flight in s below which requests are sent ahead of replies
 _SLACK = 0.02  # time in s of a silence check in addition to twice the longest reply time
 _SHORT_PROOF = 0.25  # duration in s of a silence check after few flights
-_PROOF = 20  # number of flights of a process before its silence checks take the full time
+_PROOF = 20  # number of flights of a process after which its silence checks take the full time
 _RARE = 300  # intended average number of pieces between two surplus lines
 # limits on the start time: a multiple of earlier start times, and a time in s
 _START_TIMES, _START_SLACK = 10.0, 10.0
@@ -212,7 +212,7 @@ class _Flights:
         return True
 
     def _take(self, is_proven: bool = False) -> Process:
-        """Return an idle process that has written nothing since its last reply, or a new one."""
+        """Return an idle process without output since its last reply, or else a new process."""
         while True:
             begun = time.monotonic()
             process = self.pool.take(self.plan)
@@ -228,7 +228,7 @@ class _Flights:
                 return process
 
     def _start(self) -> float:
-        """Return the time (s) allowed for the start of a program in addition to a flight."""
+        """Return the time (s) allowed for the start of a program, besides the time of a flight."""
         if self.plan.python:
             return 0.0  # Python simulators report when they are loaded.
         if self.record.is_stuck:

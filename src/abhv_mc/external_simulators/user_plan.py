@@ -49,7 +49,7 @@ class UserPlan:
 
     @property
     def process(self) -> tuple[object, ...]:
-        """Key of the processes that can run this plan and possibly other systems."""
+        """Key of the processes that can run this plan, and possibly plans of other systems."""
         files = self.folder, self.files, self.folders
         return self.command, self.python, files, self.flights_per_process, self.check
 
@@ -76,7 +76,7 @@ class UserPlan:
         return name if any(name == declared for declared, _ in self.files) else ""
 
     def name_undeclared(self, message: str) -> str:
-        """Return a hint if an error message names a file that `files` lacks, or ''."""
+        """Return a hint if an error message names a file missing in `files`, else ''."""
         for word in re.findall(r"[\w.+/-]+", message):
             for path in (word.rstrip("."), f"{word.replace('.', '/')}.py"):
                 name = os.path.normpath(path)
@@ -100,5 +100,5 @@ class UserPlan:
         return f'{{"inputs": {{{", ".join(parts)}}}, "settings": {settings}, "flight": '
 
     def requests(self, rows: Floats) -> list[bytes]:
-        """Return the beginning of a JSON line for each of ``rows`` [flight, input]."""
+        """Return the beginning of the JSON line of each flight in ``rows`` [flight, input]."""
         return [(self._template % tuple(row)).encode() for row in rows.tolist()]

@@ -1,4 +1,4 @@
-"""Watcher process that ends simulators and deletes their folders after a kill."""
+"""Watcher process that ends simulators and deletes their folders if abhv-mc is killed."""
 
 import contextlib
 import functools

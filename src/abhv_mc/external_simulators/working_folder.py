@@ -32,8 +32,8 @@ class WorkingFolder(NamedTuple):
 def make_working_folder(plan: UserPlan) -> WorkingFolder:
     """Return a new folder under ``TMPDIR`` with the declared files of ``plan``.
 
-    Large files and compiled programs are linked, because copies of programs would not run on a file
-    system mounted noexec. Scripts are copied, because many scripts change to their own folder.
+    Large files and compiled programs are linked. Copies of programs would not run on a file system
+    that is mounted noexec. Scripts are copied, because many scripts change to their own folder.
     Raise InputError if a file has changed since the start of the campaign.
     """
     try:

@@ -33,7 +33,7 @@ class ControllerFlights:
 
     flight: NDArray[np.int64]  # [flight]
     outcome: NDArray[np.uint8]  # [flight] codes of `Outcome`
-    metrics: Mapping[str, Floats]  # [flight] values by name of the metric; an access returns a copy
+    metrics: Mapping[str, Floats]  # [flight] values by metric; each access returns a copy
     absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
     records: Mapping[str, Metric] = field(
         default_factory=lambda: BUILT_IN
@@ -77,7 +77,7 @@ def severities(flights: ControllerFlights, metric: str, rows: Any = slice(None))
 
 
 def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) -> Floats:
-    """Return severities [flight], or exceedances if a metric has limits on both sides."""
+    """Return severities [flight] or, if a metric has two limits, exceedances of the limits."""
     band = flights.records[metric].band
     if band is None:
         return severities(flights, metric, rows)
@@ -141,7 +141,7 @@ def read_flights(
 ) -> dict[str, ControllerFlights]:
     """Read the flights of all controllers from the files in a folder.
 
-    Controllers without a computed flight are omitted. If ``allowed`` is not None, only these files
+    Controllers without a computed flight are omitted. If ``allowed`` is given, only these files
     are read. ``records`` are the metrics of the campaign; ``columns`` are the metrics to read, by
     default all. Raise InputError if there is no flight.
     """
@@ -201,11 +201,11 @@ class Ranking:
     controllers: tuple[str, ...]
     controller: NDArray[np.intp]  # [rank] index of the controller
     row: NDArray[np.intp]  # [rank] row among the controller's flights
-    # [row] largest relative exceedance by controller; infinite for early terminations
+    # by controller: largest relative exceedance [row], infinite for early terminations
     beyond: Mapping[str, Floats]
     criterion_index: Mapping[
         str, NDArray[np.intp]
-    ]  # [row] index of the most exceeded criterion by controller
+    ]  # by controller: index [row] of the criterion with the largest exceedance
 
     def rows_of(self, name: str) -> NDArray[np.intp]:
         """Return the rows [flight] of a controller, worst first."""

@@ -27,7 +27,7 @@ from abhv_mc.statistics.bands import QUANTILES, band_quantiles
 
 ENVELOPE_FLIGHTS = 4096
 _SLAB = 4_000_000  # number of values that are sorted at once
-_EXTRA_ROWS = 4  # number of rows that follow the rows of flights in the file of a block
+_EXTRA_ROWS = 4  # number of rows after the flights in a block's file
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class Cells:
 class Collector:
     """Values of one controller, stored in one file per block until the campaign is complete.
 
-    A file has a row [cell] for each flight, then a row of the smallest and one of the largest
-    values, and two rows with the times.
+    A file has a row [cell] for each flight, then a row with the smallest values, a row with the
+    largest values, and two rows with the times.
     """
 
     def __init__(self, folder: Path, controller: str, flown: Mask, cells: Cells) -> None:
@@ -59,7 +59,7 @@ class Collector:
         self.recorded = cells.recording
         # [flight] true if values are stored or not needed
         self.covered = np.arange(len(flown)) >= ENVELOPE_FLIGHTS
-        # (first flight, stop, times) of each intact block, by its file
+        # file -> (first flight, stop, times) of each intact block
         self._blocks: dict[Path, tuple[int, int, Floats]] = {}
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError):
@@ -108,7 +108,7 @@ class Collector:
         )
 
     def table(self, times: Floats) -> EnvelopeTable:
-        """Return the envelopes at ``times``, which are common to all controllers."""
+        """Return the envelopes at ``times``, which all controllers have in common."""
         blocks, covered, numbers = [], np.zeros(len(self.covered), bool), []
         shape = len(times), len(self._cells.channels)
         cells = shape[0] * shape[1]
@@ -182,7 +182,7 @@ def _computed(values: Singles) -> Mask:
 
 
 def merge_states(folders: Sequence[Path], target: Path) -> None:
-    """Copy the stored values of a campaign's shards; flights without values are run again."""
+    """Copy the stored values of a campaign's shards; later, flights without values are re-run."""
     for folder in folders:
         for path in (folder / "blocks").glob("*.npy"):
             write_whole(target / "blocks" / path.name, partial(shutil.copyfile, path))

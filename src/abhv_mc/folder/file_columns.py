@@ -88,7 +88,7 @@ class FileColumns(_Columns):
 
 
 class SpooledColumns(_Columns):
-    """Columns [row] of a table that is assembled from pieces; each access returns a copy.
+    """Columns [row] of a table assembled from pieces; each access returns a copy of a column.
 
     A large table is stored in an unnamed temporary file, which is deleted with the object.
     """

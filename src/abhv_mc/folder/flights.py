@@ -28,7 +28,7 @@ from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
-VALUES = (*METRICS, END_TIME)  # columns after samples and custom metrics
+VALUES = (*METRICS, END_TIME)  # columns that follow samples and custom metrics
 _VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
 REASON = "reason"  # column with reasons why flights failed to run; not part of the digest
@@ -161,7 +161,7 @@ def flights_schema(
     table: Parameters = OURS,
     ends: Outcomes = OUTCOMES,
 ) -> pa.Schema:
-    """Return the schema of the flights table with samples ``names`` and ``values``."""
+    """Return the schema of a flights table with the samples ``names`` and the ``values``."""
     outcomes = "; ".join(f"{code}: {ends.sentences[code]}" for code in ends.codes.values())
     fields = [
         make_field("flight", pa.int64(), "-", "number of the flight"),
@@ -232,7 +232,7 @@ def block_path(folder: Path, controller: str, first: int, stop: int) -> Path:
 
 
 def parse_block_name(path: Path) -> tuple[str, int, int]:
-    """Return the controller and the range (first, stop) of flights in a block file's name."""
+    """Return the controller and the flight range (first, stop) in the name of a block file."""
     controller, _, stop = path.stem.rpartition("-")
     controller, _, first = controller.rpartition("-")
     if not (controller and first.isdecimal() and stop.isdecimal() and (first + stop).isascii()):
@@ -281,7 +281,8 @@ def read_digest(path: Path) -> Digest:
 def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, Digest]]:
     """Yield the row groups of a block file, each with its digest.
 
-    Raise DamagedFileError if the file is damaged, at the latest after the last row group.
+    Raise DamagedFileError if the file is damaged. Some damage is detected only after the last row
+    group.
     """
     controller, first, stop = parse_block_name(path)
     digest = Digest()

@@ -42,10 +42,10 @@ def read_flown_blocks(
 ) -> Iterator[tuple[FlightRows, Digest]]:
     """Yield the valid blocks of each controller, with their digests.
 
-    Invalid blocks are deleted, and their flights are run again. Invalid are damaged blocks, blocks
-    of other samples or metrics, overlapping blocks, and (unless ``keep_failed_to_run``) blocks with
-    a flight that failed to run. Files that the manifest lists are read first, because a killed run
-    may leave a merged file next to the files that were merged.
+    Invalid blocks are deleted, and their flights are run again. A block is invalid if it is
+    damaged, has other samples or metrics, overlaps another block, or (unless
+    ``keep_failed_to_run``) contains a flight that failed to run. Files that the manifest lists are
+    read first, because a killed run may leave a merged file next to the files that were merged.
     """
     masks = {name: np.zeros(number, bool) for name, number in runs.items()}
     listed = [path for path in files.paths() if path.parent == folder.flights]
@@ -85,13 +85,14 @@ def read_campaign_block(
 ) -> Iterator[tuple[FlightRows, Digest]]:
     """Yield the row groups of a stored block, with their digests.
 
-    Raise DamagedFileError if the block is damaged, at the latest after the last piece.
+    Raise DamagedFileError if the block is damaged. Some damage is detected only after the last row
+    group.
     """
     is_listed = files.knows(path)
     if is_listed and (damage := files.damage(path)):
         raise DamagedFileError(f"{path.name}: {damage}")
     yield from read_pieces(path, names)
-    if not is_listed:  # The file was written after the manifest and matches its own digest.
+    if not is_listed:  # The file is newer than the manifest, and it matches its digest.
         files.note(path, hash_file(path))
 
 
@@ -114,7 +115,7 @@ def find_joins(paths: Sequence[Path]) -> list[list[Path]]:
 
 
 def join_files(paths: Sequence[Path]) -> Path:
-    """Join adjacent files into one file, whose digest is the sum of their digests.
+    """Join adjacent files into one file, whose digest is the sum of the files' digests.
 
     Return the path of the joined file. The source files are kept.
     """

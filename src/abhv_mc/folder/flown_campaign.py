@@ -1,4 +1,4 @@
-"""Results of a campaign as arrays, from which all tables, figures and pages are made."""
+"""Results of a campaign as arrays, the source of all tables, figures and pages."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -42,7 +42,7 @@ class Envelope:
 
     @property
     def median(self) -> Floats:
-        """Median [time]; with unknowns, the mean of the lower and upper edges of the median."""
+        """Median [time]; with unknown parameters, the mean of its lower and upper edges."""
         return np.asarray(
             (self.bands["q50"] + self.bands.get(MOST_MEDIAN, self.bands["q50"])) / 2.0
         )
@@ -114,7 +114,7 @@ class FlownCampaign:
 
     @property
     def _excluded(self) -> tuple[str, ...]:
-        """Stored columns that are not metrics, and margins unless all flights have margins.
+        """Stored columns that are not metrics, and margins if some flights lack them.
 
         Margins computed for only some flights are shown only in the section on stability.
         """
@@ -208,7 +208,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
 
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return stored histories of a controller: "time" and channels [time] for each flight."""
+    """Return the stored histories of a controller, by flight and channel (or "time") [time]."""
     histories: dict[int, dict[str, Floats]] = {}
     for path in _history_files(root, controller):
         columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
@@ -222,7 +222,7 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
 
 
 def flights_with_history(root: Path, controller: str) -> set[int]:
-    """Return the flights of one controller that have stored histories."""
+    """Return the numbers of a controller's flights that have stored histories."""
     tables = (read_table(path, _HISTORIES, ["flight"]) for path in _history_files(root, controller))
     return {
         number for table in tables for number in np.unique(column_values(table["flight"])).tolist()

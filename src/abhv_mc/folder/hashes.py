@@ -55,7 +55,7 @@ class FileHashes:
         return dict(sorted(self._known.items()))
 
     def forget(self, *paths: Path) -> None:
-        """Remove files from the list that the run has deleted or will replace."""
+        """Remove from the list the files that the run has deleted or will replace."""
         for path in paths:
             self._known.pop(self._name(path), None)
 
@@ -65,7 +65,7 @@ class FileHashes:
 
 @contextlib.contextmanager
 def record_hashes(folder: CampaignFolder, hashes: Mapping[str, str]) -> Iterator[FileHashes]:
-    """Yield known hashes, to which those of all files written in the context are added."""
+    """Yield the known hashes; the hashes of files written in the context are added."""
     recorder = FileHashes(folder, hashes)
     with recording(recorder.note):
         yield recorder

@@ -21,7 +21,7 @@ _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
-MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band if there are unknowns
+MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band if parameters are unknown
 _DOCS = {
     name: (
         f"{adjective} value at any control tick or returned sample between the previous and the "
@@ -173,7 +173,7 @@ def write_envelopes(
     points: int = 1,
     key: str = "",
 ) -> None:
-    """Write the envelopes of all controllers over their first ``flights`` flights.
+    """Write all controllers' envelopes, computed from the first ``flights`` flights.
 
     ``channels`` lists the channels along the last axis of the tables; ``points`` is the number of
     points of the unknown parameters.

@@ -13,7 +13,7 @@ from abhv_mc.io.csv_table import write_batches
 
 
 def write_inputs(campaign: Experiment, path: Path) -> int:
-    """Write one row per flight: flight number from 0, then each input with its unit.
+    """Write one row per flight, with its number (from 0) and inputs; headers state units.
 
     Return the number of rows written.
     """

@@ -33,7 +33,7 @@ To reproduce the results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
 
 @dataclass(frozen=True)
 class FolderInputs:
-    """Campaign file with references into a results folder, and the files copied there.
+    """Campaign file that refers to copies in a results folder, and the copied files.
 
     File names are relative to the folder.
     """
@@ -178,7 +178,7 @@ def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: 
 def merge_inputs(
     stored: FolderInputs, requested: FolderInputs, selected: bool = False
 ) -> FolderInputs:
-    """Return ``requested`` with additional controllers and requirements of ``stored``.
+    """Return ``requested`` with the additional controllers and requirements of ``stored``.
 
     Requirements without controllers apply to the first controller of ``requested``, or to the first
     controller of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.

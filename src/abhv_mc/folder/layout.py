@@ -103,7 +103,7 @@ class CampaignFolder:
     def refuse_foreign_files(self, fresh: bool) -> None:
         """Raise InputError if a folder without a manifest is not empty.
 
-        Files of a campaign are allowed, but flights only if ``fresh`` permits deleting them.
+        Files of a campaign are allowed; stored flights only if ``fresh`` permits their deletion.
         """
         for path in sorted(self.root.iterdir() if self.root.is_dir() else ()):
             is_own = path in self.contents or path.name.startswith(self.lock.name)
@@ -138,7 +138,7 @@ class CampaignFolder:
 
 
 def find_in_campaign(path: Path) -> Path | None:
-    """Return the path relative to the results folder that contains it, or None.
+    """Return the path relative to the results folder that contains it; None if there is none.
 
     The result for the folder itself is an empty path.
     """

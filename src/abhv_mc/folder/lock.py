@@ -1,4 +1,4 @@
-"""Lock of a results folder, in which only one process at a time computes flights.
+"""Lock of a results folder, so that only one process at a time computes its flights.
 
 The lock is a `flock`, which the system releases when its holder ends. On file systems without
 `flock` the holder creates a lease: a file with its host, its process and the start time of the
@@ -21,13 +21,13 @@ from abhv_mc.io.atomic_write import TEMPORARY
 from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
-_PATIENCE = 0.5  # waiting time in s, because the command `runs` briefly holds a lock to test it
+_PATIENCE = 0.5  # waiting time in s: the command `runs` tests a lock by holding it briefly
 _POLL = 0.01  # time in s between attempts
 _SETTLE = 0.2  # time in s for another process to restore a lease that it moved by mistake
 
 
 class _HeldError(Exception):
-    """Error raised if another process holds the lock, with the holder and a remedy."""
+    """Error raised if another process holds the lock; it names the holder and a remedy."""
 
     def __init__(self, holder: str, remedy: str = "the same command after its end") -> None:
         super().__init__(holder, remedy)
@@ -81,7 +81,7 @@ def lock_holder(path: Path) -> str | None:
 
 
 def _open_locked(path: Path) -> tuple[int, bool]:
-    """Return the open lock file, and whether the file system could lock it."""
+    """Return the open lock file, and whether the file system supports the lock."""
     deadline = time.monotonic() + _PATIENCE
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -113,7 +113,7 @@ def _names(folder: Path) -> set[str]:
 
 
 def _remove_unused(path: Path, before: set[str], created: list[Path]) -> None:
-    """Delete the lock file and the empty folders that were created for it."""
+    """Delete the lock file and the empty folders that were created for the lock file."""
     with contextlib.suppress(OSError):
         if _names(path.parent) == {*before, path.name}:
             path.unlink()
@@ -132,7 +132,7 @@ def _lease_of(path: Path) -> Path:
 
 
 def _take_lease(lease: Path) -> str:
-    """Create the lease, or take over the lease of an ended process, and return its text.
+    """Create the lease, or take it over from an ended process; return the text of the lease.
 
     A stale lease is moved aside and read again, because another process may have replaced it.
     """

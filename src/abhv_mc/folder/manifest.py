@@ -67,7 +67,7 @@ class RequirementVerdict:
 
 @dataclass(frozen=True)
 class FlownBy:
-    """Process that computed flights, with the numbers of the flights."""
+    """Process that computed flights, and the numbers of these flights."""
 
     code: str
     versions: str
@@ -130,7 +130,7 @@ class Manifest:
     shard: tuple[int, int] | None = None  # (i, n) if the folder contains shard i of n
     merged_from: tuple[str, ...] | None = None  # digests of the merged campaigns
     pooled: tuple[Pooled, ...] | None = None
-    # number of flights per point given in the campaign file, if larger than the number simulated
+    # number of flights per point in the campaign file, if it exceeds the simulated number
     file_runs: int | None = None
     stopped_at: int | None = None  # number of flights at which a campaign stopped when proven
     search: Mapping[str, Any] | None = None  # settings of a search

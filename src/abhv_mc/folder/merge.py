@@ -1,4 +1,4 @@
-"""Merge of the shards of a campaign into one folder, and functions for all merges."""
+"""Merge of the shards of a campaign into one folder; functions common to all merges."""
 
 import shutil
 from collections.abc import Iterator, Sequence
@@ -77,7 +77,7 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
 def _require_same_campaign(
     folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, first_manifest: Manifest
 ) -> None:
-    """Raise InputError if the campaign of a shard differs from the first shard's campaign."""
+    """Raise InputError if a shard's campaign differs from the campaign of the first shard."""
     for shard in (first, folder):
         read_checked(shard, [shard.campaign])
     expected = read_folder_inputs(first, first_manifest)
@@ -199,7 +199,7 @@ def require_same_plans(
 
 
 def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
-    """Return whether the target already contains the merge of these campaigns.
+    """Return whether the target already contains the result of merging these campaigns.
 
     Raise InputError if the folder has other content.
     """
@@ -239,6 +239,6 @@ def begin_merged(
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a file and its mode, so that programs stay executable."""
+    """Copy a file with its mode, so that the copies of programs are executable."""
     shutil.copyfile(source, target)
     shutil.copymode(source, target)

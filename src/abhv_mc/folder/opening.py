@@ -1,4 +1,4 @@
-"""Opening of a results folder by a run: functions that lock, check, create and extend it."""
+"""Functions that lock, check, create and extend the results folder of a run."""
 
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -28,7 +28,7 @@ def open_folder(folder: CampaignFolder, fresh: bool, stack: ExitStack) -> FlownF
 
     Return None if the folder has no campaign to resume. Flights of a damaged or missing block are
     run again. Raise InputError for any other damaged file, if another process has the lock, or if
-    the folder has other files.
+    the folder contains files that do not belong to a campaign.
     """
     # Lock before reading, because another run may start.
     stack.enter_context(hold_lock(folder.lock))

@@ -40,7 +40,7 @@ def list_seeds(manifest: Manifest) -> set[int]:
 
 
 def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
-    """Return a sentence that names poolable campaigns and the command to merge them.
+    """Return a sentence that names poolable campaigns, and the command that merges them.
 
     Candidates are complete campaigns of random flights in the same parent folder that differ only
     in their seed. If there are no candidates, both texts are empty. Larger campaigns come first,

@@ -1,9 +1,9 @@
 """Products of a results folder: files computed from the inputs and the flights.
 
 A run adds flights but never replaces them. A product is current if it is complete and has the
-expected key, which lists all values on which the product depends and that may change in a folder.
-Keys contain neither inputs, settings and code, which are constant in a folder, nor workers, blocks
-and shards, on which no result depends.
+expected key. The key lists all values that the product depends on and that may change in a folder.
+Inputs, settings and code are not in the key, because they are constant in a folder. Workers, blocks
+and shards are not in the key, because no result depends on them.
 """
 
 import json

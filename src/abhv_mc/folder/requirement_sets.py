@@ -36,7 +36,7 @@ def add_requirement_set(
     before: Mapping[str, Any],
     after: Mapping[str, Any],
 ) -> Manifest:
-    """Write the changed requirements, and the original ones if they have no file yet.
+    """Write the changed requirements, and the original requirements if they have no file.
 
     Return the manifest that lists both sets.
     """
@@ -74,7 +74,7 @@ def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
 def mark_later_choices(
     folder: CampaignFolder, manifest: Manifest, campaign: Experiment, is_stored: bool = True
 ) -> tuple[Experiment, tuple[RequirementChange, ...]]:
-    """Mark the late requirements of a campaign; return the campaign with all late changes.
+    """Mark late requirements of a campaign; return the campaign and all late changes.
 
     A requirement is late if it was set after results had been seen. ``is_stored`` is true if the
     folder contains the requirements; otherwise only a report uses them.

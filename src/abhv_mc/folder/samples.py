@@ -60,7 +60,7 @@ def write_samples(
 
 
 class SampleReader:
-    """Reader for the rows of a samples file, by flight number.
+    """Reader that returns rows of a samples file by flight number.
 
     Two row groups are kept in memory. Threads may share a reader.
     """

@@ -12,7 +12,7 @@ from abhv_mc.io.input_error import InputError
 
 @dataclass(frozen=True)
 class Status:
-    """Manifest of a results folder, description of its lock's holder, and size in bytes."""
+    """Manifest of a results folder, with the folder's lock holder and its size in bytes."""
 
     folder: str
     manifest: Manifest
@@ -20,7 +20,7 @@ class Status:
     bytes: int
 
     def as_entries(self) -> dict[str, Any]:
-        """Return manifest entries, folder, holder and size for JSON."""
+        """Return the manifest entries, folder, lock holder and size in bytes for JSON."""
         return self.manifest.as_entries() | {
             "folder": self.folder,
             "holder": self.holder,

@@ -29,8 +29,8 @@ class LoopMargins:
     disk_gain_db: float | None = None
     disk_phase_deg: float | None = None
     reason: str | None = None  # reason why the loop does not exist
-    # Whether the smallest margins include the loop; effector loops are included only if they are
-    # commanded directly.
+    # True if the loop is included in the smallest margins; effector loops are included only if the
+    # effectors are commanded directly.
     counts: bool = True
     # Unstable poles of the loop ``all`` as real and imaginary parts, 1/s.
     poles: tuple[tuple[float, float], ...] = ()

@@ -1,4 +1,4 @@
-"""Tables of a campaign, as CSV files and as an SQL database without file access."""
+"""Tables of a campaign, as CSV files or as an SQL database without access to files."""
 
 import contextlib
 import threading
@@ -46,7 +46,7 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
     """Write each table to ``out/<table>.csv`` and yield the paths.
 
     Memory use does not depend on the number of flights. Raise InputError if there is no campaign,
-    or if a run has changed the folder meanwhile; the CSV files may then be inconsistent.
+    or if a run has changed the folder meanwhile (the CSV files may then be inconsistent).
     """
     folder = CampaignFolder(root)
     manifest = read_checked(folder)

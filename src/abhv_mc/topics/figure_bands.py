@@ -37,10 +37,10 @@ _LABEL = 18  # maximum number of characters per line of a row label
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 _SIMULTANEOUS_LINE: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 MEDIANS = ("q50", MOST_MEDIAN)
-# style of the times at which no limit applies to a channel
+# style of the shading where no limit applies to a channel
 _EXCLUDED: dict[str, Any] = {"color": INK, "alpha": 0.13, "linewidth": 0}
 _NEXT_WORST: dict[str, Any] = {"color": INK, "linewidth": 0.35, "alpha": 0.45}
-# style of the times that an inset enlarges
+# style of the shading of the period that an inset enlarges
 _ENLARGED: dict[str, Any] = {"color": INK, "alpha": 0.08, "linewidth": 0}
 # position of the inset in axes coordinates: left edge, lower edge, width, height
 _INSET = (0.3, 0.66, 0.69, 0.34)
@@ -52,7 +52,7 @@ class EnvelopePanel:
     """Panel with one channel under one controller."""
 
     x: Floats  # time in s, or another abscissa
-    # bands [time]: min, q0.135, q5, q50, q95, q99.865, max, also q50_most if there are unknowns
+    # bands [time]: min, q0.135, q5, q50, q95, q99.865, max; with unknowns, also q50_most
     bands: Mapping[str, Floats]
     reference: tuple[Floats, Floats] | None = None
     # curves (x, y) of individual flights, worst first
@@ -62,7 +62,7 @@ class EnvelopePanel:
 
     @property
     def excluded(self) -> tuple[Floats, NDArray[np.bool_]] | None:
-        """Times, and a mask of the times at which no limit applies; None if one always applies."""
+        """Times, and a mask of times at which no limit applies; None if a limit always applies."""
         if not self.limits:
             return None
         time = self.limits[0][0]
@@ -214,7 +214,7 @@ def _overlay(axes: Axes, row: EnvelopeRow) -> None:
             curve = panel.x, panel.bands[edge]
             axes.plot(*curve, color=color, zorder=order, **_SIMULTANEOUS_LINE)
     if row.panels[0].reference is not None:
-        # drawn thinner than the medians
+        # The reference is thinner than the medians.
         axes.plot(*row.panels[0].reference, **REFERENCE, zorder=4.0)
 
 

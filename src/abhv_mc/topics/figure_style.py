@@ -1,8 +1,8 @@
 """Common style of figures: sizes, colours for colour-blind readers, and small files.
 
-The background is transparent. On white, colours have a contrast of at least 3 and text has a
-contrast of at least 12. Dark pages invert the lightness of figures (``style.css``),
-which preserves or increases these contrasts.
+The background is transparent. On white, colours have a contrast ratio of at least 3 and text has a
+contrast ratio of at least 12. Dark pages invert the lightness of figures (``style.css``),
+which preserves or increases these ratios.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -35,7 +35,7 @@ _COLORS = 128
 SMALLEST = 8.0  # size of all text in pt; figures are printed at the drawn width
 
 # Okabe and Ito's palette (jfly.uni-koeln.de/color), in the order of the controllers.
-# The last three colours are darker than the original ones, to be legible on white.
+# The last three colours are darker than in the original palette, to be legible on white.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
     "#0072B2",
     "#D55E00",
@@ -48,14 +48,14 @@ CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1.2, 1)), (0, (3, 1, 1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 INK = "#222222"
-PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of percentages in tick labels, as in other text
+PERCENT = "\N{NARROW NO-BREAK SPACE}%"  # suffix of percentages in tick labels and in other text
 GRID = "#80808050"
 # Line styles that have the same meaning in all figures.
 LIMIT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
 REFERENCE: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": "-"}
 _LETTER = 0.0545  # mean width of a letter in inches
 _LINE = 0.135  # height in inches of a line of text
-_KEY = 3.2  # length of legend lines in font sizes, which shows two periods of each line style
+_KEY = 3.2  # length of legend lines in font sizes: two periods of each line style are visible
 _LETTER_ID = "panel letter"
 _INDENT = 11.0  # distance in points between the letter and the title of a panel
 
@@ -94,7 +94,7 @@ _RC: dict[Any, Any] = {
 
 
 def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Decorate a plot function to use the common style, independent of global settings."""
+    """Decorate a plot function to use the common style and to ignore global settings."""
 
     @wraps(plot)
     def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -159,7 +159,7 @@ def new_panels(
 
 
 def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> Annotation:
-    """Return the text placed above the left end of axes; ``indent`` is in points."""
+    """Place text above the left end of axes, and return it; ``indent`` is in points."""
     return axes.annotate(
         text,
         (0.0, 1.0),
@@ -171,7 +171,7 @@ def _put_above(axes: Axes, text: str, indent: float, **look: Any) -> Annotation:
 
 
 def title_panel(axes: Axes, title: str, **look: Any) -> None:
-    """Put the title of a panel next to its letter, in several lines if it is long."""
+    """Put a panel's title next to the panel's letter; a long title is split into lines."""
     beyond = -0.3 if look else 0.0  # space in inches for the letter and for wide characters
     words = _put_above(axes, wrap(axes, title, beyond), _INDENT, linespacing=1.1, **look)
     for letter in axes.texts:
@@ -182,7 +182,7 @@ def title_panel(axes: Axes, title: str, **look: Any) -> None:
 
 
 def wrap(axes: Axes, text: str, beyond: float = 0.0) -> str:
-    """Break text into lines as wide as axes plus ``beyond`` inches; units are not split."""
+    """Wrap text to the width of axes plus ``beyond`` inches; units are not split."""
     figure = axes.get_figure(root=True)
     width = axes.get_position().width * (figure.get_figwidth() if figure else WIDTH) + beyond
     whole = text.replace(" (", "\N{NO-BREAK SPACE}(")
@@ -256,7 +256,7 @@ def controller_colors(names: Sequence[str]) -> dict[str, str]:
 
 
 def line_look(number: int, count: int) -> dict[str, Any]:
-    """Return the look of a controller's line, chosen by its position among ``count``.
+    """Return the look of a controller's line by its position among ``count`` controllers.
 
     The first controller, to which the requirements apply, is drawn last, as a solid line. The
     other lines are wider, paler and dashed, so that they remain visible if all lines coincide.
@@ -280,7 +280,7 @@ def mark_look(number: int, count: int, size: float) -> dict[str, Any]:
 
 
 def pad_if_flat(axes: Axes) -> None:
-    """Widen the y limits of a constant curve, whose rounding errors would look like noise."""
+    """Widen the y limits of a constant curve, so that rounding errors do not look like noise."""
     low, high = axes.get_ylim()
     if high - low < 1e-9:
         axes.set_ylim((low + high) / 2.0 - 1.0, (low + high) / 2.0 + 1.0)
@@ -353,7 +353,7 @@ def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) ->
 def draw_limits(
     axes: Axes, way: Literal["x", "y"], limits: Sequence[float], unit: str
 ) -> list[str]:
-    """Draw the limits near the range of an axis; return a note on each other limit."""
+    """Draw the limits near the range of an axis; return notes on the limits not drawn."""
     notes = []
     for limit in limits:
         ends = axes.get_xlim() if way == "x" else axes.get_ylim()

@@ -11,13 +11,13 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 def _decimals(error: float) -> int:
-    """Return the decimals that show the first digit of an error, or two if the first is 1."""
+    """Return the number of decimals for one digit of an error, or two if the first is a 1."""
     magnitude = math.floor(math.log10(error))
     return -magnitude + (1 if error / 10.0**magnitude < 2.0 else 0)
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Format a number with a true minus sign; negative `decimals` round to tens."""
+    """Format a number with a true minus sign; `decimals` of -1 rounds to tens."""
     text = f"{round(value, decimals):,.{max(decimals, 0)}f}".replace(",", THIN)
     return (
         text.replace("-", MINUS) if float(round(value, decimals)) != 0.0 else text.replace("-", "")
@@ -34,7 +34,7 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def ends_of(interval: Interval) -> tuple[float | None, float | None, float | None]:
-    """Return the value, lower end and upper end of an interval; None if missing or open."""
+    """Return an interval's value, lower bound and upper bound; None if missing or infinite."""
     ends = interval.value, interval.low, interval.high
     value, low, high = (end if math.isfinite(end) else None for end in ends)
     return value, low, high
@@ -43,33 +43,33 @@ def ends_of(interval: Interval) -> tuple[float | None, float | None, float | Non
 def _places(interval: Interval) -> int | None:
     """Return the number of decimals for printing an interval, from half its width.
 
-    If one end is open, the distance of the other end from the value is used. The largest number
-    gets one to four significant digits.
+    If one bound is infinite, the distance of the other bound from the value is used. The largest
+    number gets one to four significant digits.
     """
     value, *bounds_of = ends_of(interval)
     ends = [end for end in bounds_of if end is not None]
     if value is None or not ends:
         return None
-    # Due to rounding, the ends may be in reverse order.
+    # Due to rounding, the bounds may be in reverse order.
     error = abs(ends[1] - ends[0]) / 2.0 if len(ends) == 2 else abs(ends[0] - value)
     if not error:
         return None
     largest = max(map(abs, (value, *ends)))
     leading = -math.floor(math.log10(largest)) if largest else 0
     decimals = min(max(_decimals(error), leading), leading + 3)
-    # A nonzero end of an interval should not be printed as zero.
+    # A nonzero bound should not be printed as zero.
     return decimals + any(end and round(end, decimals) == 0.0 for end in ends)
 
 
 def estimate(interval: Interval) -> str:
-    """Format an interval's value to the digits its width allows, at most four."""
+    """Format an interval's value with the digits that the width justifies, at most four."""
     decimals = _places(interval)
     value = ends_of(interval)[0]
     return significant(value) if decimals is None or value is None else fixed(value, decimals)
 
 
 def bounds(interval: Interval) -> str:
-    """Format both ends of an interval with the decimals of its value, or as 'at most 3.2'."""
+    """Format both bounds of an interval with its value's decimals, or as 'at most 3.2'."""
     decimals, (value, low, high) = _places(interval), ends_of(interval)
     if value is None or (low is None and high is None):
         return ""

@@ -63,7 +63,7 @@ class Names:
 
 
 def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
-    """Return a campaign's names; its folder is relative to the folder of ``page``, if given."""
+    """Return a campaign's names; the results folder is relative to folder ``page``, if given."""
     labels, campaign = full_labels(results.folder, results.controllers), results.campaign
     target = results.folder
     if page is not None:

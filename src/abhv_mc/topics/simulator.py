@@ -32,7 +32,7 @@ class FailureReason:
 
 @dataclass(frozen=True)
 class SimulatorFacts:
-    """Facts about a user's simulator; empty for the built-in one."""
+    """Facts about a user's simulator; empty for the built-in simulator."""
 
     repeatable: str | None
     events: Mapping[str, Mapping[str, int]]  # counts of process events, by system and event

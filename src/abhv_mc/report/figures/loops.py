@@ -18,8 +18,8 @@ _POINTS = 1500
 
 def write_loop_figures(folder: Path, stem: str, linear: Linear) -> Iterator[Path]:
     """Write ``bode_STEM.png`` and ``nichols_STEM.png`` for the first system; yield the paths."""
-    # The Nyquist frequency is excluded, because a sampled integrator whose period is an even number
-    # of samples responds there as at zero frequency.
+    # The Nyquist frequency is excluded: at this frequency, a sampled integrator whose period is an
+    # even number of samples responds as at zero frequency.
     highest = 0.999 * np.pi / linear.period
     omega = np.geomspace(1e-2, highest, _POINTS)
     if linear.phases:
@@ -59,7 +59,7 @@ def plot_bode(omega: Floats, gains: NDArray[np.complex128], inputs: Sequence[str
 
 @styled
 def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure:
-    """Plot gain against phase of loops; crosses mark neutral stability."""
+    """Plot the gain of loops against their phase; crosses mark neutral stability."""
     figure = new_figure(4.2)
     axes = figure.subplots()
     turns: set[int] = set()

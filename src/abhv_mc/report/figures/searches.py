@@ -30,7 +30,7 @@ from abhv_mc.topics.figure_style import (
 )  # fmt: skip
 
 _ROW = 0.22  # height of a parameter's row, inches
-# The first flight after the nominal one has the most visible colour.
+# The first flight after the nominal flight has the most visible colour.
 _FLIGHT_COLORS = (CYCLE[1], CYCLE[0], *CYCLE[2:])
 # channel, axis label and scale of each panel that shows individual flights
 FLIGHT_PANELS = (
@@ -84,7 +84,7 @@ def plot_convergence(
 
 @styled
 def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, label: str) -> Figure:
-    """Plot the worst case's position (-1 to 1) in each range, and the metric's sensitivities.
+    """Plot the worst case's position (-1 to 1) in each range, and the change of the metric.
 
     ``change`` [parameter, 2] is the change of the metric if the parameter decreases or increases.
     """
@@ -135,7 +135,7 @@ def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Fl
     """Plot a probability with its interval by number of flights, and the metric by flight.
 
     Each row of ``steps`` [step, 5] contains the number of flights, the probabilities from two
-    Gaussian processes, and both ends of the interval.
+    Gaussian processes, and the lower and upper bounds of the interval.
     """
     figure = new_figure(2.6)
     left, right = figure.subplots(1, 2)
@@ -159,7 +159,7 @@ def plot_learning(label: str, limits: Sequence[float], steps: Floats, values: Fl
 
 @styled
 def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: float) -> Figure:
-    """Plot the acceptance rate, its target and the move size at each level but the first."""
+    """Plot the acceptance rate, its target and the move size at each level except the first."""
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):

@@ -15,7 +15,7 @@ _SAME = 1e-9  # relative tolerance within which points count as equal
 def restrict_to_common_points(
     a: FlownCampaign, b: FlownCampaign
 ) -> tuple[FlownCampaign, FlownCampaign]:
-    """Return both campaigns with only the flights at their common points of the unknowns.
+    """Return both campaigns, restricted to flights at their common points of the unknowns.
 
     Sample k at common point p is flight ``k * points + p`` in both
     campaigns. Raise InputError if the

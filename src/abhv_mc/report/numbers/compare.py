@@ -28,8 +28,8 @@ class CampaignPair(ControllerPair):
 
     controllers: tuple[str, str]
     any_failure: PairedFailures  # failures due to a violated requirement or early termination
-    newly_lost: int  # flights that terminated early or failed to run only in the second campaign
-    # non-inferiority gates by metric, at the worst point of the unknowns
+    newly_lost: int  # flights that terminated early or failed to run only in campaign b
+    # non-inferiority tests by metric, at the worst point of the unknown parameters
     not_worse: Mapping[str, Gate]
 
 
@@ -139,10 +139,10 @@ def compare_results(
 ) -> Compared:
     """Compare the controllers of two campaigns on the same samples.
 
-    The requirements and metrics of `a` are used. By default, all common controllers are compared;
-    `controllers` selects one controller of `a` and one of `b` instead. If the numbers of flights
-    differ, the common flights are compared. For each metric in `margins`, `b` may be worse by the
-    given share. Raise InputError if the campaigns have nothing in common.
+    The requirements and metrics of `a` are used. By default, controllers with the same name are
+    compared; `controllers` selects one controller of `a` and one of `b` instead. If the numbers of
+    flights differ, the common flights are compared. For each metric in `margins`, `b` may be worse
+    than `a` by the given share. Raise InputError if the campaigns have nothing in common.
     """
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
@@ -214,7 +214,7 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
 
 
 def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
-    """Describe the result of a metric's non-inferiority gate for the campaign ``label``."""
+    """Describe the result of the non-inferiority test of a metric in the campaign ``label``."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
     point = f"at {gate.at}, " if gate.at else ""
     text = (
@@ -246,11 +246,11 @@ def _gate(
     *,
     unknowns: Unknowns,
 ) -> Gate:
-    """Return the non-inferiority gate of `b` against `a` at the worst point of the unknowns.
+    """Return the non-inferiority test of `b` against `a` at the worst point of the unknowns.
 
     The worst point is the point at which `b` is rejected or comes closest to rejection. The test
     that accepts `b` needs no correction for the number of points, because `b` must be accepted at
-    every point. The tests that reject `b` share their risk.
+    every point. The tests that reject `b` share one risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)

@@ -39,7 +39,7 @@ class ContrastRequirement:
 
 @dataclass(frozen=True)
 class ContrastQuantile:
-    """Quantile in both campaigns, and their difference, or None if it cannot be estimated."""
+    """Quantile in both campaigns, and the difference, which is None if it cannot be estimated."""
 
     before: Interval
     after: Interval
@@ -48,7 +48,7 @@ class ContrastQuantile:
 
 @dataclass(frozen=True)
 class ContrastController:
-    """Comparison of a controller of the first campaign with one of the second campaign."""
+    """Comparison of one controller in the first campaign with one in the second campaign."""
 
     controllers: tuple[str, str]
     flights: tuple[int, int]
@@ -58,7 +58,7 @@ class ContrastController:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Comparison of two campaigns on different samples, by the first one's requirements."""
+    """Comparison of two campaigns on different samples by the first campaign's requirements."""
 
     # changed inputs, e.g. 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
     changes: tuple[str, ...]

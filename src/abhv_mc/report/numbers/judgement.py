@@ -46,7 +46,7 @@ _NAMED = 2  # maximum number of violated requirements or metrics named in a sent
 _MOST_LONGER = 100
 _FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
-# ratios of control effort that differ from 1 by less than this are not mentioned
+# smallest difference from 1 of the ratios of control effort that are mentioned
 _SAME_USAGE = 0.05
 
 
@@ -74,7 +74,7 @@ def judge_campaign(models: Models) -> Judgement:
 
 
 def _changed_words(models: Models) -> str:
-    """Describe a change of requirements made after results had been seen."""
+    """Describe a change of the requirements that was made after results had been seen."""
     for change in models.results.requirement_changes[-1:]:
         changes = shorten_list(list(change.changes))
         return (
@@ -101,7 +101,7 @@ def _runs_words(models: Models) -> str:
 
 
 def _missing_runs(models: Models) -> int:
-    """Return the number of flights in the campaign file if fewer have been run, else 0."""
+    """Return the campaign file's number of flights if fewer flights have been run, else 0."""
     runs = models.results.manifest.file_runs or 0
     return runs if runs > models.results.campaign.runs_at_point else 0
 
@@ -227,7 +227,7 @@ def _concerned_controllers(models: Models) -> list[str]:
 def _binding_verdicts(
     verdicts: Verdicts, name: str
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the requirements that apply to a controller, or else all, with their verdicts.
+    """Return the requirements on a controller (all if there are none) with their verdicts.
 
     The verdict is None if no flight of the controller could be computed.
     """
@@ -238,7 +238,7 @@ def _binding_verdicts(
 def _listed_entries(
     own: list[tuple[Requirement, ControllerVerdict | None]],
 ) -> list[tuple[Requirement, ControllerVerdict | None]]:
-    """Return the missed requirements with verdicts or, if none, those not shown to be met."""
+    """Return the missed requirements or, if none is missed, those not shown to be met."""
     missed = [entry for entry in own if entry[1] and entry[1].status == "FAIL"]
     return missed or [entry for entry in own if not entry[1] or entry[1].status != "PASS"]
 
@@ -284,7 +284,7 @@ def _short_words(
 
 
 def _failure_words(item: Requirement, verdict: Verdict, with_allowed: bool) -> str:
-    """Return the failures and their share and, if `with_allowed`, the allowed share."""
+    """Return the number and share of failures and, if `with_allowed`, the allowed share."""
     text = f"no failure in {fixed(verdict.flights, 0)} flights"
     if verdict.failures:
         count = count_of(verdict.failures, verdict.flights, "flights")
@@ -407,7 +407,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
         if len(phrases) > _NAMED
     ]
     if several:
-        # The answer names up to two violated requirements; if there are more, it only counts them.
+        # The answer names up to two violated requirements; of more, it states only the number.
         yield f"Missed: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]
@@ -426,7 +426,7 @@ def shorten_list(items: list[str]) -> str:
 
 
 def _error_words(pair: ControllerPair, names: Names) -> str:
-    """Return a sentence on the errors that are smaller under each controller, or ''.
+    """Return a sentence on the metrics in which each controller has smaller errors, or ''.
 
     For example, 'TLC has the smaller sideslip, LQR robust the smaller altitude error, at 0.34 times
     the control effort.'
@@ -513,9 +513,10 @@ def _confidence_words(models: Models, better: str) -> str:
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
-    """Return the number of flights at which all PASS verdicts hold jointly; None if they do.
+    """Return the number of flights at which all PASS verdicts would hold jointly.
 
-    The joint verdicts follow Holm's procedure; no further failure is assumed.
+    Return None if they already hold jointly. Joint verdicts follow Holm's procedure; the estimate
+    assumes no further failures.
     """
     joint = verdicts.held_together
     if joint is None or not joint.dropped:
@@ -612,7 +613,8 @@ def _concerned_statuses(models: Models) -> list[str]:
 def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool) -> NextStep | None:
     """Recommend a number of flights at which all binding verdicts are likely to be PASS.
 
-    With unknown parameters, the flights and chances are those at each verdict's worst point.
+    With unknown parameters, the numbers of flights and the chances are those at the worst point of
+    each verdict.
     """
     open_ones = [verdict for verdict in binding if verdict.status == "NOT SHOWN"]
     if not open_ones:

@@ -1,4 +1,4 @@
-"""Stored assessment of a campaign, which is read from `report.json` if still valid."""
+"""Stored assessment of a campaign, which is read from `report.json` if it is up to date."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Chances that a planned campaign leads to PASS, and the number of flights it needs."""
+"""Chances that a planned campaign results in PASS, and the number of flights it needs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -143,7 +143,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the largest number of points of the unknowns, and of flights to find them."""
+    """Return the maximum number of points of the unknowns, and of flights to find them."""
     unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0

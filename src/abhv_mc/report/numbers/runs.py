@@ -111,7 +111,7 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
 
 
 def _is_ours(manifest: Path) -> bool:
-    """Return whether an unreadable manifest is damaged or contains the key 'format'."""
+    """Return True if an unreadable manifest is damaged or contains the key 'format'."""
     try:
         content = json.loads(manifest.read_bytes())
     except (OSError, ValueError, RecursionError):

@@ -20,13 +20,13 @@ def summary_sentences(models: Models) -> list[str]:
 
 
 def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
-    """Return introductory sentences of those topics whose sentences use other topics.
+    """Return introductory sentences for topics whose sentences depend on other topics.
 
     ``warnings`` are added to the warnings of the run and of the topics.
     """
     siblings, command = suggest_merge(models.results.folder, models.results.manifest)
     joint = models[VERDICTS].held_together
-    # If verdicts do not hold jointly, the sentences on verdicts name them.
+    # The sentences on verdicts name the verdicts that do not hold jointly.
     jointly = models.sentences(VERDICTS) if joint is not None and joint.dropped else ()
     windy = [
         f"{warning[:1].upper()}{warning[1:]}."

@@ -48,7 +48,7 @@ class WhatifRequirement:
 
 @dataclass(frozen=True)
 class WhatifController:
-    """Flights of one controller, with their effective number under the changed settings."""
+    """Flights of one controller, and their effective number under the changed settings."""
 
     flights: int
     effective_flights: float
@@ -74,7 +74,7 @@ def make_whatif(
     settings: Mapping[str, Mapping[str, Any]],
     requirements: RequirementSource | None = None,
 ) -> Whatif:
-    """Return quantiles and shares of failures for the simulated and for other ``settings``.
+    """Return quantiles and failure shares for the simulated and the changed ``settings``.
 
     Raise InputError if the flights do not cover the new distributions or their effective number is
     too small.

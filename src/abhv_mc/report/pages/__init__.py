@@ -1,1 +1,1 @@
-"""HTML pages, PDF files and files for other programs, made from the numbers of a report."""
+"""HTML pages, PDF files and files for other programs, created from a report's numbers."""

@@ -90,7 +90,7 @@ _SIDE_OPTIONS: dict[str | None, tuple[str, ...]] = {
 
 
 def refuse_search(root: Path, manifest: Manifest) -> None:
-    """Raise InputError for the folder of a search, with the command that makes its page."""
+    """Raise InputError, which names the command that makes the page, for a search's folder."""
     if manifest.search:
         expected = f"a campaign; for the page of the search, run {search_command(root, manifest)}"
         raise InputError(root, "the flights of a search", expected)
@@ -126,7 +126,7 @@ def search_command(root: Path, manifest: Manifest) -> str:
 
 @contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
-    """Run garbage collection rarely; it would otherwise take 1/8 of the build time."""
+    """Reduce garbage collection, which would otherwise take 1/8 of the build time."""
     thresholds = gc.get_threshold()
     gc.set_threshold(100_000, 20, 20)
     try:
@@ -152,13 +152,13 @@ def build_report(
     folder
         Folder of the campaign.
     baseline
-        Folder of an earlier campaign on the same samples, to compare with.
+        Folder of an earlier campaign on the same samples, with which the campaign is compared.
     svg
         Also write each figure as SVG.
     stage
         Function that shows progress: given the name of a stage, it returns a context manager.
     out
-        Folder of the report, by default that of the campaign.
+        Folder of the report; by default, the folder of the campaign.
     requirements
         File with requirements that replace those of the folder.
     junit

@@ -22,7 +22,7 @@ _OFF_REFERENCE = {
 def describe_channel(
     name: str, recorded: Collection[str], signals: Sequence[Signal] = CHANNELS
 ) -> dict[str, str | None]:
-    """Return a channel's label, unit and description, and its command channel if ``recorded``."""
+    """Return a channel's label, unit, description and, if it is ``recorded``, command channel."""
     signal = next((item for item in signals if item.name == name), Signal(name, "-", ""))
     command = _beside(signal, "command")
     return {
@@ -52,7 +52,7 @@ def _label(signal: Signal) -> str:
 
 
 def _thinned(curve: Floats, band: str, every: int) -> Floats:
-    """Return every ``every``-th sample; min and max bands also cover the samples in between."""
+    """Return every ``every``-th sample; min and max bands also cover the skipped samples."""
     extreme = {"min": np.fmin, "max": np.fmax}.get(band)
     if extreme is None or every == 1:
         return curve[::every]

@@ -51,7 +51,7 @@ class Comparison:
     found
         `Compared` (flight by flight) if the samples are equal, else `Contrast`.
     page
-        Path of the page, None if none was requested.
+        Path of the page, or None if no page was requested.
     """
 
     found: Compared | Contrast
@@ -151,7 +151,7 @@ def _write_numbers(
 ) -> None:
     """Write `comparison.json`.
 
-    The file contains the numbers and the digests by which `abhv-mc runs` finds both campaigns.
+    The file contains the numbers, and the digests that `abhv-mc runs` uses to find both campaigns.
     """
     digests = [results.manifest.digest for results in (a, b)]
     content = {"digests": digests, **json_data(comparison)}
@@ -231,7 +231,7 @@ def _section(
 def _label_pairs(
     a: FlownCampaign, b: FlownCampaign, comparison: Compared
 ) -> list[tuple[str, CampaignPair, Names]]:
-    """Return each pair with its title, and with names that label its two sides."""
+    """Return each pair with its title and with names that label its two controllers."""
     pairs, names, (first, second) = [], names_of(a), _folder_names(a, b)
     for pair in comparison.paired:
         label_a, label_b = (
@@ -312,7 +312,7 @@ def _is_identical(pair: CampaignPair) -> bool:
 
 
 def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder: Path) -> Table:
-    """Return the table of both campaigns, with the command that remakes the page."""
+    """Return the provenance table of both campaigns, with the command that remakes the page."""
     seeds = [
         (str(results.campaign.seed) if results.campaign.can_rerun else "imported")
         for results in (a, b)
@@ -372,7 +372,7 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
 
 
 def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Item]:
-    """Yield the tables of a pair; those of metrics that are not compared are collapsed."""
+    """Yield the tables of a pair; tables of metrics that are not compared are collapsed."""
     differing = {
         name: entry for name, entry in pair.metrics.items() if entry.a_better or entry.b_better
     }
@@ -391,7 +391,7 @@ def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) 
 
 
 def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPair]) -> list[Drawn]:
-    """Return the figure of differences in required metrics and control effort.
+    """Return the figure of the differences in required metrics and in control effort.
 
     Metrics in which no flight differs are omitted.
     """

@@ -103,7 +103,7 @@ def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]
 
 
 def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield sentences on changes of each controller, then on controllers without changes."""
+    """Yield sentences on each changed controller, then on the unchanged controllers."""
     # number of verdicts that differ only because of the number of flights
     undecided: dict[str, int] = {}
     equal: dict[str, str] = {}
@@ -230,7 +230,7 @@ def _quantile_table(
     *,
     shows_all: bool,
 ) -> Table:
-    """Return a table of the required metrics' quantiles that differ, or of all quantiles."""
+    """Return a table of all quantiles, or of the differing quantiles of required metrics."""
     groups = []
     for metric, description in contrast.words.items():
         rows = [

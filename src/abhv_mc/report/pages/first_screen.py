@@ -19,7 +19,7 @@ from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
 
 _ROWS, _PAIRS = 8, 2  # maximum numbers of chart rows and of pairs in the baseline comparison
-_LEFT, _RIGHT = 0.0, 1.35  # left and right end of the chart, in units of the limit
+_LEFT, _RIGHT = 0.0, 1.35  # left and right edge of the chart, in units of the limit
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Bar:
     high: float | None
     median: float | None
     tolerance: float | None
-    beyond: bool  # whether the bar or the tolerance limit lies beyond the right end of the chart
+    beyond: bool  # whether the bar or the tolerance limit lies beyond the right edge of the chart
     # text on the right: tolerance limit with margin or, without a requirement, the median
     edge: str
     words: str  # text for screen readers
@@ -58,7 +58,7 @@ LIMIT_POSITION = 100.0 * (1.0 - _LEFT) / (_RIGHT - _LEFT)
 def chart_rows(
     entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> list[tuple[GlanceRow, list[Bar]]]:
-    """Return the rows of the chart; if more than eight, the rows nearest to their limits."""
+    """Return the rows of the chart: at most eight rows, the ones nearest to their limits."""
     entries = [entry if _is_required(entry) else _scale_to_values(entry) for entry in entries]
     if len(entries) > _ROWS:
         entries = sorted(entries, key=lambda entry: -_largest_position(entry))[:_ROWS]
@@ -103,7 +103,7 @@ def _is_required(entry: GlanceRow) -> bool:
 def _scale_to_values(entry: GlanceRow) -> GlanceRow:
     """Scale a row without a requirement to its own values.
 
-    The best value, or zero, is at the left end and the worst value at the limit's position.
+    The best value, or zero, is at the left edge, and the worst value is at the limit's position.
     """
     sign = 1.0 if entry.below else -1.0
     ends = [sign * end for cell in entry.cells.values() for end in (cell.low, cell.high)]
@@ -118,7 +118,7 @@ def _scale_to_values(entry: GlanceRow) -> GlanceRow:
 
 
 def _largest_position(entry: GlanceRow) -> float:
-    """Return the position of the worst bar end; infinite if this end is not finite."""
+    """Return the position of the worst end of all bars; infinite if it is not finite."""
     positions = [
         chart_position(cell.high if entry.below else cell.low, entry)
         for cell in entry.cells.values()
@@ -222,7 +222,7 @@ def unlisted_rows(entries: Sequence[object]) -> str:
 
 
 def baseline_line(baseline: Baseline | None, names: Names) -> str:
-    """Describe changes from the baseline for up to two controllers; '' without a baseline."""
+    """Describe how up to two controllers changed from the baseline; '' without a baseline."""
     if baseline is None:
         return ""
     parts = []

@@ -25,8 +25,8 @@ BARS = 60  # number of bars in a histogram strip
 _HISTORY_RATE = 5.0  # sampling rate of the histories, Hz
 _STRIPS = 24  # maximum number of dispersions drawn as strips
 _HEADED = 4  # number of metrics in the table if there are no requirements
-# largest common range of flights and limits, relative to the range of the flights, for which limits
-# are drawn
+# Limits are drawn if the range of flights and limits is at most this multiple of the range of the
+# flights.
 _FAR = 3.0
 # The page must contain the scripts in this order.
 SCRIPTS = ("flight_axes.js", "flight_path.js", "flight_panel.js", "flights.js")
@@ -160,7 +160,7 @@ def _head(name: str, unit: str) -> str:
 
 
 def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
-    """Describe a metric that ranks flights, with its channel and the sides of its limits."""
+    """Describe a metric by which flights are ranked: its channel and the sides of limits."""
     return {
         "metric": record.name,
         "channel": channel_of(record, channels),

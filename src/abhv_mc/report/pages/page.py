@@ -111,7 +111,7 @@ def script_hashes(*scripts: str) -> Markup:
 
 
 def make_environment() -> Environment:
-    """Return the Jinja environment of the page templates."""
+    """Return the Jinja environment for the page templates."""
     environment = Environment(
         loader=PackageLoader("abhv_mc.report.pages", "template"),
         autoescape=True,
@@ -134,7 +134,7 @@ def _typed(text: str) -> Markup:
 
 
 def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Section]:
-    """Return the sections of all topics that have one, by topic name."""
+    """Return the sections of all topics that have a section, by topic name."""
     leads = section_leads(models, warnings)
     sections = {}
     for topic in all_topics(models.users):

@@ -30,7 +30,7 @@ def find_browser() -> str:
     return program
 
 
-# The two printed pages show the answer, and the required metrics with their drivers.
+# The first page shows the answer, the second the required metrics with their drivers.
 _BRIEF = """
 main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, figcaption .file,
 #metrics > p, #metrics > .scroll, #drivers > p { display: none !important; }
@@ -39,9 +39,9 @@ main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, fi
 
 
 def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = False) -> Path:
-    """Print a page to a PDF next to it, A4 or letter, and return its path.
+    """Print a page to a PDF (A4 or letter) in the same folder, and return the PDF's path.
 
-    If ``brief``, print two pages only. Raise InputError if the browser fails.
+    If ``brief``, the PDF has only two pages. Raise InputError if the browser fails.
     """
     target = page.with_name("brief.pdf") if brief else page.with_suffix(".pdf")
     target.unlink(missing_ok=True)

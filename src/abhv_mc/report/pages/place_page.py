@@ -53,7 +53,7 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
 
 
 def _is_outside(flight: PlacedFlight, risk: float) -> bool:
-    """Return whether metrics or history are outliers, each at half the risk if both exist."""
+    """Return True if metrics or history are outliers; the two tests share ``risk`` equally."""
     p_values = [flight.joint_p_value]
     if flight.band_p_value is not None:
         p_values.append(flight.band_p_value)

@@ -20,7 +20,7 @@ from abhv_mc.topics.topic import Drawn
 
 
 def make_rare_answer(result: RareFound, folder: Path) -> Answer:
-    """Return the page content of a rare-event search with its flights in ``folder``."""
+    """Return the page content of a rare-event search whose flights are in ``folder``."""
     metric, dimensions = result.metric, len(result.space.names)
     requirement = f"{metric.phrase} {metric.with_unit(str(result.requirement.limits))}"
     flights = flights_table(
@@ -200,6 +200,6 @@ def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
 
 
 def _plain_flights(result: RareFound) -> int:
-    """Return the number of plain Monte Carlo flights with an equally narrow log interval."""
+    """Return the number of plain Monte Carlo flights for an equally narrow log interval."""
     p, half = result.estimate.probability, 0.5 * np.log(result.estimate.high / result.estimate.low)
     return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

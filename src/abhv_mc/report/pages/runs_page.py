@@ -1,4 +1,4 @@
-"""Page that lists all campaigns below a folder, to sort, filter and compare them."""
+"""Page that lists the campaigns below a folder and lets users filter and compare them."""
 
 import os
 import shlex

@@ -67,7 +67,7 @@ def flight_figures(
 def limit_sentence(
     requirement: Requirement, metric: Metric, worst: float, failures: int, flights: int
 ) -> str:
-    """Return a sentence on violations of a requirement and the margin of the worst value."""
+    """Return a sentence on a requirement's violations and on the worst value's margin."""
     limits = requirement.limits
     label = limit_words(metric, limits)
     if failures:

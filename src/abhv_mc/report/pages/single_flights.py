@@ -53,7 +53,7 @@ def write_nominal_report(
 
 _IN_TITLE = 4  # maximum number of dispersions in a title
 _TITLE_WIDTH = 100  # maximum number of characters per line of a title
-# end of the time axis in multiples of the last end time, if all flights end early
+# end of the time axis as a multiple of the last end time if all flights terminate early
 _AFTER = 2.0
 
 

@@ -1,4 +1,4 @@
-"""Verification of a campaign's folder: hashes of files, and numbers in the report."""
+"""Verification of a campaign's folder: hashes of its files, and numbers in its report."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -70,7 +70,7 @@ def _report_differences(root: Path) -> Iterator[str]:
 def _find_changed(
     written: Mapping[str, str | None], current: Mapping[str, str | None]
 ) -> Iterator[str]:
-    """Yield a sentence for each file whose hash differs from the one in the report."""
+    """Yield a sentence for each file whose hash differs from the hash in the report."""
     for name in sorted({*written, *current}):
         if current.get(name) is None:
             yield f"{name}: missing, although the report was made with it"

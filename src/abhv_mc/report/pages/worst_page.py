@@ -18,7 +18,7 @@ from abhv_mc.topics.topic import Drawn
 
 
 def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
-    """Return the page content of a worst-case search with its flights in ``folder``."""
+    """Return the page content of a worst-case search whose flights are in ``folder``."""
     metric = result.metric
     searched = result.severities[: result.searched]
     flights = flights_table(

@@ -91,7 +91,7 @@ def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[
 
 
 def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return a row with the median of each controller and its difference from the first."""
+    """Return a row with each controller's median, then each rival's median difference."""
     first, *rivals = names.controllers
     pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
     return (
@@ -175,7 +175,7 @@ def _gain_words(entry: ComparedMetric) -> str:
 
 
 def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
-    """Return a table that counts, by requirement, the flights that only one controller fails.
+    """Return a table that counts, by requirement, flights that fail under only one controller.
 
     The last row counts early terminations. ``requirements`` contains the requirements as text.
     """

@@ -33,13 +33,13 @@ from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
 _MOST_POINTS = 250  # maximum number of plotted flights per controller
-_TRADES = 3  # maximum number of panels per row, and of metrics if none is required
-# quantiles of the differences at the ends of the axis, which cuts off outliers
+_TRADES = 3  # maximum number of panels per row, and of metrics in a campaign without requirements
+# quantile levels of the differences at which the axis ends, so that outliers are cut off
 _ENDS = (0.005, 0.995)
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
-    """Yield the figure of the required metrics or tracking errors against control effort."""
+    """Yield the figure that plots required metrics or tracking errors against control effort."""
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
@@ -146,7 +146,7 @@ class DifferencePanel:
     label: str
     # pair -> one difference per flight; infinite if only one of the paired flights terminated early
     differences: Mapping[str, Floats]
-    # median and both ends of its interval; None for an open end
+    # median, and lower and upper bound of its interval; None for an infinite bound
     medians: Mapping[str, tuple[float | None, float | None, float | None]]
 
 

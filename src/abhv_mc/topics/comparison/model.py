@@ -44,13 +44,13 @@ class ComparedMetric(PairedMetric):
     winner: str | None
     closer: str | None  # controller with the smaller value on more flights
     mixed: bool  # whether a controller has an advantage but no winner is named
-    # levels of the quantiles in which controller `closer` is significantly worse
+    # levels of the quantiles for which controller `closer` is significantly worse
     worse_tails: tuple[float, ...]
     uncompared_tails: tuple[float, ...]
     loses_more: bool
     worst: tuple[float, float]
-    quantile_differences: Mapping[str, Interval]  # differences between quantiles, by quantile level
-    # number of points of the unknowns at which `a` wins, at which `b` wins, and in total
+    quantile_differences: Mapping[str, Interval]  # differences of quantiles, by level
+    # numbers of points of the unknown parameters: points at which `a` wins, `b` wins, all points
     better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
@@ -140,7 +140,7 @@ def compare_pair(
     """Return the comparison of controllers `a` and `b`; None if they share no flight.
 
     Winners are named only for the `compared` metrics, and only if the flights are `independent`
-    draws. The significance level is corrected for the number of metrics and of `rivals`. With
+    draws. The significance level is corrected for the numbers of metrics and `rivals`. With
     several ``points`` of the unknown parameters, a difference between the controllers must be
     significant at every point. Counts and differences include the flights at all points.
     """
@@ -242,9 +242,10 @@ def _metric(
 def _lost_everywhere(
     a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
 ) -> ListedFailures:
-    """Return paired early terminations, with the largest p-value over the unknowns' points.
+    """Return the paired comparison of early terminations, with the points' largest p-value.
 
-    A point at which the difference has the opposite sign counts with a p-value of 1.
+    A point is a set of values of the unknown parameters. A point counts with a p-value of 1 if the
+    difference at this point and the difference over all flights have opposite signs.
     """
     failures = _failures(a, b, flight)
     point_failures = [compare_failures(a[k], b[k]) for k in point_masks]
@@ -267,7 +268,7 @@ def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
 def compare_any_failures(
     a: ControllerFlights, b: ControllerFlights, requirements: tuple[Requirement, ...]
 ) -> ListedFailures:
-    """Return paired failures, which are early terminations or missed requirements."""
+    """Return the paired comparison of failures (early terminations or missed requirements)."""
     rows_a, rows_b = common_rows(a, b)
     failed = failed_anyhow(a, requirements)[rows_a], failed_anyhow(b, requirements)[rows_b]
     return _failures(*failed, a.flight[rows_a])
@@ -285,7 +286,7 @@ def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) 
 
 
 def total_usage(metrics: Mapping[str, Floats]) -> Floats:
-    """Return the root sum of squares [flight] of three surfaces' rms deflections, in deg."""
+    """Return the root sum square of the rms deflections of three surfaces, deg [flight]."""
     squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
 

@@ -18,7 +18,7 @@ def comparison_sentences(comparison: Comparison, names: Names) -> Sequence[str]:
 
 
 def standing(pair: ControllerPair, names: Names, full: bool = False) -> Mapping[str, list[str]]:
-    """Return the metrics in which `pair.a` is better, worse, mixed or undecided.
+    """Group the metrics by the result for `pair.a`: better, worse, mixed or undecided.
 
     If ``full``, each metric is followed by shares of flights, or by the reason for mixed results.
     """
@@ -171,7 +171,7 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails are not compared ...' if flights are too few to compare tails, or ''."""
+    """Return '; tails are not compared ...' if there are too few flights for tails, else ''."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])

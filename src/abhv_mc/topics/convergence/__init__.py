@@ -40,7 +40,7 @@ _PARTS = {0.25: "A quarter", 0.5: "Half", 1.0: "All flights"}
 
 @dataclass(frozen=True)
 class Settling:
-    """Estimate and its 95 % interval by number of flights [check]; open ends are infinite."""
+    """Estimate and 95 % interval by number of flights [check]; open bounds are infinite."""
 
     value: tuple[float, ...]
     low: tuple[float, ...]
@@ -125,7 +125,7 @@ def _section(convergence: Convergence, names: Names) -> Section:
 
 
 def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:
-    """Yield table rows of each leading metric after a quarter, half and all of the flights."""
+    """Yield table rows for each leading metric after a quarter, half and all of the flights."""
     for metric in names.asked:
         level, quantile_name = settled_level(convergence, metric)
         rows = []

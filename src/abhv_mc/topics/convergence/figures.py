@@ -67,7 +67,7 @@ def plot_convergence(
     panels: Sequence[tuple[str, Mapping[str, Floats]]],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Plot estimates with interval ends [value, low, high; check]; an open end is NaN."""
+    """Plot estimates with their intervals [value, low, high; check]; open bounds are NaN."""
     figure, grid = new_panels(len(panels), min(3, len(panels)), 1.2, between=(0.5, 0.58))
     for axes, (title, series) in zip(grid.flat, panels, strict=False):
         for i, (name, (value, low, high)) in enumerate(series.items()):

@@ -32,7 +32,7 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-# share of the flights in the groups with the lowest and with the highest values of a parameter
+# share of the flights in each of two groups, with the lowest and highest values of a parameter
 _TENTH = 0.1
 _FEWEST_OF_TENTH = 5  # minimum number of flights in a group with the lowest or highest values
 _KEPT = 12  # maximum number of parameters stored per metric
@@ -41,9 +41,9 @@ _MOST_FLIGHTS = 5_000
 _NAMED = 2  # maximum number of drivers per error named in a sentence
 _LISTED = 4  # maximum number of drivers per error listed in the table
 _MOVED = 2  # maximum number of controllers described by a sentence
-_NOISY = 0.5  # minimum unexplained share of the variance that sentences mention
+_NOISY = 0.5  # minimum unexplained share of the variance that is mentioned in a sentence
 
-Ends = tuple[float, float, float]  # estimate, lower and upper end of its 95 % interval
+Ends = tuple[float, float, float]  # estimate, and lower and upper bound of its 95 % interval
 
 
 @dataclass(frozen=True)
@@ -162,8 +162,9 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
 def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
     """Return the medians of `values` over the flights with the lowest and highest samples.
 
-    If a parameter has few distinct values (such as a rare failure), the group sizes are as close to
-    a tenth as possible. Return None if a group has too few flights or a median that is not finite.
+    Each group contains a tenth of the flights or, if the parameter has few distinct values (for
+    example, a rare failure), the nearest possible share. Return None if a group has too few flights
+    or a median that is not finite.
     """
     low, high = np.quantile(sampled, [_TENTH, 1.0 - _TENTH], method="nearest")
     if low == high:
@@ -207,11 +208,12 @@ def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Dr
 def _given_data(
     results: FlownCampaign, inputs: Floats, drivers: RankDrivers
 ) -> dict[str, tuple[Share, ...]]:
-    """Return parameters with non-monotonic effects on required metrics, largest first.
+    """Return the parameters with non-monotonic effects on required metrics, by effect size.
 
-    An effect is measured by the first-order and total indices of the regression residuals.
-    Parameters correlated with a driver are excluded. The flights must be random draws, because the
-    regular order of other designs would appear as an effect.
+    The largest effect comes first. An effect is measured by the first-order and total sensitivity
+    indices of the regression residuals. Parameters correlated with a driver are excluded. The
+    flights must be random draws, because the regular order of other designs would appear as an
+    effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
     unexplained = 1.0 - drivers.explained
@@ -271,7 +273,7 @@ def otherwise_words(shares: Sequence[Share]) -> list[str]:
 
 
 def driver_sentences(drivers: Drivers, names: Names) -> Sequence[str]:
-    """Return sentences on the largest drivers of the errors under the first controllers."""
+    """Return sentences on the largest drivers of errors under the first few controllers."""
     first = list(drivers.controllers.items())[:_MOVED]
     return [*filter(None, (_sentence(names.subject(name), entry, names) for name, entry in first))]
 

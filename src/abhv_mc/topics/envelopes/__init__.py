@@ -167,7 +167,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
 
 
 def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
-    """Return a row with a channel's range under each controller; empty if it was not recorded."""
+    """Return a row of a channel's ranges by controller, or () if no range was recorded."""
     ranges = [envelopes.ranges.get(name, {}).get(curve.channel) for name in names.controllers]
     if not any(ranges):
         return ()
@@ -178,7 +178,7 @@ def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Ro
 
 
 def _ends(low: float, high: float) -> str:
-    """Return both ends of a range as text, with at most four digits."""
+    """Return the lower and upper bounds of a range as text, with at most four digits."""
     spread = high - low
     decimals = 2 if spread <= 0.0 else max(0, 2 - len(str(int(spread)))) if spread >= 1.0 else 3
     return f"{fixed(low, decimals)} to {fixed(high, decimals)}"

@@ -20,8 +20,8 @@ from abhv_mc.topics.figure_bands import (
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
-Bands = tuple[Floats, Mapping[str, Floats]]  # time [time] and bands by name for one channel
-# function that returns the bands of a channel under a controller, if there are any
+Bands = tuple[Floats, Mapping[str, Floats]]  # a channel's times [time], and its bands by name
+# function that returns the bands of a channel under a controller, or None
 Find = Callable[[str, str], Bands | None]
 
 _VARYING = " The altitude error has no band of all flights, because the reference altitude varies."
@@ -89,7 +89,7 @@ def plot_flown(
     reference: Mapping[str, Floats],
     labels: Mapping[str, str],
 ) -> Figure:
-    """Plot one flight of each controller; ``flights`` contains its channels [time] by name."""
+    """Plot one flight of each controller; ``flights`` maps controllers to channels [time]."""
 
     def find(controller: str, channel: str) -> Bands:
         return flights[controller]["time"], {"q50": flights[controller][channel]}
@@ -138,7 +138,7 @@ def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]
 def flight_curve(
     history: Mapping[str, Floats], curve: Curve, reference: Mapping[str, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return time and channel of a flight; subtract the reference if ``off_reference``."""
+    """Return the times and values of a channel; ``off_reference`` subtracts the reference."""
     time, values = history["time"], history[curve.channel]
     less = reference[curve.reference] if curve.off_reference else None
     return time, off_reference(time, values, reference.get("time", time), less)

@@ -93,7 +93,7 @@ def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
 
 
 def cases_by_frequency(cases: NDArray[np.str_]) -> list[str]:
-    """Return the distinct names in ``cases`` [flight]: NO_FAILURE first, then by frequency."""
+    """Return the distinct ``cases`` [flight]: NO_FAILURE, then the others by frequency."""
     counts = Counter(cases.tolist())
     return sorted(counts, key=lambda name: (name != NO_FAILURE, -counts[name], name))
 

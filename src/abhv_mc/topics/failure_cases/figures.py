@@ -42,7 +42,7 @@ Bands = Mapping[
 def plot_survival(
     times: Floats, panels: Mapping[str, Mapping[str, Floats]], labels: Mapping[str, str]
 ) -> Figure:
-    """Plot the share of airborne flights after a failure, one panel per failure case."""
+    """Plot the share of flights still airborne after a failure, one panel per failure case."""
     figure, grid = new_panels(
         len(panels), min(2, len(panels)), 1.0, between=(0.3, 0.55), sharex=True, sharey=True
     )

@@ -151,9 +151,9 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
 
 
 def _kept_words(names: Names) -> str:
-    """State how many worst flights, as ranked by changed requirements, have histories.
+    """State how many of the worst flights under changed requirements have histories.
 
-    The text is empty if all of these flights have histories.
+    The text is empty if all of the worst flights have stored histories.
     """
     results, number = names.results, names.campaign.worst
     if not (results.requirement_changes and number and names.campaign.channels):

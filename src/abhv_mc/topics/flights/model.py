@@ -25,7 +25,7 @@ _LARGEST = 3  # number of largest dispersions listed per flight
 
 @dataclass(frozen=True)
 class LargeDispersion:
-    """Dispersed value of a flight that is far from the campaign's mean."""
+    """Dispersed value, in one flight, that is far from the campaign's mean."""
 
     parameter: str
     value: float
@@ -56,7 +56,7 @@ def ended_words(outcome: str, missed: int, required: int) -> str:
 
 
 def channel_of(record: Metric, channels: Collection[str]) -> str | None:
-    """Return the channel of a metric: its source, or the channel whose name it begins with."""
+    """Return the source of a metric, or the channel whose name is a prefix of its name."""
     stems = {
         name: ((name.rpartition("_")[0] or name) if name in CHANNEL_INDEX else name)
         for name in channels
@@ -83,7 +83,7 @@ def limit_sides(record: Metric, channels: Collection[str]) -> tuple[float, ...]:
 
 
 def listed_worst(results: FlownCampaign, name: str) -> list[int]:
-    """Return the rows of the worst flights, only those with histories if there are any."""
+    """Return the rows of the worst flights; only flights with histories if there are any."""
     rows = results.ranking.rows_of(name)
     has_history = np.isin(
         results.flights[name].flight[rows], list(flights_with_history(results.folder, name))
@@ -94,7 +94,7 @@ def listed_worst(results: FlownCampaign, name: str) -> list[int]:
 
 
 def rank_failed(results: FlownCampaign, controller: str) -> list[int]:
-    """Return the numbers of failed flights, worst first."""
+    """Return the flight numbers of failed flights, worst first."""
     flights, rows = results.flights[controller], results.ranking.rows_of(controller)
     return flights.flight[
         rows[failed_anyhow(flights, results.campaign.requirements)[rows]]
@@ -234,7 +234,7 @@ class Flights:
     dispersions: Mapping[str, Mapping[str, object]]  # distributions as stated in the campaign file
     derived: Mapping[str, str]  # expressions of derived parameters
     counts: Mapping[str, FlightCounts]
-    # number of requested flights of each controller without any computed flight
+    # number of requested flights of each controller that has no computed flights
     left_out: Mapping[str, int]
     findings: Mapping[str, Findings]
     worst: Mapping[str, tuple[WorstFlight, ...]]

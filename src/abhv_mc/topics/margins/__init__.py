@@ -201,10 +201,10 @@ def _flights_row(label: str, entry: FlightMargins) -> Row:
 
 
 def _failed_words(entry: FlightMargins) -> str:
-    """Return a phrase on the failures with small and with sufficient gain margins.
+    """Count the failures among flights with small and with sufficient gain margins.
 
-    For example, '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) at 6 dB or above'. Without
-    requirements, the phrase is empty.
+    Return text such as '3 of 40 (7.5 %) below 6 dB, 0 of 60 (0 %) at 6 dB or above'. Without
+    requirements, the text is empty.
     """
     clauses = []
     for counts, side in (

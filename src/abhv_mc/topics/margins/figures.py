@@ -1,4 +1,4 @@
-"""Figure of the flights' exceedance of limits against their stability margins."""
+"""Figure that plots the exceedance of limits against stability margins, flight by flight."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Stability margins in steady flight (nominal and at corners) and of the flights."""
+"""Stability margins in steady flight (nominal and at corners) and in simulated flights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from abhv_mc.folder.steady_margins import SteadyMargins
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.missed_requirements import failed_anyhow
 
-LISTED = 5  # number of flights listed with the smallest margins
+LISTED = 5  # number of listed flights, which have the smallest margins
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from abhv_mc.statistics.verdicts import Verdict, advice_words, tolerance_limit, 
 from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
-FAMILY_RISK = 0.10  # risk of any false PASS among the verdicts that hold jointly
+FAMILY_RISK = 0.10  # risk of at least one false PASS among the verdicts that hold jointly
 _SHARES = (5.0, 50.0, 95.0)  # quantiles in percent in the overview
 
 
@@ -96,7 +96,7 @@ class Verdicts:
 
     requirements: tuple[JudgedRequirement, ...]
     held_together: Together | None  # joint verdicts; None if there are no verdicts
-    # risk of any false PASS among all verdicts; None unless the campaign sets a joint risk
+    # risk of at least one false PASS among all verdicts; None without a joint risk
     family_risk: float | None
     glance: tuple[GlanceRow, ...]
 
