@@ -29,8 +29,8 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
     """Return verification rows for the trim and nominal missions of the winged cone.
 
     The trim is at Mach 15; the missions are simulated with TLC. `scale` multiplies the tolerances.
-    For missions, the tolerances are the campaign's requirements on tracking errors, which are taken
-    from the axes of Figure 3 of Zhu and Shen (2014).
+    For missions, the tolerances are the campaign's limits on tracking errors, which are taken from
+    the axes of Figure 3 of Zhu and Shen (2014).
     """
     campaign = read_campaign(shipped_campaigns() / "winged_cone.yaml")
     requirements = [(campaign.metrics[item.metric], item.limits) for item in campaign.requirements]

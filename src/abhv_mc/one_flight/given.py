@@ -71,7 +71,7 @@ def make_document(kind: str, source: Input) -> Document:
 
 
 def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
-    """Return a controller document for a Python function, with its current source text."""
+    """Return a controller document for a function, with the current source of the function."""
     from abhv_mc.user_code.from_function import make_law_text
 
     if kind != "control":

@@ -238,9 +238,9 @@ def make_rows(
     """Return a row for each loop, and a row `all` for all loops together.
 
     `time` (s) is None at the trim point. Infinite values, and all values of an unstable closed
-    loop, are None. The row of a cut loop has its `reason`, and the row `all` of an unstable system
-    has its growing poles (1/s, real and imaginary part). Rows of individual effectors have
-    `counts: False` if the controller commands axes.
+    loop, are None. The row of a cut loop contains the `reason`, and the row `all` of an unstable
+    system contains the growing poles (1/s, real and imaginary part). Rows of individual effectors
+    have `counts: False` if the controller commands axes.
     """
     stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
     effector_loops = [

@@ -111,7 +111,7 @@ class Closed(NamedTuple):
 
 # function of rows and frequencies (rad/s) that returns loci [point, locus]
 Loci = Callable[[Ints, Floats], Complexes]
-# function of rows, frequencies and loci of size 1; returns frequencies and delay margins
+# function of rows, frequencies and loci of magnitude 1; returns frequencies and delay margins
 Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 

@@ -35,7 +35,7 @@ def judge_family(
 
 
 def holm(p_values: Sequence[float], risk: float) -> list[bool]:
-    """Return which hypotheses Holm's procedure rejects, in the order of `p_values`.
+    """Return True for each hypothesis [p_value] that Holm's procedure rejects.
 
     The chance of any false rejection is at most `risk`.
     """
