@@ -60,7 +60,8 @@ class Fmu(NamedTuple):
     version: int
     functions: tuple[Any, ...]  # functions called during a flight
     typed: tuple[Any, ...]  # functions for variables that are not 64-bit floats
-    instantiate: Callable[[], int]  # returns the address of an instance, or 0
+    # function that returns the address of a new instance, or 0 if this fails
+    instantiate: Callable[[], int]
     free: Any
     inputs: tuple[Wire, ...]
     outputs: tuple[Wire, ...]

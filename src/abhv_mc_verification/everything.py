@@ -21,7 +21,8 @@ from abhv_mc_verification.check_rows import Row
 from abhv_mc_verification.ghame6 import verify_ghame6
 from abhv_mc_verification.nesc import verify_nesc
 
-_PUBLISHED_TRIM = (1.7, 1.8)  # trim angle of attack in deg at Mach 15 and 33.5 km
+# published range in deg of the trim angle of attack at Mach 15 and 33.5 km
+_PUBLISHED_TRIM = (1.7, 1.8)
 _CONE_MISSIONS = ("level", "turn", "level_mach15", "turn_mach15")
 
 

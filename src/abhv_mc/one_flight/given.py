@@ -149,7 +149,7 @@ def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
 
 
 def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
-    """Write a campaign with its input files to a folder, and return the path of the file."""
+    """Write a campaign with its input files to a folder; return the path of the campaign."""
     content = dict(data)
     for key, kind in (("vehicle", "vehicle"), ("mission", "mission")):
         if key in content:

@@ -58,8 +58,8 @@ class Space:
     def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
         """Convert standard normal points to SI values [flight, dimension].
 
-        The points pass through the copula and the distributions. `on` [flight, switch] selects
-        which parameters in :attr:`probabilities` occur; by default, the points select them.
+        The points are transformed by the copula and the distributions. `on` [flight, switch]
+        selects which parameters in :attr:`probabilities` occur; by default, the points select them.
         """
         from scipy.special import ndtr
 
@@ -112,7 +112,7 @@ class Space:
         return values
 
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
-        """Return random values [flight, dimension] of the campaign's distributions in the box.
+        """Return values [flight, dimension] drawn from the campaign's distributions in the box.
 
         Flights outside the box are redrawn; the parameter of a failure that does not occur is
         always inside the box. Raise InputError if almost no random flight is inside the box.

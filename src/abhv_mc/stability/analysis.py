@@ -31,7 +31,7 @@ NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
 NO_SLOPES = "the derivatives of the vehicle or the controller are not finite"
 
-Time = Literal["trim"] | float  # time of linearization, s
+Time = Literal["trim"] | float  # time of linearization: the trim, or a time of the flight in s
 
 
 class Stability(NamedTuple):

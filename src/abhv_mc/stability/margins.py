@@ -213,7 +213,7 @@ def _crossings(
 def gain_margins(
     loci: Loci, grid: Floats, values: Complexes, period: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the destabilizing gains [row] nearest to 1 below and above, with frequencies."""
+    """Return the destabilizing gains [row] nearest to 1 from either side, with frequencies."""
 
     def turned(gains: Complexes) -> Floats:  # Zero gains are not valid loci and are sorted last.
         return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))

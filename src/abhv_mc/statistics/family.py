@@ -48,7 +48,7 @@ def holm(p_values: Sequence[float], risk: float) -> list[bool]:
 
 
 def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
-    """Return verdicts whose chance of any false PASS is at most `risk`.
+    """Return verdicts among which the chance of any false PASS is at most `risk`.
 
     A PASS that Holm's procedure does not confirm becomes NOT SHOWN; a FAIL is unchanged, because
     the procedure limits only the chance of a false PASS. The consumer's risk of a verdict NOT SHOWN

@@ -35,15 +35,15 @@ class Verdict:
     probability: float  # required success probability
     consumer_risk: float  # risk of a PASS for a system that just misses the requirement
     producer_risk: float  # risk of a FAIL for a system that just meets the requirement
-    E_pass: float  # evidence for a PASS, which needs at least 1 / consumer_risk
-    # evidence for a FAIL, which needs at least 1 / producer_risk; 0 for fewer than two failures
+    E_pass: float  # evidence for a PASS; a PASS needs at least 1 / consumer_risk
+    # evidence for a FAIL, 0 for fewer than two failures; a FAIL needs at least 1 / producer_risk
     E_fail: float
-    uncomputed: int = 0  # number of flights that failed to run; they count against PASS and FAIL
+    uncomputed: int = 0  # number of flights that failed to run; these count against PASS and FAIL
     note: str = ""  # reason for the status if the counts do not determine it
 
     @property
     def p_value(self) -> float:
-        """P-value of the hypothesis that the requirement is missed, for any number of flights."""
+        """P-value, valid at any number of flights, of the hypothesis of a missed requirement."""
         return min(1.0, 1.0 / self.E_pass) if self.E_pass > 0.0 else 1.0
 
 

@@ -47,8 +47,9 @@ def solve_reference(
 ) -> tuple[Floats, GuidanceTrim]:
     """Return the reference ``[tick, column]`` (columns: REFERENCE) and its guidance trim.
 
-    Ticks are 0..ticks, each of ``tick`` s; at the tick of a step, the value after the step is used.
-    The nominal controls apply to a non-rotating Earth, as in equation (1).
+    Ticks are numbered from 0 to ``ticks`` and are ``tick`` s apart; at the tick of a step, the
+    value after the step is used. The nominal controls apply to a non-rotating Earth, as in equation
+    (1).
     """
     fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))

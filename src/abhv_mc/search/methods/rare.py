@@ -216,7 +216,7 @@ def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float
 
 
 def _judge(repetitions: list[Repetition]) -> str | None:
-    """Return the reason why the repetitions cannot be trusted, or None."""
+    """Return the reason why the repetitions cannot be trusted, or None if they can."""
     number = len(repetitions)
     missed = sum(not repetition.reached for repetition in repetitions)
     deepest = min(

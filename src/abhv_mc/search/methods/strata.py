@@ -55,7 +55,7 @@ class Stratum:
 
 
 def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], float]]:
-    """Return combinations of independent switches and their probabilities, largest first.
+    """Return combinations of independent switches with probabilities, most probable first.
 
     The list contains at most a few thousand combinations.
     """
