@@ -12,7 +12,7 @@ from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.s119_units import parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
 
-# number in the units of the file, sum of signals of abhv-mc, or None if no answer was given yet
+# number in the units of the file, sum of signals of abhv-mc, or None if there is no answer yet
 Answer = float | str | None
 
 _AIR = {
@@ -42,14 +42,14 @@ SOURCES: dict[str, dict[str, str]] = {
 _TERM = re.compile(
     r"\s*([+-]?)\s*(?:([0-9]+\.?[0-9]*|\.[0-9]+)\s*\*?\s*)?([A-Za-z_]\w*)\s*", re.ASCII
 )
-MEASURED = "_measured"  # suffix of commands that enable the use of the measured value
+MEASURED = "_measured"  # suffix of the commands that determine whether a measured value is used
 FORCES = {"body": ("CX", "CY", "CZ"), "stability": ("CL", "CD", "CY")}
 MOMENTS = ("Cl", "Cm", "Cn")
 THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", "moment_z")
 
 
 def find_questions(model: Model) -> list[Variable]:
-    """Return the inputs that no signal of abhv-mc supplies, except commands."""
+    """Return the inputs, other than commands, that no signal of abhv-mc supplies."""
     kinds = kinds_of(model)
     supplied = {name for kind in kinds for name in SOURCES[kind]}
     open_ones = [

@@ -13,7 +13,8 @@ from abhv_mc_daveml.signals import find_signals
 from abhv_mc_daveml.writer import make_function
 
 ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table in m
-_GAS_CONSTANT = 8314.32 / 28.9644  # J/(kg K), U.S. Standard Atmosphere 1976, as in the plant
+# specific gas constant of air in J/(kg K), as in the plant (U.S. Standard Atmosphere 1976)
+_GAS_CONSTANT = 8314.32 / 28.9644
 _CHOICES = ("density", "pressure"), ("pressure", "temperature"), ("density",)
 _TEMPERATURES = {"dgk": "K", "dgc": "degC", "dgr": "degR", "dgf": "degF"}  # units of S-119
 
@@ -22,7 +23,7 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
     """Return a CSV table of density, or of pressure and temperature.
 
     The table has pressure and temperature if the model computes a pressure. Answers replace missing
-    inputs. Raise InputError if one of these quantities is not positive below 80 km.
+    inputs. Raise InputError if one of these quantities is not positive at an altitude of the table.
     """
     function, inputs = make_function(model), dict[str, tuple[float, float]]()
     for variable in model.inputs:

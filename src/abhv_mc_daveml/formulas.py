@@ -39,7 +39,7 @@ _BETWEEN = {
     "and": "and",
     "or": "or",
     **_RELATIONS,
-}  # operators with any number of operands
+}  # operators that accept any number of operands
 _ONE = {
     "not": "(not {})",
     **{name: f"{name}({{}})" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
@@ -191,7 +191,8 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
 
     try:
         return ast.unparse(ast.parse(value(node), mode="eval")), needs
-    except (SyntaxError, RecursionError, MemoryError):  # errors of Python's parser
+    # These errors may be raised by Python's parser.
+    except (SyntaxError, RecursionError, MemoryError):
         raise node.refuse(
             "a calculation that is nested too deeply", "intermediate results as separate variables"
         ) from None

@@ -17,12 +17,14 @@ _WITHOUT_TOLERANCE = 1e-6  # default tolerance of check values
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Uncertainty of a variable, described by two numbers if possible."""
+    """Uncertainty of a variable, described by its half-width and sigmas if possible."""
 
     effect: str  # additive, multiplicative (relative), percentage or absolute
-    half_width: float | None  # None if given by a table, by other variables or by asymmetric bounds
-    sigmas: float | None  # half-width in standard deviations; None: uniform
-    correlations: tuple[tuple[str, float], ...]  # (varID, coefficient)
+    # half-width; None if defined by a table, other variables or asymmetric bounds
+    half_width: float | None
+    sigmas: float | None  # half-width in standard deviations; None for a uniform distribution
+    # varID and correlation coefficient of each correlated variable
+    correlations: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -242,7 +244,7 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
         by_name.setdefault(variable.name, []).append(variable)
 
     def find(name: str, units: str) -> str:
-        """Return the varID of a name; units distinguish variables of the same name."""
+        """Return the varID of a name; units distinguish variables with the same name."""
         several = by_name.get(name, [])
         same = [variable for variable in several if variable.units == units] or several
         return same[0].identifier if len(same) == 1 else name

@@ -32,7 +32,7 @@ from abhv_mc_daveml.uncertainties import write_dispersions
 from abhv_mc_daveml.writer import make_function, run_shots, write_module
 
 ANSWERS, EFFECTORS = "import.yaml", "effectors"
-Answers = dict[str, dict[str, Answer]]  # answers by [file name][varID]
+Answers = dict[str, dict[str, Answer]]  # answers by file name and varID
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def _write_parts(
 
 
 def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
-    """Return reference lengths and mass properties in SI, from the first file that has each."""
+    """Return reference dimensions and mass properties in SI, preferring earlier files."""
     expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz",
                 "inertia_zx", "inertia_xy", "inertia_yz", "center_of_gravity_x",
                 "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
@@ -273,7 +273,7 @@ def _vehicle(
 
 
 def _limits(models: Sequence[Model]) -> list[str]:
-    """Return flight limits at the ends of the tables in angle of attack and sideslip."""
+    """Return limits on angle of attack and sideslip at the ends of the tables' ranges."""
     ends: dict[str, list[float]] = {"angle_of_attack": [], "sideslip": []}
     for model in models:
         for look_up in (

@@ -10,10 +10,10 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.xml_reader import Node
 
-Grids = tuple[tuple[str, Floats], ...]  # (name, ascending breakpoints) of each axis
+Grids = tuple[tuple[str, Floats], ...]  # name and ascending breakpoints of each axis
 _Held = tuple[
     str, str, Grids, Floats | None, Floats
-]  # (name, description, grids, scattered points, values)
+]  # name, description, grids, scattered points and values of a table
 _EXTRAPOLATE = ("neither", "min", "max", "both")
 _GRIDDED, _UNGRIDDED = ("griddedTableDef", "griddedTable"), ("ungriddedTableDef", "ungriddedTable")
 

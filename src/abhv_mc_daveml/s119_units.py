@@ -21,13 +21,14 @@ _SYMBOLS = (
     "mm", "ft", "in", "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d", "f",
 )  # fmt: skip  # longest first
 _TOKEN = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
-_ANY_CASE = re.compile(_TOKEN.pattern, re.IGNORECASE)  # spellings such as FT, Deg and LBF
+# pattern that also matches spellings such as FT, Deg and LBF
+_ANY_CASE = re.compile(_TOKEN.pattern, re.IGNORECASE)
 _EXACT = {symbol.lower(): symbol for symbol in reversed(_SYMBOLS)}
 _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 
 
 def parse_s119_unit(text: str) -> tuple[float, Exponents]:
-    """Return a unit's factor to SI and its exponents. Raise Refusal if the unit is unknown."""
+    """Return the factor from a unit to SI, and its exponents. Raise Refusal if unknown."""
     if text.lower() in _NUMBERS:
         return _NUMBERS[text.lower()], (0, 0, 0, 0, 0)
     above, _, below = text.partition("_")

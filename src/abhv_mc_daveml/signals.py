@@ -72,7 +72,7 @@ _QUANTITIES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 SI = {quantity: unit for quantity, (unit, *_) in _QUANTITIES.items()}
 
-# Values of the attribute ``sign``: same direction as in abhv-mc, and opposite.
+# Values of the attribute ``sign`` for the same direction as in abhv-mc and for the opposite one.
 _ROLLS = (
     {"rwd", "rightroll", "rightwingdown", "rollsright"},
     {"lwd", "leftroll", "leftwingdown", "rollsleft"},
@@ -158,8 +158,8 @@ def find_signals(variables: Iterable[Variable]) -> dict[str, Variable]:
 def kinds_of(model: Model) -> tuple[str, ...]:
     """Return the kinds to which a model belongs, as determined by its outputs.
 
-    The kinds are aerodynamics, propulsion, inertia, control, and atmosphere if no other kind
-    applies.
+    The kinds are aerodynamics, propulsion, inertia and control; the kind atmosphere applies only if
+    no other kind does.
     """
     outputs = find_signals(model.outputs)
     markers = {

@@ -37,7 +37,7 @@ _OWN = (
     "controller",
     "outcome",
 )  # columns by which the list can be sorted in addition to the numeric columns
-# columns of the rank and worst metric; their names contain spaces, which names of metrics do not
+# columns of the rank and worst metric; unlike names of metrics, their names contain spaces
 _RANK, _BY = '"its rank"', "worst in"
 
 
@@ -49,7 +49,7 @@ class Selection:
     y: str
     controllers: tuple[str, ...]
     outcome: str
-    brushes: dict[str, tuple[float, float]]  # column -> inclusive range of values
+    brushes: dict[str, tuple[float, float]]  # inclusive range of values, by column
     fit: bool = False  # whether to fit the axes to the selected flights
     sort: str = "rank"  # sort key of the list
     down: bool = False  # whether the order is descending
@@ -60,7 +60,7 @@ class FlightTable:
     """In-memory database of flights, with a description of the view."""
 
     connection: "DuckDBPyConnection"
-    ranges: Mapping[str, tuple[float, float]]  # column -> range of the axis
+    ranges: Mapping[str, tuple[float, float]]  # range of the axis, by column
     view: dict[str, Any]
     results: FlownCampaign = field(repr=False)
 
@@ -113,7 +113,7 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             "total": total,
             "left": "",
             "histories": False,
-        }  # Flights are re-run instead of read from histories.
+        }  # Flights are re-run; their histories are not read from files.
         yield FlightTable(
             connection,
             {column["name"]: column["ends"] for column in view["columns"]},

@@ -36,7 +36,7 @@ from abhv_mc_explore.counts import (
 
 _HOST = "127.0.0.1"
 _MOST_BYTES = 100_000  # maximum size of a request in bytes
-_MOST_TIMES = 1000  # maximum number of times in a plotted history
+_MOST_TIMES = 1000  # maximum number of time points in a plotted history
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
     "img-src data: blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -90,8 +90,8 @@ class ExploreServer(ThreadingHTTPServer):
     def open_flight(self, controller: str, flight: int) -> dict[str, Any]:
         """Return the values and the time history of a flight.
 
-        The flight is re-run as by ``abhv-mc replay``, subject to the trust list, and compared with
-        the stored flight; if the flight cannot be re-run, the stored history is returned.
+        The flight is re-run as ``abhv-mc replay`` does it, subject to the trust list, and compared
+        with the stored flight; if the flight cannot be re-run, the stored history is returned.
         """
         entry = find_flight(self.table, controller, flight)
         if not self.table.results.campaign.can_rerun:
@@ -195,7 +195,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(json.dumps(json_data(value), allow_nan=False).encode(), "application/json")
 
     def _send_csv(self, text: str) -> None:
-        """Stream the selected flights as CSV, because a million rows may not fit in memory."""
+        """Send the selected flights as CSV in parts; a million rows may not fit in memory."""
         table = self.server.table
         try:
             heads, flights = list_flights(table, parse_selection(json.loads(text), table))

@@ -28,7 +28,7 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
 from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
 
-# FMI version -> functions that set up a flight, compute a tick, and create and free an instance
+# functions, by FMI version, that set up a flight, compute a tick, and create and free an instance
 _FUNCTIONS = {
     2: (
         *("Reset", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode"),
@@ -41,7 +41,7 @@ _FUNCTIONS = {
 }
 
 
-_KINDS = {  # FMI version -> type of a variable -> type in FMI 3.0
+_KINDS = {  # type in FMI 3.0, by FMI version and type of a variable
     2: {"Real": FLOAT, "Integer": "Int32", "Enumeration": "Int32", "Boolean": "Boolean4"},
     3: {
         **{name: name for name in (FLOAT, "Float32")},
@@ -60,12 +60,14 @@ class Fmu(NamedTuple):
     version: int
     functions: tuple[Any, ...]  # functions called during a flight
     typed: tuple[Any, ...]  # functions for variables that are not 64-bit floats
-    instantiate: Callable[[], int]  # returns the address of an instance, or 0
+    # function that returns the address of a new instance, or 0 if this fails
+    instantiate: Callable[[], int]
     free: Any
     inputs: tuple[Wire, ...]
     outputs: tuple[Wire, ...]
     params: tuple[Wire, ...]
-    states: dict[str, tuple[int, float | None]]  # name -> (reference, initial value)
+    # reference and initial value of each state, by name
+    states: dict[str, tuple[int, float | None]]
 
 
 @functools.lru_cache(maxsize=16)
@@ -166,7 +168,8 @@ def _function_suffix(version: int, kind: str) -> str:
     return {FLOAT: "Real", "Int32": "Integer"}[kind] if version == 2 else kind
 
 
-Misfit = tuple[tuple[str, str], str, str]  # (keys in the controller file, problem, expected)
+# keys in the controller file, problem, and what is expected
+Misfit = tuple[tuple[str, str], str, str]
 
 
 def _read_wires(
@@ -227,7 +230,7 @@ def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
 def _make_instantiate(
     create: Any, version: int, description: Any, folder: Path
 ) -> Callable[[], int]:
-    """Return a function that creates an instance without log messages."""
+    """Return a function that creates an instance of the FMU with logging disabled."""
     from fmpy import fmi2, fmi3
 
     name, token = description.coSimulation.modelIdentifier.encode(), description.guid.encode()

@@ -26,7 +26,7 @@ from abhv_mc_jsbsim.properties import (
     UNKNOWN_RATES,
 )
 
-# Names of force axes -> frame, and sign and coefficient of each axis.
+# Frame, and sign and coefficient of each axis, by the names of force axes.
 _FRAMES = {
     ("LIFT", "DRAG"): ("wind", {"LIFT": ("", "CL"), "DRAG": ("", "CD"), "SIDE": ("", "CC")}),
     ("AXIAL", "NORMAL"): (
@@ -84,10 +84,10 @@ class Aerodynamics:
         self._taken = {*reserved, *_NAMES}
         self._expressions = Expressions(self._resolve, self._taken)
         self._known, self._values, self._full = metrics, values, full_deflections
-        self._functions: dict[str, tuple[Node, str | None]] = {}  # property -> (function, axis)
-        self._done: dict[str, str] = {}  # property -> expression
+        self._functions: dict[str, tuple[Node, str | None]] = {}  # function and axis, by property
+        self._done: dict[str, str] = {}  # expression of each property that has been read
         self._pending: list[str] = []
-        self._terms: dict[str, list[str]] = {}  # axis -> names of the coefficients that are added
+        self._terms: dict[str, list[str]] = {}  # names of the coefficients that are added, by axis
         axes = {}
         for child in node.children:
             if child.name in _LEFT_OUT:
@@ -178,7 +178,7 @@ class Aerodynamics:
         return value
 
     def _coefficient(self, operand: Node, key: str, axis: str) -> str:
-        """Return a function without its factors dynamic pressure, area and length."""
+        """Return a function without its factors of dynamic pressure, area and length."""
         factors = factors_of(operand)
         names = [
             property_of(factor)[1] if factor.name in ("property", "p") else "" for factor in factors

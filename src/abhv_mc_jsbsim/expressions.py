@@ -78,7 +78,7 @@ class Expressions:
 
     def __init__(self, resolve: Resolve, reserved: set[str]) -> None:
         self._resolve, self._taken = resolve, reserved
-        self._tables: dict[str, str] = {}  # text of a table -> name
+        self._tables: dict[str, str] = {}  # name of each table, by its text
 
     @property
     def tables(self) -> list[Line]:
@@ -146,7 +146,8 @@ class Expressions:
             value = float(ast.literal_eval(exponent))
         except ValueError:
             return f"power({base}, {exponent})"
-        is_integer = abs(value) <= 64 and value == int(value)  # valid for a negative base
+        # An integer exponent is valid for a negative base.
+        is_integer = abs(value) <= 64 and value == int(value)
         return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
 
     def _table(self, node: Node, name: str) -> str:

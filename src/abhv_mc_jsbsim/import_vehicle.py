@@ -47,7 +47,7 @@ _LOW_SPEED = {
     "sideslip": 0.0,
 }
 _SURFACES = ("aileron", "rudder", "elevator")
-_UNREAD = {  # section that is not imported -> items and description
+_UNREAD = {  # items and description of each section that is not imported
     "ground_reactions": ("contact", "landing gear and contacts"),
     "external_reactions": ("force", "external forces"),
     "buoyant_forces": ("gas_cell", "buoyant forces"),
@@ -233,7 +233,8 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
         air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
         try:
             coefficients = function(air, controls, rates, settings)
-        except (ArithmeticError, ValueError):  # A function may, e.g., divide by an angle of 0.
+        # A function may divide by an angle of 0, for example.
+        except (ArithmeticError, ValueError):
             return _ANGLES
         lift.append(
             coefficients.CL + coefficients.CX * np.sin(angle) - coefficients.CZ * np.cos(angle)

@@ -46,7 +46,7 @@ def location(node: Node | None) -> Floats:
 
 @dataclass(frozen=True)
 class Mass:
-    """Mass, centre of gravity (structural frame) and inertia matrix (body axes).
+    """Mass, centre of gravity in the structural frame, and inertia matrix in body axes.
 
     All values are in SI units. The inertia matrix is about the centre of gravity.
     """

@@ -77,7 +77,7 @@ def fly_remote(
     """
     plan = rebuild_sent(arrays, code)
     if source and code_hash() != source:
-        # The parent process rejects this block, so no flight is computed here.
+        # The parent process rejects this block, so the worker computes no flight.
         return sign(make_failed(plan, None))
     allow_here()
     if plan.source is not None and (problem := refuse_platform(plan.source)) is not None:
@@ -104,7 +104,7 @@ def fly_remote(
 
 @contextmanager
 def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
-    """Report to the launching command that this worker compiles, unless another one compiles."""
+    """Report to the launching command that this worker compiles, unless another worker does."""
     from distributed import get_worker
 
     with suppress(ValueError):  # The thread may not belong to a worker.
@@ -184,7 +184,7 @@ class Cluster:
         self._plans.clear()
 
     def _send_plan(self, plan: FlightPlan) -> "Future":
-        """Return a plan on the cluster, which is sent again if Dask lost it."""
+        """Return the future of a plan on the cluster; a plan that Dask lost is sent again."""
         with self._lock:
             future, _ = self._plans.get(id(plan), (None, plan))
             if future is None or future.status == "error":

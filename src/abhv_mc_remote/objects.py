@@ -3,7 +3,7 @@
 An object store (accessed by pyarrow.fs) has neither locks nor renames, but an object appears only
 when it is complete and has a time stamp of the store. Therefore one object, the lease, names the
 writing process, which renews the lease in a thread. If two processes start within a second of each
-other, the process that writes the lease later keeps it.
+other, the lease belongs to the process that writes it later.
 """
 
 import _thread
@@ -66,7 +66,7 @@ class Objects:
             self.system.delete_file(f"{self.base}/{name}")
 
     def ages(self, *names: str) -> list[Any]:
-        """Return modification times of objects by the store's clock; None if one is missing."""
+        """Return modification times by the store's clock, None for a missing object."""
         return [
             info.mtime
             for info in self.system.get_file_info([f"{self.base}/{name}" for name in names])
@@ -160,7 +160,7 @@ class Lease:
         return renewed is not None and now is not None and (now - renewed).total_seconds() > LEASE
 
     def _check(self, abandoned: bool = False) -> None:
-        """Raise InputError if another process holds the lease, unless it is abandoned."""
+        """Raise InputError if another process holds a lease that is not `abandoned`."""
         holder = read_holder(self._store)
         if holder is not None and holder[1] != self._token and not abandoned:
             problem = f"{holder[0]} is running a campaign at this address"

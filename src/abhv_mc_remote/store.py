@@ -29,7 +29,7 @@ class Remote:
     """Folder in object storage with its local copy."""
 
     def __init__(self, store: Objects, local: Path, lease: Lease | None = None) -> None:
-        """Pair a folder with its local copy; if ``lease`` is lost, nothing more is uploaded."""
+        """Pair a folder with its local copy; uploads stop if ``lease`` is lost."""
         self.store, self.local, self._lease = store, local, lease
         # Size and time of the local file for each object, by name.
         self._stamps: dict[str, tuple[int, int] | None] = {}
@@ -132,7 +132,7 @@ class ObjectStore:
             yield copy
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
-        """Return the current writer, or None, and the size in bytes of the folder ``name``."""
+        """Return the writer (None if there is none) and the size in bytes of folder ``name``."""
         objects = self._objects.below(name)
         with _explain_store_error(objects.address):
             holder, _ = read_holder(objects) or (None, "")

@@ -14,8 +14,8 @@ from abhv_mc_tune.tuning import TuneFound, tune_controller
 def tune(request: TuneRequest) -> TuneFound:
     """Tune the free parameters of a controller, as ``abhv-mc tune`` does.
 
-    The controller file is written if the result is shown to be better within all limits
-    (``.shown``).
+    The new controller file is written only if the result is shown to be better and is within all
+    limits (``.shown``).
 
     Returns
     -------

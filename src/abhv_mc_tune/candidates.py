@@ -33,8 +33,8 @@ Time = Literal["trim"] | float  # trim, or a time of the flight in s
 class ControllerNumbers:
     """Controller file with free parameters.
 
-    A point has one coordinate from -1 to 1 per free parameter: the logarithm of the factor to the
-    base of the largest factor.
+    A point has one coordinate from -1 to 1 for each free parameter: the logarithm of its factor to
+    the base of its largest factor.
     """
 
     document: Document
@@ -54,7 +54,7 @@ class ControllerNumbers:
         }
 
     def at_ends(self, point: Floats) -> list[str]:
-        """Return the keys of the free parameters that are at an end of their range."""
+        """Return the keys of the free parameters that are at a bound of their range."""
         return [
             entry.key
             for entry, x in zip(self.free, point.tolist(), strict=True)
@@ -180,7 +180,7 @@ class Candidates:
     def make(self, point: Floats, file: Path, steady: bool) -> Candidate | None:
         """Return the candidate of a point, or None if its parameters are invalid.
 
-        The controller is written to ``file``, which is deleted at the end of the call. Raise
+        The controller is written to ``file``, which is deleted before the method returns. Raise
         InputError if the initial parameters are invalid.
         """
         model = self.campaign.model

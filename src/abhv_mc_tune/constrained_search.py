@@ -4,8 +4,8 @@ All candidates are scored with the same random numbers, so that their difference
 chance. CMA-ES needs only the order of candidates: feasible candidates come first, ordered by
 objective, and infeasible candidates follow, ordered by constraint violation (K. Deb, "An efficient
 constraint handling method for genetic algorithms", Computer Methods in Applied Mechanics and
-Engineering 186 (2000)). A search overfits its flights, so the result must be compared with the
-start on other flights.
+Engineering 186 (2000)). A search overfits its flights, so the best candidate must be compared with
+the initial one on other flights.
 """
 
 from collections.abc import Callable
@@ -25,9 +25,10 @@ _SMALL = 0.3  # step after a restart, relative to the initial step
 class Scores(NamedTuple):
     """Scores of candidates on common flights, infinite for invalid candidates."""
 
-    objective: Floats  # [candidate], minimized
-    excess: Floats  # [candidate, limit]: relative violation, if positive
-    usage: Floats  # [candidate]: control effort, the second objective
+    objective: Floats  # objective [candidate], to be minimized
+    # excess over each limit [candidate, limit]; a positive value is a relative violation
+    excess: Floats
+    usage: Floats  # control effort [candidate], the second objective
 
     @property
     def allowed(self) -> NDArray[np.bool_]:
@@ -51,7 +52,7 @@ class Tuning:
     """Result of a search: all candidates, and the best candidate."""
 
     best: int  # index of the best candidate; the start is candidate 0
-    points: Floats  # [candidate, dimension] in the box from -1 to 1
+    points: Floats  # coordinates [candidate, dimension] in the box from -1 to 1
     scores: Scores
 
     @property
@@ -61,7 +62,7 @@ class Tuning:
 
     @property
     def front(self) -> NDArray[np.intp]:
-        """Feasible candidates on the Pareto front of objective and control effort."""
+        """Indices of feasible candidates on the Pareto front of objective and control effort."""
         allowed = np.flatnonzero(self.scores.allowed)
         return allowed[
             pareto_front(np.column_stack([self.scores.usage, self.scores.objective])[allowed])

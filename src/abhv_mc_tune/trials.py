@@ -34,8 +34,9 @@ class Trial:
     """Metrics and stability margins of one candidate."""
 
     columns: tuple[str, ...]  # names of the metrics
-    metrics: Floats  # [flight, metric]; NaN if a flight terminated early or failed to run
-    margins: Floats  # [vehicle, margin], nominal first; empty without limits on margins
+    metrics: Floats  # metrics [flight, metric]; NaN if a flight terminated early or failed to run
+    # margins [vehicle, margin], nominal vehicle first; empty without limits on margins
+    margins: Floats
 
     def column(self, metric: str) -> Floats:
         """Return the values [flight] of a metric."""
@@ -60,7 +61,7 @@ class Trials:
     folder: Path  # folder of stored results
     identity: str  # hash of all inputs except point and parameters
     executor: FlightRunner
-    vehicles: Floats  # [vehicle, parameter] vehicles whose margins are limited
+    vehicles: Floats  # parameters [vehicle, parameter] of the vehicles whose margins are limited
     margins_at: tuple[Time, ...]
     flights_at: tuple[Time, ...] = ()  # times at which margins of flights are computed, if any
 
@@ -142,7 +143,7 @@ class Trials:
     def margins_of(self, candidate: Candidate | None) -> Floats:
         """Return the smallest margins [vehicle, margin] of a candidate.
 
-        Margins are zero without a valid controller or a trim.
+        Margins are zero if the candidate is invalid or has no trim.
         """
         if candidate is None:
             return np.zeros((len(self.vehicles), len(MARGIN_NAMES)))

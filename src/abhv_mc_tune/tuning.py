@@ -81,8 +81,10 @@ class TuneFound:
     block: Tune
     numbers: ControllerNumbers
     tuning: Tuning
-    validation: Interval  # objective of the result minus objective of the start; negative is better
-    comparisons: tuple[Comparison, ...]  # objective, limits, control effort, nominal margins
+    # objective of the result minus objective of the start; a negative difference is an improvement
+    validation: Interval
+    # comparisons of the objective, the limits, the control effort and the nominal margins
+    comparisons: tuple[Comparison, ...]
     metrics: Mapping[str, Metric]
 
     @property
@@ -97,7 +99,7 @@ class TuneFound:
 
     @property
     def shown(self) -> bool:
-        """Return whether new flights show an improvement within all limits."""
+        """True if new flights show an improvement and the result is within all limits."""
         return (
             self.tuning.best != 0
             and self.validation.high < 0.0

@@ -28,7 +28,7 @@ class Row:
 
 
 def all_ok(rows: Sequence[Row]) -> bool:
-    """Return whether there are rows and all rows are within tolerance."""
+    """Return True if there are rows and all of them are within tolerance."""
     return bool(rows) and all(row.ok for row in rows)
 
 

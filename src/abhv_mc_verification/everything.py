@@ -21,7 +21,8 @@ from abhv_mc_verification.check_rows import Row
 from abhv_mc_verification.ghame6 import verify_ghame6
 from abhv_mc_verification.nesc import verify_nesc
 
-_PUBLISHED_TRIM = (1.7, 1.8)  # trim angle of attack in deg at Mach 15 and 33.5 km
+# published range in deg of the trim angle of attack at Mach 15 and 33.5 km
+_PUBLISHED_TRIM = (1.7, 1.8)
 _CONE_MISSIONS = ("level", "turn", "level_mach15", "turn_mach15")
 
 
@@ -29,8 +30,8 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
     """Return verification rows for the trim and nominal missions of the winged cone.
 
     The trim is at Mach 15; the missions are simulated with TLC. `scale` multiplies the tolerances.
-    For missions, the tolerances are the campaign's requirements on tracking errors, which are taken
-    from the axes of Figure 3 of Zhu and Shen (2014).
+    For missions, the tolerances are the campaign's limits on tracking errors, which are taken from
+    the axes of Figure 3 of Zhu and Shen (2014).
     """
     campaign = read_campaign(shipped_campaigns() / "winged_cone.yaml")
     requirements = [(campaign.metrics[item.metric], item.limits) for item in campaign.requirements]

@@ -1,4 +1,4 @@
-"""Replay of recorded flights of other simulators with the compiled flight."""
+"""Replay, by compiled code, of flights recorded by other simulators."""
 
 import math
 from collections.abc import Sequence
@@ -76,7 +76,7 @@ def make_start(
     *,
     latitude: float = 0.0,
 ) -> Floats:
-    """Return the initial state [state] of a level vehicle at longitude 0, in SI and radians.
+    """Return the initial state [state] of a level vehicle at longitude 0 (SI, radians).
 
     `rates` are inertial body rates.
     """
@@ -158,7 +158,8 @@ def at_times(tick: float, states: Floats, times: Floats) -> Floats:
     from scipy.interpolate import CubicSpline
 
     states = states.copy()
-    states[:, s.LONGITUDE] = np.unwrap(states[:, s.LONGITUDE])  # continuous across the date line
+    # The longitude is made continuous across the date line.
+    states[:, s.LONGITUDE] = np.unwrap(states[:, s.LONGITUDE])
     spline = CubicSpline(tick * np.arange(len(states)), states, axis=0)
     return np.asarray(spline(times), dtype=np.float64)
 

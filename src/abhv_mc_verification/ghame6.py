@@ -1,4 +1,4 @@
-"""Replay of the surface deflections and throttle of a CADAC++ GHAME6 flight (Zipfel).
+"""Replay of a CADAC++ GHAME6 flight (Zipfel) with its deflections and throttle.
 
 Frames: I is inertial; E rotates with the Earth (x through the equator at longitude 0, z through the
 north pole) and coincides with I at time 0; N is local north, east, down.
@@ -48,7 +48,8 @@ ATTITUDE = [
     f"tbi{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)
 ]  # rotation from inertial to body axes
 RATES = [f"wbib{i}" for i in (1, 2, 3)]  # inertial body rates in rad/s
-CONTROLS = ["delax", "delrx", "delex", "throttle"]  # units deg, deg, deg, -
+# aileron, rudder and elevator in deg, and dimensionless throttle
+CONTROLS = ["delax", "delrx", "delex", "throttle"]
 COMPARED = ["alt", "dvbe", "thtvdx", "alphax", "betax"]
 
 # Differences in an independent replay (DOP853, rtol 1e-10); the tolerances are three times these

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 STEP = 0.01  # default integration step of abhv-mc in s
 _FILE = re.compile(r"Atmos_(\d\d(?:p\d)?)_sim_(\w+)\.csv(\.gz)?")
-# tolerance of F-16 cases relative to the largest difference of two simulators
+# tolerance of F-16 cases relative to the largest difference between two simulators
 _NEEDED = 1.25
 _LIKE = 6  # number of the simple-body case whose tolerances are added
 _LONGEST = 3600.0  # maximum duration of a case in s
@@ -122,8 +122,8 @@ def allowed_difference(tables: "list[pd.DataFrame]") -> tuple[float, ...]:
     """Return the tolerances of an F-16 case from the differences of its simulators.
 
     The tolerance is 1.25 times the largest difference at common times plus the tolerance of simple
-    bodies. A single simulator gives no tolerance: simulators 04 and 05 are both correct but differ
-    by far more than in the cases of simple bodies.
+    bodies. With a single simulator there is no tolerance: simulators 04 and 05 are both correct,
+    but differ by far more than simulators do in the cases of simple bodies.
     """
     if len(tables) < 2:
         return (math.inf,) * len(_QUANTITIES)

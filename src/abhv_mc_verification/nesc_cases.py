@@ -1,4 +1,4 @@
-"""Ten atmospheric check-cases of NASA/TM-2015-218675, with the simulators' differences."""
+"""Ten atmospheric check-cases of NASA/TM-2015-218675, with differences of simulators."""
 
 import math
 from collections.abc import Mapping
@@ -21,12 +21,12 @@ _LOCAL = 0.004178073 * _DEG  # rotation rate of the Earth in rad/s
 
 @dataclass(frozen=True)
 class CheckCase:
-    """Check-case that starts level at latitude and longitude 0; SI and radians."""
+    """Check-case that starts level at latitude and longitude 0; SI units and radians."""
 
     title: str
     earth: Earth = ELLIPSOID
     vehicle: str = "sphere"  # name of a file in configs/vehicle/nesc
-    rates: tuple[float, float, float] = _AT_REST  # inertial body rates
+    rates: tuple[float, float, float] = _AT_REST  # inertial body rates, rad/s
     altitude: float = _DROP
     velocity_ned: tuple[float, float, float] = _AT_REST
     heading: float = 0.0

@@ -51,7 +51,7 @@ class AircraftCase(StrictModel):
     latitude: Angle
     longitude: Angle
     law: str
-    engaged: bool  # whether the control law is engaged in trim
+    engaged: bool  # whether the control law is engaged when the vehicle is trimmed
     commands: dict[str, float] = {}
     steps: dict[str, Step] = {}
 
@@ -133,10 +133,10 @@ def solve_start(vehicle: Vehicle, case: AircraftCase) -> Floats:
 def make_steps(law: Law, case: AircraftCase, start: Floats) -> CommandSteps:
     """Return the commands: initial course and airspeed, and the steps of the case.
 
-    The stick and throttle commands are solved for with the autopilot off, as required by its notes.
-    In the variants of case 13, these commands also compensate for the difference between the
-    autopilot's design point and the trim, because in the published flights the elevator does not
-    move at the start.
+    The stick and throttle commands are solved for with the autopilot off, as the autopilot's notes
+    require. In the variants of case 13, these commands also compensate for the difference between
+    the autopilot's design point and the trim, because in the published flights the elevator does
+    not move at the start.
     """
     speed = math.hypot(*case.velocity)
     equivalent = speed * math.sqrt(atmosphere(case.altitude)[0] / atmosphere(0.0)[0])

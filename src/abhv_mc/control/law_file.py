@@ -139,7 +139,7 @@ class CController(ControllerModel):
 
     @property
     def layout(self) -> "Layout":
-        """Name and length of each setting, in file order; the length of a single number is 0."""
+        """Name and length of each setting, in the order of the file; a number has length 0."""
         return [
             (name, len(value) if isinstance(value, list) else 0)
             for name, value in self.settings.items()

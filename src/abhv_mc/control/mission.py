@@ -114,8 +114,9 @@ class SManoeuvre(Phase):
     """Lateral displacement of the track by ``offset``, with the original heading at the end.
 
     The lateral acceleration is proportional to ``c |c|^(sharpness - 1)`` with ``c = cos(pi t /
-    length)``, ramped over ``bank_time`` at both ends. If both keys are omitted, ``y = offset / 2 (1
-    - cos(pi t / length))`` and the acceleration has steps at both ends.
+    length)``, ramped over ``bank_time`` at both ends. If ``bank_time`` and ``sharpness`` are
+    omitted, ``y = offset / 2 (1 - cos(pi t / length))`` and the acceleration has steps at both
+    ends.
     """
 
     kind: Literal["s_manoeuvre"] = Field(description=_KIND)
@@ -148,7 +149,10 @@ class SManoeuvre(Phase):
         return self
 
     def lateral_motion(self, since: Floats) -> tuple[Floats, Floats]:
-        """Return the lateral speed (m/s) and acceleration (m/s2) to the left at times (s)."""
+        """Return the lateral speed (m/s) and acceleration (m/s2) at the given times (s).
+
+        Both are positive to the left.
+        """
         return s_shape(since, self.offset, self.length, self.bank_time, self.sharpness)
 
 
@@ -214,7 +218,7 @@ class MissionLimits(LoadLimits):
 
 
 class End(StrictModel):
-    """Conditions, each of which completes the mission before its full duration."""
+    """Conditions, any of which ends the mission before its full duration has elapsed."""
 
     altitude_above: Length | None = Field(
         None, description="the mission is complete when the altitude exceeds this value"
@@ -439,7 +443,7 @@ class Mission(StrictModel):
         return join_air(*self.read_air())
 
     def find_air_warnings(self, altitude: Floats) -> list[str]:
-        """Return warnings about air tables that do not cover the altitudes of a flight."""
+        """Return warnings about air tables that do not cover the given altitudes of a flight."""
         return [
             warning
             for key, table in zip((self.wind, self.density), self.read_air(), strict=True)

@@ -48,7 +48,7 @@ AIR = {
 WIND = ("wind_north", "wind_east"), ("wind_speed", "wind_direction")
 DENSITIES = ("density_factor",), ("density",), ("pressure", "temperature")
 _MAX_ROWS = 10_000
-_HIGHEST = 1e6  # largest plausible altitude of a table, m; larger values have a wrong unit
+_HIGHEST = 1e6  # largest plausible altitude of a table, m; larger values indicate a wrong unit
 
 
 def read_air_table(
@@ -58,8 +58,8 @@ def read_air_table(
 
     Altitudes may increase or decrease in the file; they increase in the result. Wind is the air's
     velocity towards north and east. Density is a factor on the standard density, followed by a
-    factor on the standard temperature if the table gives one. Raise InputError if the table is
-    invalid.
+    factor on the standard temperature if the table contains temperatures. Raise InputError if the
+    table is invalid.
     """
     table = read_foreign_table(path)
     columns = table.find(("altitude", *AIR), heads)
@@ -112,7 +112,7 @@ def read_air_table(
 
 
 def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
-    """Return a warning if a table [level, column] does not fit the altitudes of a flight."""
+    """Return a warning unless a table [level, column] covers a flight's altitudes."""
     low, high, lowest, highest = *table[[0, -1], 0], altitude.min(), altitude.max()
     if low <= lowest and highest <= high <= _HIGHEST:
         return []

@@ -5,13 +5,13 @@ import numpy as np
 from abhv_mc.array_types import Floats
 
 _CELLS = 4096  # number of integration cells over half the manoeuvre
-_SAME_TIME = 1e-9  # tolerance of ticks at the ends of the manoeuvre, s
+_SAME_TIME = 1e-9  # tolerance for tick times at the ends of the manoeuvre, s
 
 
 def s_shape(
     since: Floats, offset: float, length: float, bank_time: float, sharpness: float
 ) -> tuple[Floats, Floats]:
-    """Return lateral speed (m/s) and acceleration (m/s2) at times (s) since the start.
+    """Return lateral speed (m/s) and acceleration (m/s2) at given times (s) since the start.
 
     Speed and acceleration are zero outside the manoeuvre and positive along ``offset`` (m). The
     acceleration is proportional to ``sign(c) |c|^sharpness`` with ``c = cos(pi t / length)``, times

@@ -120,7 +120,7 @@ def fly(
 
 
 def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) -> None:
-    """Raise InputError for a dispersion that has no effect on the flight.
+    """Raise InputError if a dispersion has no effect on the flight.
 
     Flights with the nominal value and with a larger value are compared bit by bit.
     """

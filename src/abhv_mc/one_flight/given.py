@@ -71,7 +71,7 @@ def make_document(kind: str, source: Input) -> Document:
 
 
 def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
-    """Return a controller document for a Python function, with its current source text."""
+    """Return a controller document for a function, with the current source of the function."""
     from abhv_mc.user_code.from_function import make_law_text
 
     if kind != "control":
@@ -149,7 +149,7 @@ def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
 
 
 def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
-    """Write a campaign with its input files to a folder, and return the path of the file."""
+    """Write a campaign with its input files to a folder; return the path of the campaign."""
     content = dict(data)
     for key, kind in (("vehicle", "vehicle"), ("mission", "mission")):
         if key in content:

@@ -262,7 +262,7 @@ def linearize(
     Parameters
     ----------
     mission, vehicle, controller, dispersions
-        See :func:`abhv_mc.fly`; custom controllers are run.
+        See :func:`abhv_mc.fly`; the code of custom controllers is executed.
     at
         ``trim``, the trim of the true plant at the start of the mission, or a time of the flight
         (s, or text with a unit).
@@ -390,7 +390,7 @@ def fly_on(
     at
         Time of the disturbance (s, or text with a unit).
     disturbance
-        Increments of states of ``linearize(...).closed``, by name, SI and radians.
+        Increments of states of ``linearize(...).closed``, by name, in SI units and radians.
     duration
         Duration of the continuation (s, or text with a unit).
 

@@ -93,7 +93,7 @@ def trim(
         the tables. ``trimmed`` is False if no trim exists within the vehicle's limits, and
         ``fault`` gives the reason. The static margin is aerodynamic, about the centre of gravity
         with fixed elevator. Frequencies, dampings, times to double (infinite if the motion decays)
-        and control powers (angular acceleration per deflection) belong to small motions of the
+        and control powers (angular acceleration per deflection) apply to small motions of the
         attitude with fixed controls, speed and flight path. Values of modes that do not exist are
         NaN.
 
@@ -153,7 +153,7 @@ def trim(
     table["trimmed"] = [not fault for fault in faults]
     table["fault"] = pd.Series(
         [fault or None for fault in faults], dtype=object
-    )  # pd.Series keeps None.
+    )  # An object Series keeps None as the value without a fault.
     table.index = pd.Index(map(math.degrees, angles), name="bank_deg")
     table.attrs = {
         "units": {"bank_deg": "deg"} | COLUMNS,

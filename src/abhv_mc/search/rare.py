@@ -39,7 +39,7 @@ from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 
 _PILOT = 2 * LANES  # number of points that are simulated twice to measure the noise
-_PLACE = 1 << 22  # key of the random numbers for the points that measure the noise
+_PLACE = 1 << 22  # key of the random numbers for the points at which the noise is measured
 _UNLIKELY = 0.5  # noise share above which probabilities below 1e-4 can hardly be estimated
 
 
@@ -52,7 +52,8 @@ class RareFound:
     requirement: Requirement
     metric: Metric
     estimate: RareEstimate
-    strata: tuple[Stratum, ...]  # combinations of switches; empty if the campaign has no switches
+    # combinations of parameters that occur in some flights only; empty without such parameters
+    strata: tuple[Stratum, ...]
     space: Space
     flights: FlightRows
     severities: Floats  # excess over the limit, in the metric's unit [flight]
@@ -164,7 +165,10 @@ class RareFound:
 
 
 def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
-    """Estimate the probability that a flight fails one requirement, or raise InputError."""
+    """Estimate the probability that a flight violates one requirement.
+
+    Raise InputError if the request is invalid.
+    """
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
     requirement = find_requirement(campaign, controller, request.requirement)
     space = make_space(campaign)

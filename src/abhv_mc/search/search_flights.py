@@ -72,7 +72,8 @@ def read_searched(
     """Return the campaign and the controller to search, or raise InputError if one is invalid."""
     campaign = read_campaign(Path(path), None, seed, engine=engine)
     for source in check_user_code(campaign):
-        trust(source)  # The user consents to this code by passing the campaign file directly.
+        # By passing the campaign file directly, the user consents to running its custom code.
+        trust(source)
     controllers = campaign.controllers
     name = controller or next(iter(controllers))
     if name not in controllers:

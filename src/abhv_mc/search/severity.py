@@ -12,7 +12,7 @@ from abhv_mc.statistics.estimates import Criterion
 
 # Severity of an early termination, to which the missing flight time (s) is added.
 ENDED_EARLY = 1e9
-# A flight fails if its severity exceeds this value, e.g. if a metric is exactly at its limit.
+# A flight fails if its severity exceeds this value; a flight exactly at a limit (severity 0) fails.
 FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
 
 

@@ -58,8 +58,8 @@ class Space:
     def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
         """Convert standard normal points to SI values [flight, dimension].
 
-        The points pass through the copula and the distributions. `on` [flight, switch] selects
-        which parameters in :attr:`probabilities` occur; by default, the points determine this.
+        The points are transformed by the copula and the distributions. `on` [flight, switch]
+        selects which parameters in :attr:`probabilities` occur; by default, the points select them.
         """
         from scipy.special import ndtr
 
@@ -76,10 +76,10 @@ class Space:
         return values
 
     def bounds(self, box: float) -> Floats:
-        """Return the lower and upper end of the box in each dimension [dimension, 2].
+        """Return the lower and upper bounds of the box in each dimension [dimension, 2].
 
-        The ends are the range of a bounded distribution, or +-`box` sigma of any other
-        distribution. For a failure that occurs in some flights only, the ends are the range of its
+        The bounds are the range of a bounded distribution, or +-`box` sigma of any other
+        distribution. For a failure that occurs in some flights only, they are the range of its
         parameter in these flights.
         """
         from scipy.special import ndtr
@@ -112,7 +112,7 @@ class Space:
         return values
 
     def draw_in_box(self, bounds: Floats, seed: int, number: int) -> Floats:
-        """Return random values [flight, dimension] of the campaign's distributions in the box.
+        """Return values [flight, dimension] drawn from the campaign's distributions in the box.
 
         Flights outside the box are redrawn; the parameter of a failure that does not occur is
         always inside the box. Raise InputError if almost no random flight is inside the box.
@@ -141,7 +141,7 @@ class Space:
         return full_rows(self.columns, values, self.derived, self.parameters)
 
     def complete(self, values: Floats, seed: int, first: int | None) -> Floats:
-        """Add seed columns for flights numbered from `first`, or one common seed if it is None."""
+        """Add seeds of flights numbered from `first`, or a common seed if `first` is None."""
         columns = []
         for name in self.seeds:
             drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)

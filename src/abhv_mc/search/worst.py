@@ -112,7 +112,7 @@ class WorstFound:
 
     @property
     def at_bounds(self) -> list[str]:
-        """Parameters that are at an end of their range in the worst flight."""
+        """Parameters that are at a bound of their range in the worst flight."""
         return [
             name
             for name, is_at_bound in zip(self.names, self.case.at_bounds, strict=True)

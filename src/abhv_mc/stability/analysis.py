@@ -31,7 +31,7 @@ NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
 
 NO_SLOPES = "the derivatives of the vehicle or the controller are not finite"
 
-Time = Literal["trim"] | float  # time of linearization, s
+Time = Literal["trim"] | float  # time of linearization: the trim, or a time of the flight in s
 
 
 class Stability(NamedTuple):
@@ -238,9 +238,9 @@ def make_rows(
     """Return a row for each loop, and a row `all` for all loops together.
 
     `time` (s) is None at the trim point. Infinite values, and all values of an unstable closed
-    loop, are None. The row of a cut loop has its `reason`, and the row `all` of an unstable system
-    has its growing poles (1/s, real and imaginary part). Rows of individual effectors have
-    `counts: False` if the controller commands axes.
+    loop, are None. The row of a cut loop contains the `reason`, and the row `all` of an unstable
+    system contains the growing poles (1/s, real and imaginary part). Rows of individual effectors
+    have `counts: False` if the controller commands axes.
     """
     stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
     effector_loops = [

@@ -55,7 +55,7 @@ def fly_with_margins(
 
 
 def _find_any(plan: MarginPlan, parameters: Floats) -> Floats:
-    """Return the margins of a group of flights, or of each flight if the group fails."""
+    """Return the margins of a group of flights, computed one by one if the group fails."""
     try:
         return _find(plan, parameters)
     except Exception:

@@ -1,10 +1,10 @@
 """Margins of multi-rate controllers from responses lifted over the controller's period.
 
-A controller that repeats after N ticks of T responds to a frequency w with all frequencies w + 2 pi
-m / (N T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant gain factor at
-an actuator is a multiple of the identity, so a single loop, with the other loops closed, has N
-characteristic loci instead of one (Bittanti and Colaneri, Periodic Systems, 2009, chapters 2 and
-6). If all ticks are equal, the margins equal those of a single-rate controller.
+A controller that repeats after N ticks of duration T responds to a frequency w with all frequencies
+w + 2 pi m / (N T), m = 0 .. N - 1: a loop gain is a matrix over these harmonics. A constant gain
+factor at an actuator is a multiple of the identity, so a single loop, with the other loops closed,
+has N characteristic loci instead of one (Bittanti and Colaneri, Periodic Systems, 2009, chapters 2
+and 6). If all ticks are equal, the margins equal those of a single-rate controller.
 
 Responses are computed from the N inputs to the N commands of a period. These responses are related
 to the responses between harmonics by a unitary transformation, have the same loci and norms, and

@@ -111,7 +111,7 @@ class Closed(NamedTuple):
 
 # function of rows and frequencies (rad/s) that returns loci [point, locus]
 Loci = Callable[[Ints, Floats], Complexes]
-# function of rows, frequencies and loci of size 1; returns frequencies and delay margins
+# function of rows, frequencies and loci of magnitude 1; returns frequencies and delay margins
 Delays = Callable[[Ints, Floats, Complexes], tuple[Floats, Floats]]
 
 
@@ -213,7 +213,7 @@ def _crossings(
 def gain_margins(
     loci: Loci, grid: Floats, values: Complexes, period: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the destabilizing gains [row] nearest to 1 below and above, with frequencies."""
+    """Return the destabilizing gains [row] nearest to 1 from either side, with frequencies."""
 
     def turned(gains: Complexes) -> Floats:  # Zero gains are not valid loci and are sorted last.
         return np.where(gains == 0.0, 2.0, np.sin(np.angle(gains)))

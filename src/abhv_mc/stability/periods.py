@@ -24,7 +24,7 @@ from abhv_mc.stability.point_slopes import Points, Slopes, law_slopes, measured_
 from abhv_mc.stability.probe import begin, law_at, law_memory_rows, run_law
 
 LONGEST = 100  # longest supported period, ticks
-_SETTLING = 2.0  # time before the observation, s
+_SETTLING = 2.0  # time before the controller is observed, s
 _WATCHED = 2 * LONGEST  # number of observed ticks
 _SAME = 0.01  # allowed relative difference between responses one period apart
 _NOTHING = 1e-9  # largest slope or change of a command that counts as zero
@@ -40,7 +40,8 @@ class Period(NamedTuple):
     carried: Mask  # [memory] whether small changes of the measurement have no effect
     # [memory] memory after the transient, in the tick before tick m N + 1 (N: period, m: integer)
     start: Floats
-    modes: tuple[str, ...]  # names and values of constant memory that measurements do not affect
+    # names and values of constant memory variables that measurements do not affect
+    modes: tuple[str, ...]
 
 
 _known: dict[str, Period] = {}

@@ -179,7 +179,7 @@ def ask_at(
     point: Ints,
     hold_slow: bool = False,
 ) -> tuple[PlantAnswer, Floats]:
-    """Evaluate the plants of points at path coordinates, input positions and custom states."""
+    """Evaluate each point's plant at path coordinates, input positions and custom states."""
     axes = as_axes(plan.vehicle, controls)
     states = path.make_states(coordinates, axes, points.latitude[point], points.mass[point])
     positions = controls if plan.vehicle.constants.driven else None

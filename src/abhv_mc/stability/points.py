@@ -76,7 +76,7 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
 
 
 def behind_limit(plan: FlightPlan, points: Points) -> Mask:
-    """Return a mask [point] of commands that exceed limits of the controller or the vehicle."""
+    """Return a mask [point] of points with commands beyond controller or vehicle limits."""
     free = law_tick(plan, points.tick, points.measured, points.memory)
     low, high = range_of(plan.vehicle)
     outside = (free.command < low) | (free.command > high)

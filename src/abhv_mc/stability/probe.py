@@ -95,7 +95,7 @@ class LawTick(NamedTuple):
 
 @cache
 def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
-    """Return the probe that `make` compiles; a cached full probe replaces a lean probe."""
+    """Return the probe that `make` compiles; a cached full probe also serves as a lean one."""
     if not lean:
         return make(False)
     full = choose_probe(make, False)

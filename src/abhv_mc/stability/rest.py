@@ -1,7 +1,7 @@
 """Equilibria of controllers that do not maintain the trim, e.g. without integrators.
 
-The limits of a custom controller are in its code. A controller that does not maintain the trim may
-be saturated there: NASA's F-16 controller commands full aft stick at an altitude error of two
+The limits of a custom controller are in its code. At the trim, a controller that does not maintain
+it may be saturated: NASA's F-16 controller commands full aft stick at an altitude error of two
 metres. Derivatives at a saturated point do not describe a closed loop.
 """
 

@@ -107,8 +107,9 @@ def _sense(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return A, B, C, D [point, ...] of the sensors in a tick, from truth to measurement.
 
-    The states are those of the `late` sensors, followed by the `sampled` ones. `lag` [point,
-    measured] is in control periods; `scale` is zero if the last sample is held (not `fresh`).
+    The states are those of the `late` sensors, followed by those of the `sampled` sensors. `lag`
+    [point, measured] is in control periods; `scale` is zero if the last sample is held (not
+    `fresh`).
     """
     with np.errstate(divide="ignore"):
         stays = np.where(lag > 0.0, np.exp(-1.0 / lag), 0.0)

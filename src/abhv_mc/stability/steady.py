@@ -41,8 +41,8 @@ from abhv_mc.user_code.design import DesignModel
 _ITERATIONS = 25
 _AT_REST = 1e-12  # largest change of the controller's memory in a tick at a trim
 _STILL = 1e-10  # step of the memory below which the iteration has converged
-# change of the memory per tick that shows the lack of an equilibrium, as from the integration of
-# 6e-4 deg of sideslip
+# change of the memory per tick that shows the lack of an equilibrium, such as the change from
+# integrating 6e-4 deg of sideslip
 _GROWS = 1e-7
 # weight of constant memory relative to the weight of equal commands and controls, if no memory
 # satisfies both conditions
@@ -77,7 +77,7 @@ def make_steady_plan(
     bank: float = 0.0,
     user_code: UserLaw | None = None,
 ) -> FlightPlan:
-    """Return a plan of steady flight at the start of the mission, with the gains of the start.
+    """Return a plan of steady flight with the conditions and gains at the mission's start.
 
     `bank` (rad) is the bank of the guidance trim in a steady turn; 0 means straight flight.
     `user_code` belongs to a custom controller. Raise InputError if no steady turn has this bank.

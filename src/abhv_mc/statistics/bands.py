@@ -18,7 +18,7 @@ def band_quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
     last = np.maximum(count - 1, 0)
     ranks = np.array(QUANTILES)[:, None] * last
     floor = np.floor(ranks).astype(np.int64)
-    ordered = np.sort(values, axis=1).T  # Sorting puts NaN last.
+    ordered = np.sort(values, axis=1).T  # np.sort puts NaN last.
     lower, upper = (
         np.take_along_axis(ordered, np.minimum(floor + i, last), axis=0) for i in range(2)
     )

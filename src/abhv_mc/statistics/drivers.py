@@ -22,7 +22,7 @@ _FEWEST_SPARE = 10  # minimum excess of the number of flights over the number of
 _PARTNERS = 0.3  # minimum rank correlation with a driver at which an input counts as related to it
 _TWINS = 0.9  # rank correlation above which a regression cannot distinguish two inputs
 _RESAMPLES = 300
-# maximum number of resampled flights; the standard errors are scaled to the number of all flights
+# maximum number of resampled flights; standard errors are scaled to the number of all flights
 _MOST_RESAMPLED = 1000
 
 

@@ -24,7 +24,7 @@ LEVELS = (0.5, 0.95, 0.9973)  # quantiles shown in tables
 
 @dataclass(frozen=True)
 class Interval:
-    """Estimate with its confidence interval; an unbounded end is infinite."""
+    """Estimate with its confidence interval; a bound that does not exist is infinite."""
 
     value: float
     low: float
@@ -119,7 +119,7 @@ def quantiles(
             continue
         lower = quantile_upper_rank(
             ascending.size, 1.0 - probability, 1.0 - tail
-        )  # Ranks of the lower end are counted from the largest value.
+        )  # Ranks of the lower bound are counted from the largest value.
         upper = quantile_upper_rank(ascending.size, probability, 1.0 - tail)
         ends = (
             -np.inf if lower is None else ascending[-lower],

@@ -63,7 +63,7 @@ def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
 
 
 def log_coin_evidence(heads: int, tails: int) -> float:
-    """Return the log of the mean likelihood ratio of coins that favour heads to a fair coin."""
+    """Return the log of the mean likelihood ratio between heads-favouring and fair coins."""
     return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
 
 

@@ -1,12 +1,13 @@
 """Regions of the inputs in which failures are significantly more frequent.
 
-Regions are half-lines, both ends, corners and differences of inputs, with thresholds at the deciles
-and a few more extreme quantiles of the samples. A half-line is tested by the exact hypergeometric
-distribution. A corner, or both ends of an input, counts only if each of its two conditions raises
-the failure rate given the other condition, so that irrelevant inputs are not combined with relevant
-inputs. A difference must be more significant than each of the two inputs and their corner. The
-p-value of the best candidate of each input or pair is corrected for the number of candidates
-(Bonferroni); the Benjamini-Hochberg procedure is applied to all inputs and pairs.
+Regions are half-lines, unions of both ends, corners, and half-lines of differences of inputs, with
+thresholds at the deciles and a few more extreme quantiles of the samples. A half-line is tested by
+the exact hypergeometric distribution. A corner, or both ends of an input, counts only if each of
+its two conditions raises the failure rate given the other condition, so that irrelevant inputs are
+not combined with relevant inputs. A difference must be more significant than each of the two inputs
+and their corner. The p-value of the best candidate of each input or pair is corrected for the
+number of candidates (Bonferroni); the Benjamini-Hochberg procedure is applied to all inputs and
+pairs.
 """
 
 from collections.abc import Callable, Iterable
@@ -32,7 +33,8 @@ _DECILES = [
 _COARSE = np.searchsorted(_DECILES, np.arange(_BINS)).astype(
     np.uint8
 )  # index of the decile bin that contains each fine bin
-_CLEAR = 2.0  # score, in standard deviations, below which two ends are not tested together
+# score, in standard deviations, below which the two ends of an input are not tested together
+_CLEAR = 2.0
 _DIFFERED = 6  # number of inputs, most related to failures, whose differences are tested
 _MOST_RULES = 20
 _CHUNK = 4096
@@ -106,7 +108,7 @@ def find_rules(
         for k, candidate in enumerate(candidates)
         if q_values[k] <= FALSE_DISCOVERY_RATE
     ]
-    # Of rules with equal p-values, the rule with fewer conditions comes first.
+    # Among rules with equal p-values, the rule with fewer conditions comes first.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
     return [_sharpen(rule, failed, column) for rule in rules[:_MOST_RULES]]
 
@@ -114,7 +116,7 @@ def find_rules(
 def _rule(
     candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float
 ) -> Rule[int]:
-    # All tables have the same numbers of flights and failures inside the region.
+    # All tables of a candidate have the same numbers of flights and failures in the region.
     inside, bad = map(int, candidate.tables[0][:2])
     others = flights - failures
     return Rule(

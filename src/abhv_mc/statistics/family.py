@@ -35,7 +35,7 @@ def judge_family(
 
 
 def holm(p_values: Sequence[float], risk: float) -> list[bool]:
-    """Return which hypotheses Holm's procedure rejects, in the order of `p_values`.
+    """Return True for each hypothesis [p_value] that Holm's procedure rejects.
 
     The chance of any false rejection is at most `risk`.
     """
@@ -48,7 +48,7 @@ def holm(p_values: Sequence[float], risk: float) -> list[bool]:
 
 
 def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
-    """Return verdicts whose chance of any false PASS is at most `risk`.
+    """Return verdicts among which the chance of any false PASS is at most `risk`.
 
     A PASS that Holm's procedure does not confirm becomes NOT SHOWN; a FAIL is unchanged, because
     the procedure limits only the chance of a false PASS. The consumer's risk of a verdict NOT SHOWN

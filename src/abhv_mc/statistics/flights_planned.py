@@ -42,7 +42,7 @@ def ever_chance(
 def _boundary(
     runs: int, probability: float, risk: float, status: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return numbers of failures, and for each the number of flights that decides the verdict.
+    """Return numbers of failures, each with the number of flights that decides the verdict.
 
     The verdict is decided at the smallest number of flights for a PASS, or at the largest number of
     flights for a FAIL.
@@ -89,9 +89,9 @@ def _reach(
 ) -> float:
     """Return the chance that the number of failures crosses the boundary at any of `flights`.
 
-    If `low`, crossing means at most `failures`, else at least `failures`. The distribution of the
-    counts that have not crossed is propagated from one boundary point to the next (Jennison &
-    Turnbull, "Group Sequential Methods", 2000, chapter 12).
+    If `low`, the boundary is crossed by at most `failures` failures, otherwise by at least
+    `failures` failures. The distribution of the counts that have not crossed is propagated from one
+    boundary point to the next (Jennison & Turnbull, "Group Sequential Methods", 2000, chapter 12).
     """
     chance, first, inside, before = 0.0, 0, np.ones(1), 0
     for count, flight in zip(failures.tolist(), flights.tolist(), strict=True):
@@ -110,6 +110,6 @@ def _reach(
 
 
 def together(chances: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return Frechet bounds on the chance [rate] that all requirements PASS (Frechet 1935)."""
+    """Return Frechet bounds (1935) on the chance [rate] that all verdicts are PASS."""
     stacked = np.stack(list(chances))
     return np.maximum(stacked.sum(axis=0) - (len(stacked) - 1), 0.0), stacked.min(axis=0)

@@ -57,11 +57,11 @@ def judge_change(
     """Judge the change from controller `a` to `b` by their severities [pair]; larger is worse.
 
     Early terminations have the severity +infinity and are marked in the masks `lost` [pair] of `a`
-    and `b`. Each item of `missed` contains the masks [pair] of a requirement that `a` and `b`
-    violate. The sign test shows that `b` is worse by at most `margin` |a| in most flights: for
-    positive metrics, the median ratio b / a is at most 1 + margin. `risk` applies to each test for
-    a deterioration. A flight that terminates early under both controllers does not count against
-    `b`.
+    and `b`. Each item of `missed` belongs to a requirement and contains two masks [pair], of the
+    flights in which `a` violates it and of those in which `b` violates it. The sign test shows that
+    `b` is worse by at most `margin` |a| in most flights: for positive metrics, the median ratio b /
+    a is at most 1 + margin. `risk` applies to each test for a deterioration. A flight that
+    terminates early under both controllers does not count against `b`.
     """
     with np.errstate(invalid="ignore"):
         allowed = np.where(np.isfinite(a), a + margin * np.abs(a), a)

@@ -58,7 +58,7 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
     for j in np.flatnonzero(varying).tolist():
         along = y[np.argsort(inputs[:, j], kind="stable")]
         first[j] = np.mean(along * np.roll(along, -1, axis=0), axis=0)
-    # Unrelated ranks give mean -1/(n-1) and variance 1/n (Wald & Wolfowitz 1943).
+    # For unrelated ranks, the mean is -1/(n-1) and the variance 1/n (Wald & Wolfowitz 1943).
     p_alone = 1.0 - ndtr((first + 1.0 / (flights - 1)) * np.sqrt(flights))
     together = np.abs(np.corrcoef(ranks.T)) if count > 1 else np.ones((1, 1))
     np.fill_diagonal(together, 0.0)
@@ -80,7 +80,7 @@ def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | No
 def _pairs(
     ranks: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
 ) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """Return the variance share [input, output] due to pairs, the best partner and p-value."""
+    """Return variance shares [input, output] due to pairs, best partners and p-values."""
     flights, count = ranks.shape
     added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
     partner, strongest = np.full(added.shape, -1, dtype=np.intp), np.zeros(added.shape)

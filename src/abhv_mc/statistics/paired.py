@@ -52,7 +52,7 @@ def pairing_gain(a: Floats, b: Floats) -> float | None:
 
 @dataclass(frozen=True)
 class PairedFailures:
-    """Failures of `a` and `b` on the same flights, with McNemar's exact test."""
+    """Paired comparison of the failures of `a` and `b` (McNemar's exact test)."""
 
     both: int
     only_a: int
@@ -62,7 +62,7 @@ class PairedFailures:
 
 
 def compare_failures(a: Mask, b: Mask) -> PairedFailures:
-    """Count the pairs in which both controllers fail and in which only one fails."""
+    """Count the pairs in which both controllers fail, and those in which only one fails."""
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
     return PairedFailures(
         int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b)
@@ -76,7 +76,7 @@ class PairedUsage:
     pairs: int  # number of pairs with finite, positive values
     error_ratio: Interval  # median of a / b, with its exact interval
     usage_ratio: Interval
-    # pairs in which `a` has the smaller error and no more control effort
+    # number of pairs in which `a` has the smaller error and no larger control effort
     less_error_less_usage: int
     less_error_more_usage: int
     more_error_less_usage: int
@@ -93,7 +93,7 @@ def median_ratio(a: Floats, b: Floats) -> Interval | None:
 def compare_usage(
     error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats
 ) -> PairedUsage | None:
-    """Compare tracking error and control effort; None for fewer than three valid pairs."""
+    """Compare tracking error and control effort; return None for fewer than three valid pairs."""
     values = np.stack([error_a, error_b, usage_a, usage_b])
     usable = np.all(np.isfinite(values) & (values > 0.0), axis=0)
     if usable.sum() < 3:

@@ -21,9 +21,10 @@ from abhv_mc.statistics.ranks import standard_ranks
 # deviation
 _FLOOR = 0.05
 _TAIL = 0.025  # share of flights beyond the pointwise band on each side
-# minimum number of simulated flights with a value at a time for which the band is computed
+# minimum number of simulated flights with a value at a time, for the band to be computed at this
+# time
 _FEWEST = 10
-# spread relative to a channel's size below which differences are rounding errors
+# spread, relative to a channel's size, below which differences are rounding errors
 _ROUNDING = 1e-9
 _DRAWS = 2000  # number of random sets of flights
 _RIDGE = 1e-3  # regularization relative to a column's unit variance
@@ -76,8 +77,8 @@ def _distances(pool: Floats) -> Floats:
 def set_p_value(pool: Floats, tests: int) -> float:
     """Return the joint p-value of the last `tests` flights, by a permutation test.
 
-    The statistic is the largest value, over the columns, of the mean rank and the mean rank of the
-    distance from the middle.
+    The statistic is the largest magnitude over two quantities of each column: the mean standardized
+    rank, and the mean standardized rank of the distance from the middle.
     """
     ranks = standard_ranks(pool)
     columns = np.hstack([ranks, standard_ranks(np.abs(ranks))])

@@ -3,7 +3,7 @@
 The number of flights below a quantile is binomial for any distribution of the values, so order
 statistics bound the quantile; a bound beyond the first or last value is infinite. The counts of two
 controllers are correlated if the same flights lie beyond both quantiles. Therefore the counts are
-drawn jointly, as normal scores whose correlation is that of lying beyond the two quantiles.
+drawn jointly, as normal scores with the correlation of the exceedances of the two quantiles.
 """
 
 from functools import lru_cache
@@ -16,7 +16,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
-_PER_TAIL = 50  # minimum number of draws beyond each end of an interval
+_PER_TAIL = 50  # minimum number of draws beyond each bound of an interval
 _CAUTION = 1.0  # number of flights subtracted from the observed overlap of two tails
 
 
@@ -53,7 +53,7 @@ def _drawn_counts(
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
-    """Return a conservative correlation between lying beyond the quantile of `a` and of `b`."""
+    """Return a conservative correlation of the exceedances of the quantiles of `a` and `b`."""
     beyond_a, beyond_b = a > high_a, b > high_b
     if probability < 0.5:
         beyond_a, beyond_b = a < high_a, b < high_b

@@ -3,8 +3,8 @@
 Each flight is weighted by the ratio of the densities, divided by the sum of all ratios (Owen,
 "Monte Carlo theory, methods and examples", 2013, chapter 9). Intervals are computed as for
 unweighted flights, with the effective number of flights (Kish's number, or fewer if the weights of
-the counted flights vary more); the interval end on the bad side uses the effective number of the
-bad flights.
+the counted flights vary more); the bound on the bad side uses the effective number of the bad
+flights.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from abhv_mc.statistics.estimates import Interval
 
 # gap as a multiple of 1/flights; 95 % of the exponentially distributed gaps are narrower
 _GAP = 3.0
-_UP = 1.0 + 1e-9  # largest ratio of two shares that counts as rounding error
+_UP = 1.0 + 1e-9  # largest ratio of two shares that counts as a rounding error
 
 
 def effective_size(weights: Floats) -> float:
@@ -35,7 +35,7 @@ class Unseen:
 
     # largest probability, over the parameters, of a value that no flight represents
     single: float
-    # probability that any parameter has a value that no flight represents, except near the
+    # probability that at least one parameter has a value that no flight represents, except near the
     # outermost flights
     joint: float
 
@@ -110,7 +110,7 @@ def weighted_share(
 ) -> Interval:
     """Return the weighted share of the flights for which `flags` is true, with its interval.
 
-    The upper end includes `unseen`, the probability that no flight represents.
+    The upper bound includes `unseen`, the probability that no flight represents.
     """
     tail, parts = (1.0 - confidence) / 2.0, weights / weights.sum()
     counted = parts[flags]
@@ -129,8 +129,8 @@ def weighted_quantile(
 ) -> Interval:
     """Return the weighted `probability` quantile of `values` [flight], with its interval.
 
-    Equal weights give numpy's linear quantile. `unseen` is the probability that no flight
-    represents; such values may be worse than all simulated ones.
+    Equal weights give numpy's linear quantile. `unseen` is the probability of values that no flight
+    represents; these values may be worse than all simulated values.
     """
     has_weight = weights > 0.0
     order = np.argsort(values[has_weight], kind="stable")

@@ -1,13 +1,13 @@
 """Tests of whether the rows of a table are independent draws of stated distributions.
 
-A table rounds its values, so each value stands for an interval of its distribution function, and
+A table rounds its values, so each value represents an interval of its distribution function, and
 each test uses the point of the interval that is most favourable to the table. The probability that
 any test rejects a table of independent draws is about 1e-6.
 
 Sources: the exact Kolmogorov-Smirnov test (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for
-columns too far from their distribution or closer to it than chance allows; the sum of squared
-normal scores, which is chi-squared for independent draws; exact binomial tests for values of
-positive probability (Clopper & Pearson, Biometrika 26, 1934); Fisher's z for rank correlations,
+columns that are too far from their distributions, or closer to them than chance allows; the sum of
+squared normal scores, which is chi-squared for independent draws; exact binomial tests for values
+of positive probability (Clopper & Pearson, Biometrika 26, 1934); Fisher's z for rank correlations,
 with the variance of Bonett & Wright (Psychometrika 65, 2000) about their mean in a Gaussian copula
 (Moran, Biometrika 35, 1948); the Poisson distribution of coincidences for equal rows (Arratia,
 Goldstein & Gordon, Ann. Probab. 17, 1989).
@@ -135,8 +135,8 @@ def check_table(
     """Test the claim that the rows of a table are independent draws.
 
     `correlation` [column, column] is the correlation matrix of the Gaussian copula. The tests of
-    columns and pairs share `risk` (Bonferroni); the test for equal rows uses the full `risk` in
-    addition.
+    columns and pairs share `risk` (Bonferroni); the test for equal rows has an additional risk of
+    `risk`.
     """
     smooth = [j for j, column in enumerate(columns) if not column.is_discrete]
     levels = [(j, k) for j, column in enumerate(columns) for k in range(column.atoms.size)]

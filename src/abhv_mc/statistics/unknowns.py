@@ -1,9 +1,9 @@
 """Points of the unknown parameters at which requirements are judged.
 
-An unknown has the same value in every flight of a programme, but only its bounds are known. While
-dispersions are drawn for each flight, requirements are judged at points of the box of unknowns,
-with coordinates from -1 (lower bound) to 1 (upper bound). All points use the same samples of the
-dispersions.
+An unknown has the same value in every flight of a programme, but only its bounds are known.
+Dispersions are drawn for each flight; requirements, in contrast, are judged at points of the box of
+unknowns, which has coordinates from -1 (lower bound) to 1 (upper bound). All points use the same
+samples of the dispersions.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ _STEPS = 64
 # initial step, in half widths of the box, and the factor on the step after each step without
 # improvement
 _FIRST_STEP, _SHRINK = 0.5, 0.95
-# largest numbers of unknowns for which all corners are judged, and for which all corners are tried
+# largest numbers of unknowns for which all corners are judged and tried, respectively
 _ALL_CORNERS_FLOWN, _ALL_CORNERS_TRIED = 4, 7
 # expected number of failures at which a search finds the point with a probability of about one half
 _SHOWING = 2
@@ -58,7 +58,7 @@ class MostFailures(NamedTuple):
 
 
 class JudgedPoints(NamedTuple):
-    """Points at which requirements are judged; the first `shared` points are for all of them."""
+    """Points at which requirements are judged; the first `shared` points apply to each."""
 
     points: Floats  # coordinates [point, unknown]
     shared: int
@@ -66,7 +66,7 @@ class JudgedPoints(NamedTuple):
 
 
 def corners(unknowns: int) -> Floats:
-    """Return all corners [2**unknowns, unknown], or 128 of them beyond seven unknowns.
+    """Return all corners [corner, unknown], or 128 corners for more than seven unknowns.
 
     The 128 corners are a design of resolution IV: each further column is a product of an odd number
     of the first seven columns, so that no main effect is confounded with an interaction of two
@@ -116,7 +116,7 @@ def search_worst(
         center[worse], worst[worse] = step[worse], value[worse]
         size[~worse] *= _SHRINK
     tried = np.vstack(points)
-    # Clipping may move several steps to the same corner.
+    # Clipping may move several trial points to the same corner.
     _, unique = np.unique(tried, axis=0, return_index=True)
     rows = np.sort(unique)
     return Search(

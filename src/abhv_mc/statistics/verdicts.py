@@ -35,15 +35,15 @@ class Verdict:
     probability: float  # required success probability
     consumer_risk: float  # risk of a PASS for a system that just misses the requirement
     producer_risk: float  # risk of a FAIL for a system that just meets the requirement
-    E_pass: float  # evidence for a PASS, which needs at least 1 / consumer_risk
-    # evidence for a FAIL, which needs at least 1 / producer_risk; 0 for fewer than two failures
+    E_pass: float  # evidence for a PASS; a PASS needs at least 1 / consumer_risk
+    # evidence for a FAIL, 0 for fewer than two failures; a FAIL needs at least 1 / producer_risk
     E_fail: float
-    uncomputed: int = 0  # number of flights that failed to run; they count against PASS and FAIL
+    uncomputed: int = 0  # number of flights that failed to run; these count against PASS and FAIL
     note: str = ""  # reason for the status if the counts do not determine it
 
     @property
     def p_value(self) -> float:
-        """P-value of the hypothesis that the requirement is missed, for any number of flights."""
+        """P-value, valid at any number of flights, of the hypothesis of a missed requirement."""
         return min(1.0, 1.0 / self.E_pass) if self.E_pass > 0.0 else 1.0
 
 
@@ -60,8 +60,8 @@ def judge(
     A system that just misses the required success `probability` has a chance of a PASS of at most
     `consumer_risk`; a system that just meets it has a chance of a FAIL of at most `producer_risk`
     (default: the consumer's risk). Both bounds hold at any number of flights. The `uncomputed`
-    flights are not among the failures: a PASS must hold if they count as failures, a FAIL if they
-    count as successes. Raise ValueError if a count or a probability is out of range.
+    flights are not among the failures: a PASS must also be reached if they count as failures, a
+    FAIL if they count as successes. Raise ValueError if a count or a probability is out of range.
     """
     producer_risk = consumer_risk if producer_risk is None else producer_risk
     if uncomputed < 0 or failures < 0 or failures + uncomputed > flights:
@@ -162,8 +162,8 @@ def tolerance_limit(
     The limit is the (k + 1)-th largest of the severities `worse` [flight], where k is the largest
     number of failures that gives a PASS with these flights. Return None if not even zero failures
     would give a PASS. The limit has a confidence of 1 - `consumer_risk` at any number of flights;
-    the verdict is PASS if the limit lies within the bound of the requirement. Early terminations
-    and `uncomputed` flights count as +infinity.
+    the verdict is PASS if the limit meets the requirement. Early terminations and `uncomputed`
+    flights count as +infinity.
     """
     rank = most_failures(worse.size + uncomputed, probability, consumer_risk) - uncomputed
     if rank + uncomputed < 0:

@@ -22,7 +22,7 @@ from abhv_mc.statistics.quantile_pairs import quantile_difference
 Side = Literal["a", "b", ""]
 
 RISK = 0.05  # risk of naming any winner in a campaign without differences
-TAILS = (0.95, 0.9973)  # levels of the quantiles in which a winner must not be worse
+TAILS = (0.95, 0.9973)  # quantile levels at which a winner must not be worse
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,15 @@ class Decision:
 
     # controller with the smaller value in most of the flights that differ; '' if not significant
     closer: Side
-    # levels of the quantiles in which `closer` is significantly worse
+    # quantile levels at which `closer` is significantly worse
     worse: tuple[float, ...] = ()
-    # levels of the quantiles for which there are too few flights
+    # quantile levels for which there are too few flights
     uncompared: tuple[float, ...] = ()
     loses_more: bool = False  # whether `closer` has significantly more early terminations
 
     @property
     def winner(self) -> Side:
-        """Controller `closer`, or '' if it is worse in a tail or has more early terminations."""
+        """The controller `closer`, or '' if it is worse in a tail or terminates more often."""
         return "" if self.worse or self.loses_more else self.closer
 
 
@@ -61,7 +61,7 @@ def decide(
         return Decision("")
     if better < worse:
         a, b, lost_a, lost_b = b, a, lost_b, lost_a
-    # From here on, `a` is better in more flights.
+    # In the following, `a` is the controller that is better in more flights.
     tails, uncompared = worse_tails(a, b, confidence)
     lost = compare_failures(lost_a, lost_b)
     loses_more = lost.only_a > lost.only_b and lost.p_value <= risk
@@ -89,7 +89,7 @@ def agree(decisions: Sequence[Decision]) -> Decision:
 def worse_tails(
     a: Floats, b: Floats, confidence: float
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the quantiles in which `a` is worse, and those that cannot be compared.
+    """Return the quantile levels at which `a` is worse, and levels that cannot be compared.
 
     A quantile that cannot be compared is replaced by the outermost quantile for which the flights
     give a bound. `confidence` is two-sided: a quantile is falsely called worse with a chance of at

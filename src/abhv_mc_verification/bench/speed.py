@@ -1,9 +1,9 @@
 """Speed of the compiled flight relative to the peak of a core, start-up times, memory.
 
-Flights are measured in batches, one at a time and on two threads. Single-core times are thread
-times, so that other programs have little influence; two threads are measured by wall time. The
-measurements alternate, so that a slowdown of the machine affects all of them. Start-up times and
-memory are measured in separate processes.
+Flights are measured in batches, one at a time, and on two threads. Single-core times are thread
+times, so other programs have little influence on them; runs on two threads are measured in wall
+time. The measurements alternate, so that a slowdown of the machine affects all of them. Start-up
+times and memory are measured in separate processes.
 """
 
 import json
@@ -141,7 +141,7 @@ def _time(plan: FlightPlan, parameters: Floats, lanes: int) -> float:
 
 
 def _gain_of_two(plan: FlightPlan, parameters: Floats) -> float:
-    """Return the speed of two threads relative to one thread, in flights per second."""
+    """Return the flights per second on two threads, divided by those on one thread."""
     with ThreadPoolExecutor(2) as pool:
         start = time.perf_counter()
         pool.submit(fly, plan, parameters).result()

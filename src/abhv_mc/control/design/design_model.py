@@ -115,9 +115,10 @@ class Wrench(NamedTuple):
 
 
 def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) -> Numbers:
-    """Return force (N), moment (N m) and fuel flow [7, ...] of an engine function, or zeros.
+    """Return force (N), moment (N m) and fuel flow [7, ...] of the engine function.
 
-    The moment refers to the same point as the aerodynamic moments.
+    The moment refers to the same point as the aerodynamic moments. Without an engine function, all
+    values are zero.
     """
     if not vehicle.foreign.propulsion:
         return np.zeros((N_THRUST, *variables.shape[1:]))

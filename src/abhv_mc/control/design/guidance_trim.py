@@ -53,7 +53,7 @@ def trim_along(
 
     ``mass`` is the mass at the first point, kg; if ``tick`` (time between points, s) is given, the
     mass decreases by the fuel burnt. If the range of a control (trim tables, BANK_LIMIT, the
-    elevator's limits) contains no solution, the result is the end of the range with the smaller
+    elevator's limits) contains no solution, the result is the bound of the range with the smaller
     residual, and a flag is set in the status.
     """
     constants = vehicle.constants

@@ -21,7 +21,7 @@ COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
 _STEADY = 1e-9  # largest change between two points for which the Mach number counts as constant
 # time after a ramp or step of the reference that "settled" metrics exclude, s
 SETTLING = 5.0
-# The flight plans and the steady plans of a campaign have the same trim at the start.
+# Trims are cached, because flight plans and steady plans of a campaign start at the same trim.
 _trim = cache_results(trim)
 
 
@@ -47,8 +47,9 @@ def solve_reference(
 ) -> tuple[Floats, GuidanceTrim]:
     """Return the reference ``[tick, column]`` (columns: REFERENCE) and its guidance trim.
 
-    Ticks are 0..ticks, each of ``tick`` s; at the tick of a step, the value after the step is used.
-    The nominal controls apply to a non-rotating Earth, as in equation (1).
+    Ticks are numbered from 0 to ``ticks`` and are ``tick`` s apart; at the tick of a step, the
+    value after the step is used. The nominal controls apply to a non-rotating Earth, as in equation
+    (1).
     """
     fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
     half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
@@ -128,7 +129,7 @@ def _simpson(rate: Floats, tick: float) -> Floats:
 
 
 def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
-    """Return the mission, in which a glider without initial angle starts on its glide path."""
+    """Return the mission; a glider without an initial angle starts on its glide path."""
     if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
         return mission
     angle = make_start_trim(mission, vehicle).flight_path_angle

@@ -59,7 +59,7 @@ def make_trim_tables(
             "equivalence_ratio",
             constants.equivalence_ratio_min,
             constants.equivalence_ratio_max
-            # The tables of a glider have the same values at both ends of this axis.
+            # The tables of a glider are equal at both ends of the axis of the equivalence ratio.
             or LONGEST["equivalence_ratio"],
         ),
     )
@@ -141,8 +141,8 @@ def trim_elevator(
     """Return the elevator (rad) for zero pitching moment at each point.
 
     Within the limits, the solution is found by Chandrupatla's method. If the moment has the same
-    sign at both limits, it is extrapolated linearly, by at most 90 deg, beyond the limit with the
-    smaller moment.
+    sign at both limits, the elevator is extrapolated linearly, by at most 90 deg, beyond the limit
+    with the smaller moment.
     """
     from scipy.optimize import elementwise
 

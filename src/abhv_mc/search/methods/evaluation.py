@@ -10,7 +10,7 @@ from abhv_mc.array_types import Floats
 # function that returns the values [point] of points [point, dimension]
 Evaluate = Callable[[Floats], Floats]
 
-# number of flights that compiled code simulates in parallel; batch sizes are multiples of it
+# number of flights that compiled code simulates in parallel; batch sizes are its multiples
 LANES = 32
 
 

@@ -22,7 +22,7 @@ def sobol_points(dimension: int, number: int, seed: int) -> Floats:
 
 
 def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
-    """Evaluate the first points in whole batches, which use about a quarter of the limit."""
+    """Evaluate the first points in whole batches, about a quarter of all evaluations."""
     share = record.limit // 4
     star: Floats = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
     even = sobol_points(dimension, record.limit, seed)
@@ -50,7 +50,7 @@ def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
 def _climb_corners(
     record: Record, star: Floats, batch: int, fill: Callable[[Floats], Floats]
 ) -> None:
-    """Climb over corners, first from the corner along the slopes, then from the opposite one.
+    """Climb over corners, first from the corner up the slopes, then from its opposite.
 
     Each step evaluates all neighbouring corners, then corners that combine improving sign changes.
     """
@@ -102,7 +102,7 @@ def _climb_corners(
 
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
-    """Return a corner and its neighbours with one or two changed signs, sorted by `order`."""
+    """Return a corner and its neighbours with one or two signs changed, in this `order`."""
     corners = [corner]
     for i in order:
         single = corner.copy()

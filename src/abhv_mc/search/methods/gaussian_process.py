@@ -1,4 +1,4 @@
-"""Gaussian process regression of noise-free values that maximizes the posterior density.
+"""Gaussian process regression of noise-free values by maximum posterior density.
 
 C.E. Rasmussen, C.K.I. Williams, "Gaussian Processes for Machine Learning" (2006), chapters 2 and 5.
 The covariance is the sum of a quadratic polynomial's covariance and a stationary part with a length
@@ -54,7 +54,7 @@ class GaussianProcess:
 
     @cached_property
     def inflation(self) -> float:
-        """Factor (>= 1) on standard deviations that explains the leave-one-out errors."""
+        """Factor (>= 1) on standard deviations, chosen to explain the leave-one-out errors."""
         return max(1.0, float(np.sqrt(np.mean(self.left_out() ** 2))))
 
     def _prior(self, first: Floats, second: Floats) -> tuple[Floats, Floats]:
@@ -69,7 +69,7 @@ class GaussianProcess:
 def _covariance(first: Floats, second: Floats, logs: Floats, smooth: bool) -> tuple[Floats, Floats]:
     """Return prior covariances and their derivatives.
 
-    The derivatives are with respect to the squared distance, multiplied by -2.
+    The derivatives with respect to the squared distance are multiplied by -2.
     """
     constant, linear, quadratic, stationary = np.exp(logs[: _TERMS + 1])
     lengths = np.exp(logs[_TERMS + 2 :])
@@ -156,7 +156,7 @@ def fit_process(points: Floats, values: Floats, smooth: bool, starts: Floats) ->
 
 
 def condition(points: Floats, values: Floats, smooth: bool, logs: Floats) -> GaussianProcess:
-    """Return the process with the given variances and length scales."""
+    """Return the process conditioned on values, for given variances and length scales."""
     prior, _ = _covariance(points, points, logs, smooth)
     factor = cholesky(prior + np.exp(logs[_TERMS + 1]) * np.eye(len(points)), lower=True)
     weights = cho_solve((factor, True), values)

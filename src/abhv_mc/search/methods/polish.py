@@ -112,12 +112,12 @@ def _suggest(
 def find_top(
     points: Floats, values: Floats, center: Floats, radius: float, spread: float = 2.0
 ) -> Floats:
-    """Return the maximum [dimension] of a fitted quadratic, within `radius` in each dimension.
+    """Return the point [dimension] at which a fitted quadratic is largest.
 
-    The quadratic can represent ridges that are oblique to the dimensions. `points` [point,
-    dimension] are in the box -1 .. 1 and their `values` [point] are finite. The nearest points are
-    used, `spread` times as many as there are coefficients, with weights that decrease with
-    distance.
+    The point differs from `center` by at most `radius` in each dimension. The quadratic can
+    represent ridges that are oblique to the dimensions. `points` [point, dimension] are in the box
+    -1 .. 1 and their `values` [point] are finite. The nearest points are used, `spread` times as
+    many as there are coefficients, with weights that decrease with distance.
     """
     dimension = len(center)
     rows, columns = np.triu_indices(dimension)

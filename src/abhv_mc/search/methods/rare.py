@@ -2,9 +2,10 @@
 
 The logarithms of the estimates from independent repetitions of subset simulation are approximately
 normal. Student's interval of their mean is centred on the logarithm of the mean estimate. The
-estimate is rejected if the repetitions contradict each other (one does not reach the event, they
-differ by far more than their Markov chains explain, or the interval spans decades) or if importance
-sampling disagrees. The upper end of the interval is the larger of the two methods' upper ends.
+estimate is rejected if the repetitions contradict each other (a repetition does not reach the
+event, the estimates differ by far more than their Markov chains explain, or the interval spans
+decades) or if importance sampling disagrees. The upper bound of the interval is the larger of the
+two methods' upper bounds.
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from abhv_mc.statistics.ranks import standard_ranks
 
 CONFIDENCE = 0.95
 FEWEST = 4  # minimum number of repetitions for an estimate
-_WIDEST = 10.0  # largest valid ratio of the upper to the lower end of an interval
+_WIDEST = 10.0  # largest valid ratio of the upper to the lower bound of an interval
 # weight of the spread estimated from the Markov chains, as an equivalent number of repetitions
 _PRIOR = 4
 # The spread of the repetitions is 1 to 1.5 times the spread estimated from their Markov chains
@@ -36,10 +37,10 @@ _PRIOR = 4
 _BEYOND_CHAINS = 1.3
 _MOST_BEYOND = 2.0
 _CHECK_SHARE = 0.1  # share of the flights that is reserved for importance sampling
-# minimum effective number of failures for which importance sampling can raise the upper end
+# minimum effective number of failures for which importance sampling can raise the upper bound
 _SEEN = 8.0
-_ENOUGH = 30.0  # minimum effective number of failures at which a smaller estimate is replaced
-EXPECTED = 100.0  # minimum effective number of failures that shows an estimate to be too high
+_ENOUGH = 30.0  # minimum effective number of failures for replacing a smaller estimate
+EXPECTED = 100.0  # minimum effective number of failures to reject a larger estimate
 _HEAVY = 1.5  # factor on the standard error, because most samples miss the largest weights
 _FEWEST_CHECKED = 256  # minimum number of flights for importance sampling
 _SHARE_OF_LANES = 10_000  # number of available flights for every LANES chains of a repetition
@@ -83,7 +84,8 @@ class RareEstimate:
     def unwarned_high(self) -> float | None:
         """One-sided 95 % upper bound on the probability of failures without warning.
 
-        The bound is computed from the first levels of the repetitions; None if there are none.
+        The bound is computed from the first levels of the repetitions; it is None if there are no
+        repetitions.
         """
         return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
 
@@ -97,10 +99,10 @@ def estimate_rare(
 ) -> RareEstimate:
     """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
-    The first repetitions run in parallel; more are added until the interval is as narrow as for a
-    normal estimate with `target_cov`, or until another repetition would exceed `flights`.
-    Severities may depend on additional random numbers that are drawn for each point. `flights` must
-    be enough for the first levels of `FEWEST` repetitions.
+    The first repetitions run in parallel; more are added until the interval is as narrow as that of
+    a normally distributed estimate with the coefficient of variation `target_cov`, or until another
+    repetition would exceed `flights`. Severities may depend on additional random numbers that are
+    drawn for each point. `flights` must be enough for the first levels of `FEWEST` repetitions.
     """
     check_flights = round_up(int(_CHECK_SHARE * flights)) if plan.dimension <= MOST_SAMPLED else 0
     if plan.dimension <= MOST_LOOKED:
@@ -142,7 +144,7 @@ def estimate_rare(
             probability, low, cov = check.probability, check.probability / factor, deviation
         elif contradicts and (
             log_ratio > 0.0 or check.effective >= EXPECTED
-        ):  # A smaller value needs a larger effective number of failures than a larger value.
+        ):  # A smaller value needs more effective failures to contradict the estimate.
             refusal = (
                 f"importance sampling gives {check.probability:.2g}, but subset simulation gives "
                 f"{probability:.2g}"
@@ -214,7 +216,7 @@ def _interval(repetitions: list[Repetition]) -> tuple[float, float, float, float
 
 
 def _judge(repetitions: list[Repetition]) -> str | None:
-    """Return the reason why the repetitions cannot be trusted, or None."""
+    """Return the reason why the repetitions cannot be trusted, or None if they can."""
     number = len(repetitions)
     missed = sum(not repetition.reached for repetition in repetitions)
     deepest = min(

@@ -1,12 +1,12 @@
 """Rare-event probability with switches, i.e. parameters that act in some flights only.
 
 P is the sum over combinations of switches of P(combination) P(event | combination). The most
-probable combination is estimated by subset simulation and the others by plain sampling; all
-combinations beyond the first 32 form one stratum. Subset simulation over all combinations would
-miss a rare switch. If subset simulation does not finish, the interval from plain flights is used.
-Intervals are combined as intervals of independent estimates (Zou & Donner, "Construction of
-confidence limits about effect measures", Statistics in Medicine 27, 2008), or exactly if there are
-no failures.
+probable combination is estimated by subset simulation and the others by plain Monte Carlo sampling;
+all combinations beyond the 32 most probable form one stratum. Subset simulation over all
+combinations would miss a rare switch. If subset simulation does not finish, the interval from plain
+flights is used. Intervals are combined as intervals of independent estimates (Zou & Donner,
+"Construction of confidence limits about effect measures", Statistics in Medicine 27, 2008), or
+exactly if there are no failures.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, estima
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.statistics.binomial import clopper_pearson
 
-Switched = NDArray[np.bool_]  # active switches [point, switch]
+Switched = NDArray[np.bool_]  # mask of active switches [point, switch]
 EvaluateSwitched = Callable[[Floats, Switched], Floats]
 
 MOST_COMBINATIONS = 32
@@ -55,7 +55,7 @@ class Stratum:
 
 
 def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], float]]:
-    """Return combinations of independent switches and their probabilities, largest first.
+    """Return combinations of independent switches with probabilities, most probable first.
 
     The list contains at most a few thousand combinations.
     """
@@ -75,10 +75,10 @@ def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], floa
 
 @dataclass
 class _Sampler:
-    """Plain Monte Carlo flights of a stratum, and its estimate by subset simulation, if any."""
+    """Plain Monte Carlo flights of a stratum, and the stratum's subset simulation, if any."""
 
     on: tuple[int, ...] | None
-    rows: Switched  # switches of each combination [combination, switch]
+    rows: Switched  # mask of active switches [combination, switch]
     weights: Floats  # probability of each combination [combination]
     place: int  # key of the stratum's random numbers
     flights: int = 0
@@ -93,7 +93,7 @@ class _Sampler:
         return generator.standard_normal((flights, plan.dimension)), self.rows[picks]
 
     def stratum(self) -> Stratum:
-        """Return the stratum with its interval, by subset simulation or Clopper and Pearson."""
+        """Return the stratum with its interval from subset simulation or Clopper-Pearson."""
         low, high = clopper_pearson(self.failures, self.flights, CONFIDENCE)
         plain = Stratum(
             self.on,
@@ -126,8 +126,8 @@ def estimate_switched(
     normal points [point, dimension] and a mask of active switches [point, switch], and returns
     severities [point]. Pilot flights are simulated for all combinations. The most probable
     combination is estimated by subset simulation unless plain flights are enough; the remaining
-    flights go to the combination with the largest product of weight and interval width. The result
-    contains the repetitions of this subset simulation.
+    flights go to the combination with the largest product of weight and interval width. The
+    returned estimate contains the repetitions of this subset simulation.
     """
     if not len(probabilities):
         return estimate_rare(
@@ -205,7 +205,7 @@ def _list_samplers(probabilities: Floats) -> list[_Sampler]:
 
 
 def _ends(strata: Sequence[Stratum]) -> tuple[float, float]:
-    """Return the distances from the sum to the lower and the upper end of its interval.
+    """Return the distances from the sum to the lower and upper bounds of its interval.
 
     If none of the n_i flights of each stratum i failed, -sum n_i log(1 - p_i) has a joint upper
     bound. The sum of weight times p_i is then bounded by the largest possible contribution of a

@@ -91,11 +91,11 @@ def run_subset(
 ) -> list[Repetition]:
     """Return the repetitions with these `numbers`, which estimate P(severity > threshold).
 
-    If `flights` do not suffice for another level of all repetitions, the last repetitions by number
-    are dropped whatever their results, so that the selection is unbiased. If fewer than `fewest`
-    would remain, all repetitions end, and unfinished repetitions are marked `cut_short`. `reached`
-    is False for a repetition without enough failures at the last level, or on a plateau of equal
-    severities.
+    If `flights` do not suffice for another level of all repetitions, the repetitions with the
+    largest numbers are dropped whatever their results, so that the selection is unbiased. If fewer
+    than `fewest` would remain, all repetitions end, and unfinished repetitions are marked
+    `cut_short`. `reached` is False for a repetition without enough failures at the last level, or
+    on a plateau of equal severities.
     """
     size = plan.size
     drawn = [
@@ -161,7 +161,7 @@ def _chain_inflation(inside: np.ndarray, chains: int) -> float:
 def _move_chains(
     evaluate: Evaluate, active: list[Repetition], plan: SubsetPlan, level: int
 ) -> None:
-    """Replace the points of each repetition by chains from its points beyond the threshold."""
+    """Replace each repetition's points with chains from its points beyond the threshold."""
     seed, chains = plan.seed, plan.chains
     limits, histories, accepted = [], [], []
     for repetition in active:

@@ -114,9 +114,9 @@ def estimate_by_surrogate(
     """Return P(severity > threshold) for standard normal points, with a 95 % interval.
 
     The severity must be a smooth function of the point. The search has converged if two consecutive
-    intervals overlap and are not wider than the interval of a normal estimate with `target_cov`.
-    The estimate is rejected if convergence takes more than `runs` evaluations or if no evaluated
-    flight failed.
+    intervals overlap and are not wider than the interval of a normally distributed estimate with
+    the coefficient of variation `target_cov`. The estimate is rejected if convergence takes more
+    than `runs` evaluations or if no evaluated flight failed.
     """
     key, dimension = (plan.seed, _PLACE), plan.dimension
     number = _FIRST + _FIRST_OF_DIMENSION * dimension
@@ -207,7 +207,7 @@ def _scale(severities: Floats, first: int) -> Floats:
 
 
 def _predict(fits: list[GaussianProcess], points: Floats) -> tuple[Floats, Floats]:
-    """Return means and standard deviations [fit, point], inflated by cross-validation."""
+    """Return means [fit, point], and standard deviations inflated by cross-validation."""
     predicted = [fit.predict(points) for fit in fits]
     return np.array([mean for mean, _ in predicted]), np.array(
         [fit.inflation * sigma for fit, (_, sigma) in zip(fits, predicted, strict=True)]

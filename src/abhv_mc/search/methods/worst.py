@@ -39,7 +39,7 @@ class WorstCase:
     value: float
     place: Floats  # coordinates of the largest value [dimension]
     history: tuple[Progress, ...]
-    # change of the value for a lower and a higher coordinate [dimension, 2]; NaN outside the box
+    # change of the value if a coordinate is lower or higher [dimension, 2]; NaN outside the box
     sensitivity: Floats
     points: Floats  # evaluated points [evaluation, dimension]
     values: Floats  # values of the points [evaluation]
@@ -141,7 +141,7 @@ def _evolve(record: Record, dimension: int, seed: int, batch: int, reserve: int)
 
 
 def _probe(record: Record, dimension: int, reserve: int) -> Floats:
-    """Return changes of the value near the best point; a better probe replaces this point."""
+    """Return changes of the value near the best point; a better point replaces it."""
     center, best = record.place, record.best
     probes = np.concatenate(
         [center - _PROBE * np.eye(dimension), center + _PROBE * np.eye(dimension)]
