@@ -160,9 +160,9 @@ def find_later_choices(
     """Return the indices of the current requirements that the first set does not contain.
 
     Requirements are compared by metric, side, probability, risk and treatment of early
-    terminations. Limits are not compared: if a changed one-sided limit yields a false PASS, the
+    terminations. One-sided limits are not compared: if a changed limit yields a false PASS, the
     limit that the metric meets with exactly the required probability also yields one, so the risk
-    does not increase.
+    does not increase. This does not hold for intervals, whose limits are compared.
     """
     first_choices = {_choice(entry) for entry in first}
     return frozenset(i for i, entry in enumerate(current) if _choice(entry) not in first_choices)
@@ -170,5 +170,6 @@ def find_later_choices(
 
 def _choice(entry: Mapping[str, Any]) -> tuple[object, ...]:
     sides = "below" in entry, "above" in entry
+    interval = (str(entry["below"]), str(entry["above"])) if all(sides) else ()
     risks = (str(entry.get(key)) for key in ("probability", "consumer_risk", "producer_risk"))
-    return (entry["metric"], *sides, *risks, entry.get("ended_early", "failure"))
+    return (entry["metric"], *sides, *interval, *risks, entry.get("ended_early", "failure"))
