@@ -20,7 +20,7 @@ GOALS = {  # figure: (label, goal as text)
     "peak_gflops_per_core": ("peak of a core, GFLOP/s", ""),
     "flights_per_second_per_core": (
         "flights per second and core",
-        "TLC: 700 where the peak is 58 GFLOP/s",
+        "TLC: 700 if the peak is 58 GFLOP/s",
     ),
     "one_at_a_time_ms": ("ms a flight, one at a time", ""),
     "batched_over_one": ("batched / one at a time", "3.5 with AVX-512, 1.8 with AVX2"),

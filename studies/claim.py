@@ -30,8 +30,8 @@ HEAD = """# Does TLC track better with nearly the same control effort?
 
 ![Error against control effort of TLC and LQR on three vehicles](../images/claim_fronts.png)
 
-*Each point is a controller in the paper's S manoeuvre; points closer to the lower left are better. The error is the rms \
-error relative to the controller's own command; it is the median of 400 flights under the paper's dispersions. The \
+*Each point is a controller in the paper's S manoeuvre; points nearer the lower left are better. The error is the rms \
+error relative to the controller's own command (median of 400 flights under the paper's dispersions). The \
 control effort is the mean of rms and travel of the three surfaces. Error and control effort are relative to the \
 values for TLC with the gains of Table 1 (star). The lines show the best designs that satisfy the same limits on \
 stability margins, from two searches for each controller. The bars are 95 % intervals.*
@@ -39,12 +39,12 @@ stability margins, from two searches for each controller. The bars are 95 % inte
 {answer}
 
 The [comparison with the paper's figures](paper.md#the-claim-with-the-printed-gains) quotes the claim of Zhu and \
-Shen (2014). On this page, TLC and LQR are tuned within the same limits \
-on three vehicles of the ensemble, each with its own S manoeuvre.
+Shen (2014). Here, TLC and LQR are tuned within the same limits \
+on three ensemble vehicles, each with its own S manoeuvre.
 
 ## The fronts
 
-For each limit on control effort (exceeded by at most 3 %), the table gives the smallest root mean square of the three relative errors, and in brackets the ratios for angle of attack, sideslip and bank.
+For each limit on control effort (exceeded by at most 3 %), the table gives the smallest root mean square of the three relative errors. The last column gives the ratio TLC / LQR of this value and, in brackets, of the errors in angle of attack, sideslip and bank.
 
 {fronts}
 
@@ -53,17 +53,17 @@ started from random points. {agreement}
 
 ## The search
 
-The search has 14 free parameters per controller: the bandwidths and dampings of TLC, or the weights of LQR. Every design on a line of the figure has margins of at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and \
-30 ms at the corners of the paper's box). The *wide box* also contains a control effectiveness of ±20 % and a \
-delay of 0 to 40 ms. At the 128 corners of the wide box and in 200 new flights of 180 s, no flight terminates \
-early or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times (in the new flights, 2 times) the larger error of the two printed designs.
+The search has 14 free parameters per controller: the bandwidths and dampings of TLC, or the weights of LQR. Every design on a line has margins of at least 6 dB, 35 deg and 40 ms in every loop in level flight (4.5 dB, 30 deg and \
+30 ms at the corners of the paper's dispersion box). The *wide box* also covers changes of ±20 % in control effectiveness and \
+delays of 0 to 40 ms. At the 128 corners of the wide box and in 200 new flights of 180 s, no flight terminates \
+early or oscillates by more than 5 deg. No error of altitude, speed or heading exceeds 1.5 times (2 times in the new flights) the larger error of the two printed designs.
 
 `studies/fronts.py` ran CMA-ES for each limit ({effort}), and `studies/fronts_results.py` simulates the resulting \
 designs with new seeds. The search preceded a change in the vehicles' [damping](paper-vehicles.md#pitch-and-yaw-damping), which changed no error by more than 1 % and reduced no margin below its limit.
 
 ## Printed and shipped designs
 
-The table gives the results for `abhv` in the paper's box, relative to Table 1. The last column counts early \
+The table gives results for `abhv` under the paper's dispersions, relative to Table 1. The last column counts early \
 terminations and oscillations in the 328 flights of the wide box.
 
 {shipped}
@@ -139,10 +139,10 @@ def answer(results: dict[str, Any]) -> str:
         f"{min(gains):.0f} to {max(gains):.0f} %, but two searches for the same controller differ by up "
         f"to {differences(results)}. With the mean control effort of Table 1, the combined error of "
         f"TLC in the three angles is {ratio_words(results, 1.0)} times that of LQR on the three "
-        f"vehicles. At 0.85 times this effort, the ratio is {ratio_words(results, 0.85)}, and at "
-        f"0.7 times this effort {ratio_words(results, 0.7)}.** With less control effort, TLC is "
+        f"vehicles. At 0.85 times this effort, the ratios are {ratio_words(results, 0.85)}; at "
+        f"0.7 times this effort, they are {ratio_words(results, 0.7)}.** With less effort, TLC is "
         "not better in every angle. A longer search may change these numbers and the ranking of "
-        "the two controllers."
+        "the controllers."
     )
 
 
@@ -186,8 +186,8 @@ def agreement(results: dict[str, Any]) -> str:
         for budget in BUDGETS
     ]
     return (
-        "For LQR, search 1 is worse in nearly all rows. With search 2 alone, the ratios of the errors "
-        "in the nine rows range from "
+        "For LQR, search 1 is worse in nearly all rows. With search 2 alone, the error ratios of "
+        "the nine rows range from "
         f"{min(ratios):.2f} to {max(ratios):.2f}."
     )
 

@@ -76,22 +76,21 @@ IMAGES = {
 TEXT = """
 # Comparison with the figures of Zhu and Shen (2014)
 
-Zhu and Shen (2014) print neither their tables nor the formula of their S manoeuvre, and show their flights only in figures. Therefore `studies/paper_vehicle.py` searched for vehicles that reproduce Figures 3 to 11 with the printed gains (Table 1) and LQR weights, and found {number}. A conclusion is supported if it holds for all
+Zhu and Shen (2014) publish neither their vehicle's tables nor the formula of their S manoeuvre, and show flights only in figures. Therefore `studies/paper_vehicle.py` searched for vehicles that reproduce Figures 3 to 11 with the printed gains (Table 1) and LQR weights, and found {number}. A conclusion is supported if it holds for all
 {number} vehicles. `studies/paper.py` writes this page.
 
 - `configs/control/tlc.yaml` contains the gains of Table 1, with the paper's differentiator bandwidths of 0.3
   and 1.5 rad/s, and `configs/control/lqr.yaml` contains the printed weights.
-- An automatically scaled axis ends within one tick interval of the data, so its ends give intervals for the ends of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10
-  and 11 (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 ends. Figure 3 and the insets of Figure 7 give only limits.
-- The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; the word "mirrored" marks an opposite sign convention.
+- An automatically scaled axis ends within one tick interval of the data, so each axis limit gives an interval for an extreme value of the data, with a reading error of 2 % of the axis. The axes of Figures 4, 6, 8, 9, 10
+  and 11 (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 limits. Figure 3 and the insets of Figure 7 give only bounds.
+- The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; in the table, "mirrored" marks an opposite sign convention.
 - The time in the paper is the time in abhv-mc plus 180 s.
 
 ## Figure by figure
 
 The default vehicle `abhv` is member {abhv} of the ensemble (`configs/vehicle/abhv.yaml`, with
-`configs/mission/paper_s.yaml`). The last column of the table is the distance by which the farthest of
-{flights} flights under the paper's dispersions of 10, 10 and 15 % exceeds the axis, in percent of its
-width. The flight in the paper may be a dispersed flight.
+`configs/mission/paper_s.yaml`). The last column is the largest distance by which {flights} flights under the
+paper's dispersions (10, 10 and 15 % in density, lift and drag) exceed the axis, in percent of the axis width. The flight in the paper may be dispersed.
 
 [FIGURES]
 
@@ -99,10 +98,10 @@ In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The ensemble
 
-The {number} vehicles are the largest set among the candidates of about {searches} searches in which any two vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits. For each candidate, at least 18 of the 20 ends are inside their intervals, no end is outside by more than 20 % of the axis, and the properties are [plausible](paper-vehicles.md). Each member is trimmed at least 0.1 deg from the nodes of the tables, and its surfaces do not saturate.
+The {number} vehicles are the largest set among the candidates of about {searches} searches in which any two vehicles differ by a factor of 1.5 or more, or in sign, in at least three of the eight traits. For each candidate, at least 18 of the 20 extremes are inside their intervals, no extreme is outside by more than 20 % of the axis, and the properties are [plausible](paper-vehicles.md). The trim angle of attack is at least 0.1 deg from the nodes of the tables, and the surfaces do not saturate.
 `studies/paper_vehicle.json` contains the traits of each member.
-The results of the searches that led to the members are stored, and the command `python studies/paper_vehicle.py`
-selects the members from them, with [rules](paper-vehicles.md#pitch-and-yaw-damping) for pitch and yaw damping.
+`python studies/paper_vehicle.py` selects the members from stored search results, with
+[rules](paper-vehicles.md#pitch-and-yaw-damping) for pitch and yaw damping.
 
 {spread}
 
@@ -112,11 +111,11 @@ selects the members from them, with [rules](paper-vehicles.md#pitch-and-yaw-damp
 
 The paper claims: "With nearly the same amount of control surface usage, TLC has a better performance in
 tracking angle of attack, sideslip angle and bank angle commands." The following numbers compare the rms errors of
-{flights} dispersed flights of each member, over the whole flight and outside the transients (the ramps of the bank angle and 5 s after each).
+{flights} dispersed flights of each member, over the whole flight and outside the transients (the ramps of the bank angle and the 5 s after each ramp).
 
 [CLAIM_WORDS]
 
-TLC and LQR are stable in level flight on every member (least disk margins {disk_tlc} for TLC, {disk_lqr} for LQR),
+TLC and LQR are stable in level flight on every member (smallest disk margins {disk_tlc} for TLC, {disk_lqr} for LQR),
 and no flight terminates early. `studies/paper_vehicle_claim.json` contains the results of each member.
 
 For the bank angle, the result depends on the time window. During a ramp, the faster attitude loop has the smaller error:
@@ -124,8 +123,8 @@ the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with Table 1 and sqrt(2.28e5 / 3.28e3
 printed weights. Outside the transients, the static error is decisive; it is smaller for TLC, because TLC inverts the model and integrates errors.
 
 The page on [the claim](claim.md) compares controllers that were tuned within the same limits. On a vehicle
-that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and steps in
-bank), LQR with the printed weights is unstable and TLC with Table 1 saturates the surfaces.
+that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and bank
+steps), LQR with the printed weights is unstable, and TLC with the gains of Table 1 saturates the surfaces.
 
 ## Prediction of one figure from the others
 
@@ -133,7 +132,7 @@ For each figure, three vehicles were fitted from random starts to all other figu
 
 ## The figures
 
-The grey area is the range of the paper's axis. Solid lines are the nominal flights of `abhv`, and dotted
+The grey area is the range of the paper's axis. Solid lines are nominal flights of `abhv`; dotted
 lines are their commands. The shaded area contains all {flights} dispersed flights.
 
 [IMAGES]
@@ -142,10 +141,10 @@ lines are their commands. The shaded area contains all {flights} dispersed fligh
 PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
-Vehicles that could not be built may also reproduce the figures, so each member of the [ensemble](paper.md#the-ensemble) satisfies the limits below (`python studies/paper_vehicle_sides.py`);
+Vehicles that could not be built may also reproduce the figures, so each member of the [ensemble](paper.md#the-ensemble) satisfies the limits below (checked by `python studies/paper_vehicle_sides.py`);
 `abhv` is `seed-2`. The limits on lift, drag and L/D cover all Mach numbers of the tables; all other limits
 apply at the Mach number of the S manoeuvre, 4.74, and no member was designed for flight far from this Mach number.
-The search scales GHAME's tables, for a length of 8.6 m, slightly more than that of an X-51 with booster. The wing loading was chosen freely, because a common factor on mass, inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the Mach
+The search scales GHAME's tables to a vehicle length of 8.6 m, slightly more than that of an X-51 with booster. The wing loading was chosen freely, because a common factor on mass, inertias, coefficients and cowl area changes no flight. The drag is `CD = CD0 g(M) + k |CL tan(alpha - alpha_0)|`, with GHAME's dependence on the Mach
 number, and deflections cause no drag. The tables of all members begin at Mach 2.
 
 [CLASS]
@@ -156,9 +155,9 @@ number, and deflections cause no drag. The tables of all members begin at Mach 2
 - The radius of pitch damping is the distance from the centre of gravity at which quasi-steady lift would give the vehicle's Cm_q = -2 CL_alpha (radius/chord)^2. The radius and the arms of rudder and elevator are at most half of the vehicle's length.
 - The other limits are engineering judgement.
 
-The limits, not only the figures, determine some traits. On at least half of the members, the following traits are near a limit (with the number of members): {near}.
+The limits, not only the figures, determine some traits. On at least half of the members, the following traits are near a limit (number of members in brackets): {near}.
 
-GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (the maximum is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its ratio of thrust to weight is {ghame_thrust_to_weight}. In
+GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (the maximum is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its thrust-to-weight ratio is {ghame_thrust_to_weight}. In
 Figure 11, the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced
 drag, such an increase requires an L/D of 3 to 5, so the paper did not use GHAME's drag. The conclusion depends on
 GHAME's [specific impulse](theory.md#limits-of-the-model), which the members share and which rises with the
@@ -167,23 +166,23 @@ equivalence ratio, whereas that of a real hydrogen ramjet usually decreases. Sle
 
 ## Pitch and yaw damping
 
-The figures do not determine the damping. The stored results of the eight searches that led to the members
-(`studies/paper_vehicle_starts.json`) have
+The figures do not determine the damping. The eight searches that led to the members (stored results:
+`studies/paper_vehicle_starts.json`) had
 no limit on the radius of pitch damping or on the yaw damping of the rudder. The command `OPENBLAS_NUM_THREADS=1 python
 studies/paper_vehicle.py` applies these limits by three rules, simulates each vehicle again and selects the largest set
-of vehicles that differ:
+of sufficiently different vehicles:
 
 - A radius of pitch damping of more than 4.3 m is reduced to 4.2 m.
 - Variants of each vehicle have less pitch damping, at levels that decrease from that of `abhv` by factors of {level:.2f}. A variant is selected only if the original vehicle is too similar to other members.
 - If the rudder alone damps yaw more than the vehicle, the magnitude of Cn_r is increased by whole percents until the
   rudder's share is at most 0.99.
 
-The rules reduced Cm_q on {reduced} members, on `abhv` from -3.46 to {abhv_damping:.2f}, and increased the magnitude of
-Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. The changes in damping moved no end point of the curves by more than 5 % of the axis range, or out of its interval. The limit on the radius would be reached only if all lift acted at
-nose and tail: the radius is 2.5 m for lift that is uniform along the body, and 3.1 m for GHAME. The pitch damping of
+The rules reduced the magnitude of Cm_q on {reduced} members (`abhv`: from -3.46 to {abhv_damping:.2f}) and increased the magnitude of
+Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. The changes in damping moved no extreme of the curves by more than 5 % of the axis range, or out of its interval. The limit on the radius would be reached only if all lift acted at
+nose and tail: the radius is 2.5 m for lift distributed uniformly along the body, and 3.1 m for GHAME. The pitch damping of
 `abhv` is thus large, but a smaller value would change no figure.
 
-With the options `--fresh --searches 19`, the command starts from `abhv` alone and applies all limits in the searches. The 2567 simulated vehicles contain 5 members, including `abhv`. All five satisfy the limits above, at least 18 ends are inside their intervals, and the largest deviation is 15 % of an axis (16 % for the stored members). This search thus finds vehicles of the same kind, but fewer than eight.
+With the options `--fresh --searches 19`, the command starts from `abhv` alone and applies all limits in the searches. The 2567 simulated vehicles include 5 members, among them `abhv`. All satisfy the limits above, at least 18 extremes are inside their intervals, and the largest deviation is 15 % of an axis (16 % for the stored members). This search thus finds similar vehicles, but fewer than eight.
 
 ## Control powers
 
@@ -192,12 +191,12 @@ The derivatives are per radian and apply at the trim point.
 [POWERS]
 
 The deflections in the paper's figures determine the control powers; no layout of the surfaces was assumed. The
-aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's and the rudder {rudder_ratio:.0f} times, but the
-elevator produces only {elevator_ratio:.1f} times the lift of GHAME's elevator. No elevons could provide both, but
-separate all-moving surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), could: at least
-{aileron_area:.0f} % of the reference area at the ends of the span for the aileron, and {rudder_area:.0f} % for the
+aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's, and the rudder {rudder_ratio:.0f} times as powerful, but the
+elevator produces only {elevator_ratio:.1f} times the lift of GHAME's elevator. No elevons could provide these powers, but
+separate all-moving surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), could, with at least
+{aileron_area:.0f} % of the reference area at the wing tips for the aileron, and {rudder_area:.0f} % for the
 rudder. The flights use about 1 deg of aileron and 0.4 deg of rudder; at 20 deg of aileron, the roll rate would be
-{roll_rate:.0f} rad/s, which no structure would withstand. The figures cannot decide whether the paper's vehicle had such powerful surfaces, whether its tables were not
+{roll_rate:.0f} rad/s, which no structure would withstand. The figures do not show whether the paper's vehicle had such powerful surfaces, whether its tables were not
 those of an aircraft, or whether its size, wing loading and inertias differ from those chosen here.
 """
 
@@ -272,12 +271,12 @@ def ends_words(judged: dict[str, Any]) -> str:
         if miss > READING
     ]
     full = [name for name, member in judged.items() if all_in(member)]
-    inside = f"All 20 ends are inside their intervals for {join(full) or 'no member'}."
+    inside = f"All 20 extremes are inside their intervals for {join(full) or 'no member'}."
     if not outside:
         return inside
     numbers = join([str(figure) for figure in sorted({figure for figure, _ in outside})])
     return (
-        f"{inside} The other members have {len(outside)} ends outside their intervals, by up to "
+        f"{inside} The other members have {len(outside)} extremes outside their intervals, by up to "
         f"{100.0 * max(miss for _, miss in outside):.0f} % of the axis, in Figures {numbers}."
     )
 
@@ -298,7 +297,7 @@ def predicted_words(result: dict[str, Any]) -> str:
             far.append(f"{label} (outside by {percents} %)")
     return (
         f"The fitted vehicles predict {join(near)} within {100.0 * NEAR:.0f} % of the axis, "
-        f"but not {join(far)}, so the agreement of a member with these figures is not a test."
+        f"but not {join(far)}, so a member's agreement with these figures is not an independent test."
     )
 
 
@@ -331,7 +330,7 @@ def near_words(members: list[dict[str, Any]]) -> str:
         near = sum(min(abs(trait - end) for end in ends) <= 0.1 * side.unit for trait in traits)
         if 2 * near >= len(members):
             counts[side.label] = near
-    return "; ".join(f"{label}: {count}" for label, count in counts.items())
+    return "; ".join(f"{label} ({count})" for label, count in counts.items())
 
 
 def plausibility(members: list[dict[str, Any]]) -> str:

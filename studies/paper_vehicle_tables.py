@@ -9,7 +9,7 @@ from paper_vehicle_sides import shown
 
 def figures(judged: dict[str, Any]) -> Iterator[str]:
     """Yield a row for each axis: the paper's interval, and ranges of flights."""
-    yield "| figure | ends of the data | `abhv` | dispersed beyond the axis, TLC / LQR |"
+    yield "| figure | extremes of the data | `abhv` | dispersed beyond the axis, TLC / LQR |"
     yield "|" + "---|" * 4
     for axis, end in zip(AXES, judged["ends"], strict=True):
         intervals = " and ".join(
@@ -60,7 +60,7 @@ def largest_misses(result: dict[str, Any]) -> dict[str, list[float]]:
     largest: dict[str, list[float]] = {}
     for prediction in result["without"]:
         axis = prediction["ends"][0]["axis"].split(" (")[0].split(",")[0]
-        label = f"Figure {prediction['figure']}, {axis}"
+        label = f"{axis} in Figure {prediction['figure']}"
         misses = [miss for end in prediction["ends"] for miss in end["misses"]]
         largest.setdefault(label, []).append(max(misses))
     return largest

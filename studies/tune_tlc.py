@@ -195,7 +195,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         for i, head in enumerate(HEADS[: len(ERRORS)])
     }
     swings = ", ".join(
-        f"{bandwidth:g} rad/s at ratio {ratio:g}" for ratio, bandwidth in largest.items()
+        f"{bandwidth:g} rad/s (ratio {ratio:g})" for ratio, bandwidth in largest.items()
     )
     leads = "; ".join(
         f"{head.rsplit(' ', 1)[0]} error {ratio:.1f} times ({channel.replace('_', ' ')})"
@@ -231,18 +231,18 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "## Outer bandwidths below inner bandwidths",
         "",
-        "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. If an "
-        "inner bandwidth is reduced to the outer bandwidth, the error that increases most becomes "
-        f"{ordered[0]} as large as with Table 1; if it is reduced to half the outer bandwidth, "
-        f"{ordered[1]} as large.",
+        "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. The "
+        f"error that increases most becomes {ordered[0]} as large as with Table 1 if an inner "
+        f"bandwidth is reduced to the outer bandwidth, and {ordered[1]} as large if it is reduced "
+        "to half the outer bandwidth.",
         "",
         "## Differentiators: up to the onset of oscillation",
         "",
         "The bandwidth of the differentiators of sub-loop 3 is increased from zero; the "
-        "bandwidth for sub-loop 4 is larger by a ratio of 3, 4 or 5. The largest bandwidths "
-        f"without an oscillation are {swings}; the bandwidth for sub-loop 4 is then near the "
-        f"{surfaces:g} rad/s of the surface actuators. The paper uses only 0.3 rad/s, at ratio 5. "
-        "Noise limits the bandwidth earlier than oscillation. The table is for ratio 5; its last "
+        "bandwidth for sub-loop 4 is 3, 4 or 5 times as large (ratio). The largest bandwidths "
+        f"without oscillation are {swings}; the bandwidth for sub-loop 4 is then near the "
+        f"{surfaces:g} rad/s of the surface actuators. The paper uses only 0.3 rad/s (ratio 5). "
+        "Noise limits the bandwidth more than oscillation does. The table is for ratio 5; its last "
         f"column is the travel of all surfaces with white noise at 100 Hz (rms {NOISE:g} deg on "
         f"each measured angle and {NOISE:g} deg/s on each body rate).",
         "",
@@ -260,8 +260,8 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "## Sensitivity to each bandwidth",
         "",
-        "Each bandwidth is varied alone, by a factor of up to 3. The largest increase of each "
-        "error relative to Table 1, and the bandwidth that causes it, are: " + leads + ".",
+        "Each bandwidth is varied alone, by a factor of up to 3. The largest increases of the "
+        "errors relative to Table 1, with the bandwidth that causes each, are: " + leads + ".",
         "",
         "![Errors over the bandwidths](../images/tuning_sensitivity.png)",
         "",
