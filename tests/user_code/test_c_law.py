@@ -172,7 +172,7 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     ("fault", "problem"),
     [
         ("dt = 0.0 / 0.0;", "the throttle command is not finite at 0.01 s"),
-        ("if (own->ticks == 0) return 1;", "the control law returns an error at 0 s"),
+        ("if (own->ticks == 0) return 1;", "at 0 s of the nominal flight, the control law returned an error"),
     ],
 )
 def test_a_law_that_fails_at_its_first_ticks_is_rejected_with_its_line(
@@ -221,7 +221,7 @@ def test_what_is_no_law_is_refused_in_words(make, message):
         ("70 m", "bank_limit: rad", "a length", 3),
         ("70 deg", "bank_limit: deg", "'deg'", 4),
         ("70 deg", "bank_limit: rads", "unknown unit 'rads'", 4),
-        ("70 deg", "bank: rad", "a unit of 'bank'", 4),
+        ("70 deg", "bank: rad", "'units' names 'bank'", 4),
     ],
 )
 def test_a_setting_has_the_unit_that_its_file_declares(tmp_path, value, units, message, line):

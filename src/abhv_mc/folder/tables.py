@@ -128,4 +128,4 @@ def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]"
         expected = "a valid SQL statement for duckdb"
         if isinstance(error, duckdb.BinderException):
             expected += '; quote names with a dot: select "aero.lift" from samples'
-        raise InputError("query", problem, expected) from None
+        raise InputError("query", f"the statement failed ({problem})", expected) from None

@@ -68,7 +68,7 @@ class Limit(StrictModel):
         ]
         if len(bounds) != 1:
             raise Refusal(
-                " and ".join(bounds) or "no limit is set",
+                f"found the limits {', '.join(bounds)}" if bounds else "no limit is set",
                 "exactly one of below, above, below_start_times",
             )
         if self.is_margin and (
@@ -76,7 +76,7 @@ class Limit(StrictModel):
         ):
             raise Refusal(
                 f"the limit on the stability margin {self.metric} is invalid",
-                "'above' with a positive number, and no quantile",
+                "the key 'above' with a positive number, and no quantile",
             )
         if self.vehicles is not None and not self.is_margin:
             raise Refusal(
@@ -97,7 +97,9 @@ def _free(value: Any) -> Any:
 def _points(value: Any) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not entries:
-        raise Refusal("the list of points is empty", "trim, or times of the flight such as 30 s")
+        raise Refusal(
+            "the list of points is empty", "trim, or mission times of the flight such as 30 s"
+        )
     return ["trim" if entry == "trim" else parse_quantity(entry, TIME) for entry in entries]
 
 
@@ -146,6 +148,8 @@ class Tune(StrictModel):
                 "quantile"
             )
             key = "validation" if "validation" in self.model_fields_set else "minimise"
-            expected = f"validation: {least} or more, to bound the difference between the quantiles"
+            expected = (
+                f"'validation: {least}' or more, to bound the difference between the quantiles"
+            )
             raise Refusal(problem, expected, (key,))
         return self
