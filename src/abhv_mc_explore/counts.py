@@ -252,7 +252,7 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
     if row is None:
         raise InputError(
             "request",
-            f"no flight {flight} of {describe(controller)}",
+            f"unknown flight {flight} of {describe(controller)}",
             "the number of a computed flight",
         )
     record = dict(zip(names, row, strict=True))

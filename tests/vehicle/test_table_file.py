@@ -120,7 +120,9 @@ def test_blocks_of_a_matrix_are_a_third_axis(tmp_path):
         pytest.param(
             "a\nmach\\alpha_deg,-1,0\n4,1,2\n", 1, None, "'name = number'", id="block without value"
         ),
-        pytest.param(GOOD.replace("4,2,3", "4,0,3"), 4, None, "repeats a point", id="duplicate point"),
+        pytest.param(
+            GOOD.replace("4,2,3", "4,0,3"), 4, None, "repeats a point", id="duplicate point"
+        ),
         pytest.param(GOOD.replace("6,0,5", "6,0,nan"), 6, 5, "'nan'", id="nan"),
         pytest.param(GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells", id="short row"),
         pytest.param(

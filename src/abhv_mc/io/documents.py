@@ -279,7 +279,7 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         return document.key_error(keys, f"the key '{keys[-1]}' is invalid", _plain(detail["msg"]))
     if kind == "missing":
         return document.error(
-            keys, f"the key '{location[-1]}' is missing", "a mapping with this key"
+            keys, f"the key '{location[-1]}' is missing", f"a mapping with the key '{location[-1]}'"
         )
     if kind.startswith("union_tag"):
         return _explain_tag(document, keys, value, context)

@@ -206,7 +206,7 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
     if construct is not None:
         return (
             f"the code contains {construct}",
-            (f"numbers, named tuples and functions, because {construct} cannot be compiled"),
+            f"numbers, named tuples and functions, because {construct} cannot be compiled",
         )
     if isinstance(node, ast.Global | ast.Nonlocal):
         return (

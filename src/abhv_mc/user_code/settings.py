@@ -20,7 +20,7 @@ def make_user_settings(document: Document, controller: PythonController, law: La
 
     def number(name: str, unit: str, default: float) -> float:
         if name not in controller.settings and np.isnan(default):
-            raise Refusal(f"the key '{name}' is missing", "a mapping with this key")
+            raise Refusal(f"the key '{name}' is missing", f"a mapping with the key '{name}'")
         return (
             parse_in_unit(controller.settings[name], unit)
             if name in controller.settings

@@ -254,7 +254,7 @@ class _Inlets(StrictModel):
         if rows and (has_mixed_shares or abs(total - 1.0) > 1e-9):
             raise Refusal(
                 f"the sum of the thrust shares is {total:g}",
-                "shares with the sum 1, or no shares",
+                "shares of all engines with the sum 1, or no shares",
                 ("engines",),
             )
         if max(map(abs, moments)) > 1e-6:
@@ -376,7 +376,7 @@ class Effector(SurfaceActuator):
             )
         if self.response == "ideal" and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
-                "an ideal effector has keys of dynamics",
+                "an ideal effector has a rate, a bandwidth or a damping",
                 "either an ideal effector, or rate, bandwidth and damping",
                 ("ideal" if self.ideal else "kind",),
             )

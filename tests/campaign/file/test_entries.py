@@ -70,7 +70,7 @@ def test_a_table_reads_as_a_list(tmp_path):
         ("99.73 %", "199 %", "requirements.csv:2:74: "),
         (",below,", ",belov,", "requirements.csv:1:23: "),
         ("equivalence_ratio_min,,0.1", "equivalence_ratio_min,,", "requirements.csv:3:1: "),
-        ("one; two", "one, two", "requirements.csv:3: 10 cells"),
+        ("one; two", "one, two", "requirements.csv:3: found 10 cells"),
         (",metric,", ",rationale,", "requirements.csv:1:1: the column 'metric' is missing"),
     ],
 )
@@ -188,7 +188,7 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"vehicle": "ghame.yaml"}, "unknown key 'vehicle'"),
         ({"margins": {"flights": "all"}}, "unknown key 'margins'"),
         ({"execution": {"flight_time_limit": "5 s"}}, "unknown key 'flight_time_limit'"),
-        ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes without"),
+        ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes cannot be computed without"),
         (
             {"keep": {"histories": {"channels": ["altitude_m"]}}, "histories": {"altitude": {}}},
             "built-in",

@@ -97,9 +97,7 @@ def _free(value: Any) -> Any:
 def _points(value: Any) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not entries:
-        raise Refusal(
-            "the list of points is empty", "trim, or mission times of the flight such as 30 s"
-        )
+        raise Refusal("the list of points is empty", "trim, or times of the flight such as 30 s")
     return ["trim" if entry == "trim" else parse_quantity(entry, TIME) for entry in entries]
 
 

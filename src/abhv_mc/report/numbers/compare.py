@@ -94,7 +94,7 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     if not set(campaign.controllers) & set(results.flights):
         expected = f"one of {', '.join(results.controllers)}, as in {baseline}"
         raise campaign.document.error(
-            ("controllers",), "no controller is also in the baseline", expected
+            ("controllers",), "none of the controllers is in the baseline", expected
         )
 
 
