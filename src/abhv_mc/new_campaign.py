@@ -120,8 +120,8 @@ def _place(file: Path, vehicle: Path) -> Path:
             return below / file.relative_to(home)
     raise InputError(
         vehicle,
-        f"the vehicle refers to {file}, which is not in its folder",
-        "files in the folder of the vehicle, or in its subfolders",
+        f"the vehicle refers to {file}, which is not in the folder of the vehicle",
+        "files in this folder or its subfolders",
     )
 
 

@@ -78,7 +78,7 @@ def parse_answer(
         terms.append(((-1.0 if sign == "-" else 1.0) * float(number_text or 1.0), name))
         end = match.end()
     if end < len(answer) or not terms:
-        raise Refusal(f"'{answer}'", f"{example} {', '.join(sorted(names))}")
+        raise Refusal(f"found '{answer}'", f"{example} {', '.join(sorted(names))}")
     for _, name in terms:
         _factor_of(model, variable, name)
     return terms
@@ -99,7 +99,7 @@ def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
             model.path, refusal.found, f"a unit of {quantity}", variable.line
         ) from None
     if exponents != parse_unit(SI[quantity])[1]:
-        problem = f"'{variable.identifier}', the {quantity}, in '{variable.units}'"
+        problem = f"'{variable.identifier}', the {quantity}, has the unit '{variable.units}'"
         raise InputError(model.path, problem, f"a unit such as {SI[quantity]}", variable.line)
     return factor
 
@@ -151,7 +151,7 @@ def signed_factor(model: Model, variable: Variable, quantity: str) -> float:
     """Return the factor that converts an output to the unit and sign convention of abhv-mc."""
     sign = sign_of(quantity, variable)
     if sign is None and variable.sign:
-        problem = f"'{variable.identifier}', the {quantity}, with the sign '{variable.sign}'"
+        problem = f"'{variable.identifier}', the {quantity}, has the sign '{variable.sign}'"
         raise InputError(model.path, problem, "a sign convention of S-119", variable.line)
     return (sign or 1) * factor_to_si(model, variable, quantity)
 
@@ -199,7 +199,9 @@ def frame_of(model: Model) -> str:
     for frame, forces in FORCES.items():
         if any(name in outputs for name in forces if name != "CY"):
             return frame
-    raise InputError(model.path, "no force coefficients", "CX, CY, CZ or lift and drag")
+    raise InputError(
+        model.path, "the model has no force coefficients", "CX, CY, CZ or lift and drag"
+    )
 
 
 def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:

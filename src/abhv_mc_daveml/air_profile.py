@@ -45,7 +45,7 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
             for name, (factor, offset) in zip(quantities, scales, strict=True)
         ]
         if not all(0.0 < value < math.inf for value in values):
-            problem = f"no positive {' and '.join(quantities)} at {altitude:g} m"
+            problem = f"the {' or '.join(quantities)} at {altitude:g} m is not positive"
             raise InputError(model.path, problem, f"positive values up to {ALTITUDES[-1]:g} m")
         if quantities == ("density", "pressure"):
             density, pressure = values
@@ -60,6 +60,6 @@ def _scale_of(model: Model, variable: Variable, quantity: str) -> tuple[float, f
     if quantity != "temperature":
         return signed_factor(model, variable, quantity), 0.0
     if variable.units.lower() not in _TEMPERATURES:
-        problem = f"'{variable.identifier}', the temperature, in '{variable.units}'"
+        problem = f"'{variable.identifier}', the temperature, has the unit '{variable.units}'"
         raise InputError(model.path, problem, one_of(_TEMPERATURES), variable.line)
     return KELVIN[_TEMPERATURES[variable.units.lower()]]

@@ -86,7 +86,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             parts = [element.number(numeral) for numeral in text.split()]
             if len(parts) != 2 or parts[1] == 0.0:
                 raise element.refuse(
-                    f"'{' / '.join(text.split())}'", "a numerator and a nonzero denominator"
+                    f"found '{' / '.join(text.split())}'", "a numerator and a nonzero denominator"
                 )
             return f"({number(parts[0] / parts[1])})"
         if element.children:
@@ -99,7 +99,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
             len(piece_node.children) for piece_node in (*pieces, otherwise)
         ] != [2] * len(pieces) + [1]:
             raise element.refuse(
-                "an invalid 'piecewise'",
+                "the element 'piecewise' is invalid",
                 "pieces with a value and a condition, and 'otherwise' with a value",
             )
         expression = value(otherwise.children[0])
@@ -126,7 +126,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
 
     def apply(element: Node) -> tuple[str, bool]:
         if not element.children:
-            raise element.refuse("an empty 'apply'", "an operator and operands")
+            raise element.refuse("the element 'apply' is empty", "an operator and operands")
         head, *arguments = element.children
         if head.name == "piecewise" and not arguments:
             return piecewise(head), False
@@ -134,7 +134,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         if operator == "csymbol":
             operator = head.text or head.attributes.get("definitionURL", "").rpartition("#")[2]
         if operator not in OPERATORS or operator == "piecewise":
-            raise head.refuse(f"the operator '{operator}'", one_of(OPERATORS, operator))
+            raise head.refuse(f"unknown operator '{operator}'", one_of(OPERATORS, operator))
         qualifier = {"root": "degree", "log": "logbase"}.get(operator)
         operand_nodes = [child for child in arguments if child.name != qualifier]
         operand_nodes += [
@@ -151,7 +151,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         patterns = {1: _ONE, 2: _TWO}.get(len(operands), {})
         if operator not in patterns:
             raise element.refuse(
-                f"'{operator}' with {len(operands)} operands",
+                f"'{operator}' has {len(operands)} operands",
                 "the number of operands that the operator requires",
             )
         return patterns[operator].format(*operands), is_truth
@@ -161,7 +161,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         if element.name == "ci":
             if element.text not in names:
                 raise element.refuse(
-                    f"the unknown variable '{element.text}'",
+                    f"unknown variable '{element.text}'",
                     one_of(names, element.text),
                 )
             needs.append(element.text)
@@ -177,7 +177,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         if element.name == "apply":
             return apply(element)
         raise element.refuse(
-            f"the element '{element.name}'",
+            f"found the element '{element.name}'",
             one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), element.name),
         )
 
@@ -194,5 +194,5 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
     # These errors may be raised by Python's parser.
     except (SyntaxError, RecursionError, MemoryError):
         raise node.refuse(
-            "a calculation that is nested too deeply", "intermediate results as separate variables"
+            "the calculation is nested too deeply", "intermediate results as separate variables"
         ) from None

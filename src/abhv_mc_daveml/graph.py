@@ -117,7 +117,9 @@ def read_model(path: Path) -> Model:
     """Read a DAVE-ML file. Raise InputError, with line and column, if it is invalid."""
     root, content = read_xml(path, "a DAVE-ML file")
     if root.name != "DAVEfunc":
-        raise root.refuse(f"the element '{root.name}'", "the element 'DAVEfunc' of a DAVE-ML file")
+        raise root.refuse(
+            f"found the element '{root.name}'", "the element 'DAVEfunc' of a DAVE-ML file"
+        )
     look_ups, names = read_look_ups(root), _name_variables(root.all("variableDef"))
     variables = {}
     for node in root.all("variableDef"):
@@ -150,7 +152,8 @@ def _name_variables(nodes: Iterable[Node]) -> dict[str, str]:
     for node in nodes:
         identifier = node.attributes.get("varID")
         if identifier is None or identifier in names:
-            raise node.refuse(f"'{node.name}' with varID '{identifier}'", "a unique varID")
+            problem = f"'{node.name}' has the varID '{identifier or ''}'"
+            raise node.refuse(problem, "a unique varID")
         names[identifier] = free_name(identifier, {*TAKEN, *names.values()})
     return names
 
@@ -162,9 +165,9 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
     if (calculation := node.first("calculation")) is not None:
         maths = calculation.first("math")
         if maths is None or len(maths.children) != 1 or look_up is not None:
-            problem = "a calculation and a function" if look_up else "a calculation"
+            problem = "a calculation and a function" if look_up else "an invalid calculation"
             raise calculation.refuse(
-                f"{problem} of '{identifier}'", "one function, or one MathML element in 'math'"
+                f"'{identifier}' has {problem}", "one function, or one MathML element in 'math'"
             )
         formula, needs = read_formula(maths.children[0], names)
     marked = any(
@@ -198,7 +201,7 @@ def _read_uncertainty(node: Node) -> Uncertainty | None:
     normal, uniform = stated.first("normalPDF"), stated.first("uniformPDF")
     law = normal or uniform
     if law is None:
-        raise stated.refuse("an uncertainty without a distribution", "normalPDF or uniformPDF")
+        raise stated.refuse("the uncertainty has no distribution", "normalPDF or uniformPDF")
     bounds = law.all("bounds")
     numbers = [bound.number(bound.text) for bound in bounds if bound.text and not bound.children]
     if len(numbers) == 2 and numbers[0] == -numbers[1]:
@@ -229,7 +232,7 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
                 circle = " of ".join([*pending[pending.index(waiting[0]) :], waiting[0]])
                 raise InputError(
                     path,
-                    f"{circle}: a circular definition",
+                    f"the definition is circular ({circle})",
                     "variables that do not depend on themselves",
                     variables[name].line,
                 )
@@ -261,7 +264,9 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
                 identifier = find(name, signal.words("signalUnits"))
             if identifier not in variables:
                 label = name or identified
-                raise signal.refuse(f"the signal '{label}'", one_of((*by_name, *variables), label))
+                raise signal.refuse(
+                    f"unknown signal '{label}'", one_of((*by_name, *variables), label)
+                )
             yield signal, identifier, _conversion(signal, variables[identifier])
 
     inputs = {
@@ -299,6 +304,7 @@ def _conversion(signal: Node, variable: Variable) -> float:
         dimension, own_dimension = (1, 0, 0, 0, 0), (0, 0, 0, 0, 0)
     if dimension != own_dimension:
         raise signal.refuse(
-            f"'{variable.name}' in '{units}'", f"'{variable.units}', the units of the variable"
+            f"'{variable.name}' has the unit '{units}'",
+            f"'{variable.units}', the units of the variable",
         )
     return factor / own_factor

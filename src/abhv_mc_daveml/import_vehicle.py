@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError, Refusal, describe, one_of
+from abhv_mc.io.input_error import InputError, Refusal, found_value, one_of
 from abhv_mc.io.xml_reader import fold
 from abhv_mc.user_code.module_text import Line, write_text, write_unless_edited
 from abhv_mc_daveml.adapters import (
@@ -88,8 +88,8 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
         if texts:
             folder.mkdir(parents=True, exist_ok=True)
             write_text(path, texts[ANSWERS])
-        problem = f"no value for {', '.join(left)}"
-        raise InputError(path, problem, "numbers in this file before the command is repeated")
+        problem = f"the following values are missing: {', '.join(left)}"
+        raise InputError(path, problem, "values in this file (enter them and repeat the command)")
     if texts:
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / ANSWERS, texts[ANSWERS])
@@ -115,27 +115,33 @@ def _read_answers(
     document = read_document(path)
     answers: Any = document.data
     if not isinstance(answers, dict):
-        raise document.error((), describe(answers), "names of files with their missing inputs")
+        raise document.error((), found_value(answers), "names of files with their missing inputs")
     effectors = answers.get(EFFECTORS, {})
     if not isinstance(effectors, dict) or not all(map(str.isidentifier, effectors)):
         raise document.error(
-            (EFFECTORS,), describe(effectors), "names of effectors with shares of each axis"
+            (EFFECTORS,), found_value(effectors), "names of effectors with shares of each axis"
         )
     by_name = {model.path.name: model for model in models}
     for name, content in answers.items():
         if name == EFFECTORS:
             continue
         if name not in by_name:
-            raise document.key_error((name,), f"'{name}'", one_of((*by_name, EFFECTORS), name))
+            raise document.key_error(
+                (name,), f"unknown name '{name}'", one_of((*by_name, EFFECTORS), name)
+            )
         if not isinstance(content, dict):
-            raise document.error((name,), describe(content), "names of signals with their values")
+            raise document.error(
+                (name,), found_value(content), "names of signals with their values"
+            )
         variables = {variable.identifier: variable for variable in questions[name]}
         for key, value in content.items():
             if key not in variables:
-                raise document.key_error((name, key), f"'{key}'", one_of(variables, key))
+                raise document.key_error(
+                    (name, key), f"unknown signal '{key}'", one_of(variables, key)
+                )
             if isinstance(value, bool) or not isinstance(value, float | int | str | None):
                 expected = "a number in the units of the file, or a sum of signals"
-                raise document.error((name, key), describe(value), expected)
+                raise document.error((name, key), found_value(value), expected)
             if isinstance(value, str):
                 try:
                     parse_answer(by_name[name], variables[key], value, effectors)

@@ -80,12 +80,14 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
         number = len(axes) if points is None else points.shape[1]
         if len(arguments) != number:
             raise node.refuse(
-                f"{len(arguments)} arguments for a table of {number} axes",
+                f"found {len(arguments)} arguments for a table of {number} axes",
                 "one argument for each axis",
             )
         variable = dependent.attributes["varID"]
         if variable in look_ups:
-            raise node.refuse(f"a second function of '{variable}'", "one function of the variable")
+            raise node.refuse(
+                f"'{variable}' has a second function", "only one function of each variable"
+            )
         title = node.words("description") or title or name
         look_ups[variable] = LookUp(
             name=name,
@@ -109,9 +111,9 @@ def _read_argument(node: Node) -> Argument:
     attributes = node.attributes
     extrapolate = attributes.get("extrapolate", "neither")
     if extrapolate not in _EXTRAPOLATE:
-        raise node.refuse(f"extrapolate '{extrapolate}'", one_of(_EXTRAPOLATE, extrapolate))
+        raise node.refuse(f"found extrapolate '{extrapolate}'", one_of(_EXTRAPOLATE, extrapolate))
     if attributes.get("interpolate", "linear") != "linear":
-        raise node.refuse(f"interpolation '{attributes['interpolate']}'", "'linear'")
+        raise node.refuse(f"found interpolation '{attributes['interpolate']}'", "'linear'")
     return Argument(attributes.get("varID", ""), node.bound("min"), node.bound("max"), extrapolate)
 
 
@@ -121,11 +123,11 @@ def _find_table(node: Node, tables_by_key: Mapping[str, Node]) -> Node:
     for reference in definition.all("griddedTableRef", "ungriddedTableRef"):
         if _key(reference) not in tables_by_key:
             raise reference.refuse(
-                f"the unknown table '{_key(reference)}'", one_of(tables_by_key, _key(reference))
+                f"unknown table '{_key(reference)}'", one_of(tables_by_key, _key(reference))
             )
         tables.append(tables_by_key[_key(reference)])
     if len(tables) != 1:
-        raise definition.refuse(f"{len(tables)} tables", "one gridded or ungridded table")
+        raise definition.refuse(f"found {len(tables)} tables", "one gridded or ungridded table")
     return tables[0]
 
 
@@ -142,13 +144,13 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
         ]
         for key in keys:
             if key not in grids:
-                raise node.refuse(f"the unknown breakpoints '{key}'", one_of(grids, key))
+                raise node.refuse(f"unknown breakpoints '{key}'", one_of(grids, key))
         axes = tuple((key, grids[key]) for key in keys)
         return name, title, axes, None, _shaped(node.first("dataTable") or node, axes)
     rows = [_numbers(point) for point in node.all("dataPoint")]
     if len(rows) < 2 or any(row.size != arguments + 1 for row in rows):
         raise node.refuse(
-            "an invalid ungridded table",
+            "the ungridded table is invalid",
             f"at least two points with {arguments} coordinates and one value each",
         )
     points, values = np.split(np.array(rows), [-1], axis=1)
@@ -161,7 +163,7 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
         axes = tuple((f"{name}_{i}", axis) for i, axis in enumerate(along))
         return name, title, axes, None, values[order].reshape(shape)
     if len(np.unique(points, axis=0)) != len(points):
-        raise node.refuse("a duplicate point", "each point once")
+        raise node.refuse("a point is repeated", "each point only once")
     return name, title, (), points, values[:, 0]
 
 
@@ -174,7 +176,7 @@ def _numbers(node: Node) -> Floats:
 def _rising(node: Node, source: Node) -> Floats:
     points = _numbers(source)
     if points.size < 2 or not (np.diff(points) > 0.0).all():
-        raise node.refuse("breakpoints that do not increase", "at least two increasing numbers")
+        raise node.refuse("the breakpoints do not increase", "at least two increasing numbers")
     return points
 
 
@@ -186,7 +188,7 @@ def _shaped(node: Node, axes: Grids) -> Floats:
             if axes
             else "breakpoints"
         )
-        raise node.refuse(f"a table of {values.size} values", expected)
+        raise node.refuse(f"the table has {values.size} values", expected)
     return values.reshape(shape)
 
 

@@ -201,10 +201,10 @@ def _differences(model: Model) -> Iterator[InputError]:
             if (
                 not abs(value - signal.value) <= signal.tolerance
             ):  # The condition is also true for NaN.
-                problem = f"{value!r} for '{signal.identifier}' in the check shot '{shot.name}'"
+                problem = f"'{signal.identifier}' is {value!r} in the check shot '{shot.name}'"
                 yield InputError(
                     model.path,
                     problem,
-                    f"{signal.value!r} within {signal.tolerance!r}",
+                    f"{signal.value!r} with a tolerance of {signal.tolerance!r}",
                     signal.line,
                 )

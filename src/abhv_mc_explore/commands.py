@@ -37,7 +37,9 @@ def explore(
         try:
             server = ExploreServer(folder, table, port=port, trust_code=trust_code)
         except OSError as error:
-            raise InputError("--port", f"{port}: {error.strerror}", "a free port") from None
+            raise InputError(
+                "--port", f"port {port} cannot be opened ({error.strerror})", "a free port"
+            ) from None
         with server:
             say(server.url, flush=True)
             if browser:

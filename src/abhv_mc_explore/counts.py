@@ -150,14 +150,15 @@ def parse_selection(data: Any, table: FlightTable) -> Selection:
     for name in (selection.x, selection.y, *selection.brushes, *({selection.sort} - set(_OWN))):
         if name not in table.ranges:
             raise InputError(
-                "request", f"no column {describe(name)}", one_of(list(table.ranges), name)
+                "request", f"unknown column {describe(name)}", one_of(list(table.ranges), name)
             )
     shares = [*_SHARES, *(f"missed {k}" for k in range(len(table.view["requirements"])))]
     if selection.outcome not in shares or not set(selection.controllers) <= set(table.order):
         raise InputError(
             "request",
-            "an unknown outcome or controller",
-            f"{', '.join(shares)}; {list(table.order)}",
+            "unknown outcome or controller",
+            f"one of the outcomes {', '.join(shares)}, and controllers from "
+            f"{', '.join(table.order)}",
         )
     return selection
 
@@ -250,7 +251,9 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
     row = cursor.fetchone()
     if row is None:
         raise InputError(
-            "request", f"no flight {flight} of {describe(controller)}", "a flight that was computed"
+            "request",
+            f"unknown flight {flight} of {describe(controller)}",
+            "the number of a computed flight",
         )
     record = dict(zip(names, row, strict=True))
     missed = [record[f"missed {k}"] for k in range(len(table.view["requirements"]))]

@@ -157,7 +157,7 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             length = int(self.headers.get("Content-Length", "0"))
             if not 0 < length <= _MOST_BYTES:
-                raise InputError("request", f"{length} bytes", f"1 to {_MOST_BYTES} bytes")
+                raise InputError("request", f"found {length} bytes", f"1 to {_MOST_BYTES} bytes")
             data = json.loads(self.rfile.read(length))
             if url.path == "/counts":
                 self._send_json(

@@ -79,7 +79,7 @@ def _describe(source: UserSource) -> tuple[Path, Any]:
     try:
         import fmpy
     except ImportError:
-        remedy = "fmpy, which FMUs need (pip install fmpy)"
+        remedy = "the package fmpy, which FMUs require (pip install fmpy)"
         raise InputError(source.file, "the package fmpy is not installed", remedy) from None
     recipe: Any = source.recipe
     try:
@@ -111,7 +111,9 @@ def load_fmu(source: UserSource) -> Fmu:
             "instance per process"
         )
         raise InputError(
-            source.file, problem, "co-simulation of FMI 2.0 or 3.0, with several instances"
+            source.file,
+            problem,
+            "an FMU for co-simulation (FMI 2.0 or 3.0) that allows several instances",
         )
     platform = fmpy.platform if version == 2 else fmpy.platform_tuple
     library = (
@@ -141,7 +143,9 @@ def load_fmu(source: UserSource) -> Fmu:
         ]
     except AttributeError as error:
         problem = f"the FMU lacks a function ({error})"
-        raise InputError(source.file, problem, "all functions of the standard") from None
+        raise InputError(
+            source.file, problem, "an FMU with all functions of the standard"
+        ) from None
     return Fmu(
         version=version,
         functions=tuple(functions),
@@ -257,7 +261,7 @@ def _wire(
     variables = {variable.name: variable for variable in description.modelVariables}
     variable = variables.get(name)
     if variable is None:
-        raise InputError(file, f"no variable '{name}'", one_of(variables, name))
+        raise InputError(file, f"unknown variable '{name}'", one_of(variables, name))
     kinds = _KINDS[int(description.fmiVersion[0])]
     kind = kinds.get(variable.type)
     if kind is None or variable.shape:
@@ -286,9 +290,9 @@ def _wire(
     compared = 5 if value is not None and not any(dimension) else 3
     if expected is not None and exponents[:compared] != dimension[:compared]:
         problem = (
-            f"'{name}' in {unit}"
+            f"'{name}' has the unit {unit}"
             if value is None
-            else f"'{name}: {value}' for a parameter in {unit}"
+            else f"found '{name}: {value}' for a parameter in {unit}"
         )
         raise InputError(file, problem, f"a quantity in {expected if value is None else unit}")
     offset = 0.0 if base is None else base.offset

@@ -121,24 +121,25 @@ class Aerodynamics:
         )
         if match is None:
             raise node.refuse(
-                f"the axes {', '.join(axes) or 'none'}",
+                f"found the axes {', '.join(axes) or 'none'}",
                 "the axes LIFT, DRAG and SIDE, or those of another frame",
             )
         frame, names = match
         for name, axis in axes.items():
             if name not in names and name not in _MOMENTS:
                 raise axis.refuse(
-                    f"the axis '{name}' together with {', '.join(forces)}",
+                    f"found the axis '{name}' together with {', '.join(forces)}",
                     one_of((*names, *_MOMENTS), name),
                 )
             frame_name = axis.attributes.get("frame", "")
             natural = {"BODY"} if name in _MOMENTS or frame == "body" else {"WIND", "STABILITY"}
             if frame_name and frame_name not in natural:
                 raise axis.refuse(
-                    f"the axis '{name}' in the frame '{frame_name}'", one_of(natural, frame_name)
+                    f"found the axis '{name}' in the frame '{frame_name}'",
+                    one_of(natural, frame_name),
                 )
             if axis.attributes.get("unit", "LBS") not in ("LBS", "LBSFT", "LBS*FT", "FT*LBS"):
-                raise axis.refuse(f"the unit '{axis.attributes['unit']}'", "LBS")
+                raise axis.refuse(f"found the unit '{axis.attributes['unit']}'", "LBS")
             if frame_name == "STABILITY":
                 frame, names = "stability", _STABILITY
         return frame, names

@@ -135,10 +135,10 @@ class Expressions:
             return patterns[kind].format(*operands)
         if kind in _OPERATORS:
             raise node.refuse(
-                f"'{kind}' with {count} operands",
+                f"'{kind}' has {count} operands",
                 "the number of operands that the element requires",
             )
-        raise node.refuse(f"the element '{kind}'", one_of(_OPERATORS, kind))
+        raise node.refuse(f"unknown element '{kind}'", one_of(_OPERATORS, kind))
 
     @staticmethod
     def _power(base: str, exponent: str) -> str:
@@ -160,7 +160,8 @@ class Expressions:
         axes = ("row", "column", "table")[: len(by_axis)]
         if set(by_axis) != set(axes):
             raise node.refuse(
-                f"a table with the axes {', '.join(by_axis) or 'none'}", "row, column, table"
+                f"the table has the axes {', '.join(by_axis) or 'none'}",
+                "the axes row, column, table",
             )
         long_axes = [k for k, grid in enumerate(grids) if len(grid) > 1]
         values = values.squeeze(tuple(k for k in range(len(grids)) if k not in long_axes))
@@ -185,7 +186,7 @@ def _read_table(node: Node, axes: int) -> tuple[list[Floats], Floats]:
         return grids, values
     if axes != 3 or not blocks:
         raise node.refuse(
-            f"a table with {axes} axes and {len(blocks)} blocks",
+            f"the table has {axes} axes and {len(blocks)} blocks",
             "one block for 1 or 2 axes, or at least one block for 3 axes",
         )
     levels = np.array([block.number(block.attributes.get("breakPoint", "")) for block in blocks])
@@ -209,7 +210,8 @@ def _read_block(data: Node, axes: int) -> tuple[Floats, ...]:
     width = len(head) + 1
     if not lines or any(len(line) != width for line in lines):
         raise data.refuse(
-            f"rows of {sorted({len(line) for line in lines})} numbers", f"rows of {width} numbers"
+            f"the rows have {sorted({len(line) for line in lines})} numbers",
+            f"rows of {width} numbers",
         )
     cells = np.array(lines)
     if axes == 1:

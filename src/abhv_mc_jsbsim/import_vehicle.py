@@ -72,7 +72,7 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
     root, content = read_xml(path, "a JSBSim model")
     if root.name != "fdm_config":
         raise root.refuse(
-            f"the element '{root.name}'", "the element 'fdm_config' of a JSBSim model"
+            f"found the element '{root.name}'", "the element 'fdm_config' of a JSBSim model"
         )
     metrics, node = _section(root, "metrics"), _section(root, "aerodynamics")
     mass = read_mass(_section(root, "mass_balance"), root.first("propulsion"))
@@ -118,7 +118,7 @@ def _section(root: Node, name: str) -> Node:
         path = root.path.parent / (file if file.endswith(".xml") else f"{file}.xml")
         node = read_xml(path, f"the {name} of a JSBSim model")[0]
     if node is None or not node.children:
-        raise (node or root).refuse(f"no element '{name}'", f"a model with '{name}'")
+        raise (node or root).refuse(f"the element '{name}' is missing", f"a model with '{name}'")
     return node
 
 

@@ -27,7 +27,7 @@ def quantity(node: Node | None, kind: str, unit: str, missing: float = 0.0) -> f
         return missing
     factors, name = _UNITS[kind], node.attributes.get("unit", unit)
     if name not in factors:
-        raise node.refuse(f"the unit '{name}'", one_of(factors, name))
+        raise node.refuse(f"found the unit '{name}'", one_of(factors, name))
     return node.number(node.text) * factors[name]
 
 
@@ -40,7 +40,7 @@ def location(node: Node | None) -> Floats:
         return np.zeros(3)
     factor = _UNITS["length"].get(node.attributes.get("unit", "IN"))
     if factor is None:
-        raise node.refuse(f"the unit '{node.attributes['unit']}'", one_of(_UNITS["length"]))
+        raise node.refuse(f"found the unit '{node.attributes['unit']}'", one_of(_UNITS["length"]))
     return factor * np.array([node.number(node.words(axis) or "0") for axis in "xyz"])
 
 

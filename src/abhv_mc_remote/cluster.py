@@ -131,13 +131,13 @@ def fly_user_remote(
     """
     if source and code_hash() != source:
         raise UnusableError(
-            "a worker of the cluster has another version of abhv-mc: restart the worker with the "
+            "a worker of the cluster has another version of abhv-mc; restart the worker with the "
             "version used by this command"
         )
     try:
         return sign(fly(plan, parameters, recorded))
     except InputError as error:
-        raise UnusableError(f"a worker of the cluster: {error}") from None
+        raise UnusableError(f"a worker of the cluster failed ({error})") from None
 
 
 class _Watch:
@@ -220,7 +220,7 @@ class Cluster:
             raise FlightLostError(problem, process=True) from None
         except (CancelledError, OSError) as error:
             raise UnusableError(
-                f"the connection to the cluster was lost: {type(error).__name__}: {error}"
+                f"the connection to the cluster was lost ({type(error).__name__}: {error})"
             ) from None
         except Exception as error:
             raise FlightLostError(f"{type(error).__name__}: {error}") from None

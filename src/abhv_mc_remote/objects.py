@@ -82,7 +82,7 @@ def open_objects(address: Address) -> Objects:
     try:
         system, base = pyarrow_fs.FileSystem.from_uri(uri)
     except (pa.ArrowException, OSError, ValueError) as error:
-        problem = f"'{address}' ({address.explain(error)})"
+        problem = f"the address '{address}' cannot be used ({address.explain(error)})"
         expected = "s3://bucket/folder, gs://bucket/folder or a path"
         raise InputError("address", problem, expected) from None
     return Objects(address, system, base.rstrip("/"))

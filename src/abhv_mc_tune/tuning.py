@@ -150,8 +150,8 @@ def read_tune_block(
         if campaign.model.tune is None:
             raise document.error(
                 (),
-                "no block 'tune'",
-                "tune: {free: [...], minimise: {metric: ...}}, or --tune FILE",
+                "the block 'tune' is missing",
+                "'tune: {free: [...], minimise: {metric: ...}}' in the campaign, or --tune FILE",
             )
         block = campaign.model.tune
     else:
@@ -178,7 +178,7 @@ def _check_margins(block: Tune, document: Document, keys: tuple[str, ...], durat
     for i, time in enumerate(block.margins_at):
         if time != "trim" and not 0.0 <= time <= duration:
             expected = f"trim, or a time of the mission, 0 to {duration:g} s"
-            raise document.error((*keys, "margins_at", i), f"{time:g} s", expected)
+            raise document.error((*keys, "margins_at", i), f"found {time:g} s", expected)
 
 
 def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
@@ -199,9 +199,9 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     block, document, keys = read_tune_block(campaign, request.block)
     if out.suffix in (_CANDIDATES, _PAGE):
         problem = f"the suffix '{out.suffix}' is used for other files of the tuning"
-        raise InputError(out, problem, "-o NEW.yaml")
+        raise InputError(out, problem, "another file (-o NEW.yaml)")
     if out.exists():
-        raise InputError(out, "the file exists already", "a new file (-o NEW.yaml)")
+        raise InputError(out, "the file already exists", "a new file (-o NEW.yaml)")
     numbers = read_controller_numbers(model.controllers[name], block.free, document, keys)
     space = make_space(campaign)
     if any(limit.is_margin for limit in block.limits):

@@ -92,7 +92,7 @@ def _verify(
     from abhv_mc_verification.check_rows import all_ok, rows_record
 
     if not 0.0 < scale < inf:
-        raise InputError("--tolerance-scale", f"{scale:g}", "a positive number")
+        raise InputError("--tolerance-scale", f"found {scale:g}", "a positive number")
     announce_compiling()
     rows = make_rows(scale)
     show_result(rows_record(rows), json, lambda: _print_rows(rows))

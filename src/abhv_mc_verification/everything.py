@@ -78,7 +78,9 @@ def verify_everything(folder: Path | None, scale: float = 1.0) -> list[Row]:
     if folder is not None:
         recordings = sorted((folder / "cadac-ghame6").glob("*.csv*"))
         if not recordings:
-            raise InputError(folder, "no recording", "a CSV file in the subfolder cadac-ghame6")
+            raise InputError(
+                folder, "the folder has no recording", "a CSV file in the subfolder cadac-ghame6"
+            )
         rows = verify_nesc(folder / "nesc", scale)
         for recording in recordings:
             rows += verify_ghame6(recording, scale)

@@ -44,9 +44,9 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
     missing = [name for name in names if name not in table.heads]
     if missing:
         expected = "all columns to be compared"
-        raise table.error(None, None, f"no column {', '.join(missing)}", expected)
+        raise table.error(None, None, f"the table lacks {', '.join(missing)}", expected)
     if len(table) < 2:
-        raise InputError(path, "1 row of numbers", "at least 2 rows")
+        raise InputError(path, "found 1 row of numbers", "at least 2 rows")
     columns = [*names, *(name for name in perhaps if name in table.heads)]
     numbers = table.numbers([table.heads.index(name) for name in columns])
     return pd.DataFrame(numbers, columns=columns)
@@ -58,12 +58,15 @@ def check_times(path: Path, times: Floats, uniform: bool = False) -> None:
     falling = np.flatnonzero(steps <= 0.0)
     if falling.size:
         raise InputError(
-            path, f"the time {times[falling[0] + 1]:g} s", "increasing times", int(falling[0]) + 3
+            path,
+            f"the time {times[falling[0] + 1]:g} s is out of order",
+            "increasing times",
+            int(falling[0]) + 3,
         )
     step = float(np.median(steps))
     off = np.flatnonzero(np.abs(steps - step) > _EVEN * step)
     if uniform and off.size:
-        problem = f"{steps[off[0]]:g} s since the previous row"
+        problem = f"the row is {steps[off[0]]:g} s after the previous row"
         raise InputError(path, problem, f"evenly spaced rows, {step:g} s apart", int(off[0]) + 3)
 
 

@@ -87,7 +87,9 @@ def read_recording(path: Path) -> Recording:
     table = read_columns(path, needed, ["vmass", "fmasse"])
     if "vmass" not in table and "fmasse" not in table:
         raise InputError(
-            path, "no column vmass", "the column vmass, or fmasse, the mass of the burnt fuel"
+            path,
+            "the column vmass is missing",
+            "the column vmass, or fmasse (mass of the burnt fuel)",
         )
     times = np.array(table["time"])
     check_times(path, times, uniform=True)

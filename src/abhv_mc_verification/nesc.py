@@ -60,7 +60,7 @@ def find_files(folder: Path) -> dict[tuple[str, str], Path]:
             )
     if not files:
         expected = "files Atmos_NN_Name/Atmos_NN_sim_MM.csv of the cases 01 to 16"
-        raise InputError(folder, "no check-case", expected)
+        raise InputError(folder, "the folder has no check-cases", expected)
     return dict(sorted(files.items()))
 
 
@@ -86,7 +86,7 @@ def verify_nesc(folder: Path, scale: float = 1.0) -> list[Row]:
         times = np.array(data[key]["time"])
         check_times(path, times)
         if times[0] < 0.0 or times[-1] > _LONGEST:
-            problem = f"times {times[0]:g} to {times[-1]:g} s"
+            problem = f"the times range from {times[0]:g} to {times[-1]:g} s"
             raise InputError(path, problem, f"times from 0 to at most {_LONGEST:g} s")
     rows: list[Row] = []
     for name in sorted({case for case, _ in data}):

@@ -52,7 +52,12 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
     [
         ("law: tlc", "law: pid", 5, "one of tlc, lqr"),
         ("law: tlc", "law: lqr", None, "guidance"),
-        ("altitude: {damping: 2.4, bandwidth: 0.03 rad/s}", "", None, "no key 'altitude'"),
+        (
+            "altitude: {damping: 2.4, bandwidth: 0.03 rad/s}",
+            "",
+            None,
+            "the key 'altitude' is missing",
+        ),
         ("0.03 rad/s", "0.03", 9, "without a unit"),
         ("damping: 2.4, bandwidth: 0.1", "damping: -2.4, bandwidth: 0.1", 13, "greater than 0"),
         ("[-1 deg, 12 deg]", "[12 deg, -1 deg]", None, "is empty"),

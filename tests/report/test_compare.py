@@ -157,7 +157,7 @@ def test_a_report_with_a_baseline_is_verified_with_it(with_baseline, before):
 def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_path):
     write_campaign(tmp_path / "other", runs=10, seed=8, controllers=("tlc", "lqr"))
     campaign = tmp_path / "other files/campaign.yaml"
-    with pytest.raises(InputError, match=r"atmosphere\.density = .*\b0\b"):
+    with pytest.raises(InputError, match=r"atmosphere\.density is .*\b0\b"):
         check_baseline(read_campaign(campaign), before)
     code, _, err = abhv_mc("run", campaign, "-o", tmp_path / "out", "--baseline", before)
     assert code == 2 and "atmosphere.density = " in err and not (tmp_path / "out").exists()

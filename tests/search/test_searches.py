@@ -106,7 +106,7 @@ def test_a_surrogate_learns_the_metric_and_says_what_it_is_not_for(tmp_path, lin
         campaign = write_campaign(tmp_path / problem, dispersions=dispersions, requirements=LIMIT)
         with pytest.raises(InputError, match=f"^--surrogate: .*{problem}.* without --surrogate"):
             find_rare(RareRequest(campaign, tmp_path / "no", METRIC, surrogate=True), LINE)
-    with pytest.raises(InputError, match=r"^--flights: 63; .* 64$"):
+    with pytest.raises(InputError, match=r"^--flights: found 63; .* 64$"):
         find_rare(RareRequest(line, tmp_path / "no", METRIC, surrogate=True, flights=63), LINE)
     assert not (tmp_path / "no").exists()
 
@@ -217,7 +217,7 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     request = WorstRequest(line, tmp_path / "out", METRIC, flights=400)
     find_worst(request, LINE)
     before = (tmp_path / "out/manifest.json").read_bytes()
-    with pytest.raises(InputError, match=r"\bflights: 400 -> 500; "):
+    with pytest.raises(InputError, match=r"\bflights: 400 -> 500\b"):
         find_worst(replace(request, flights=500), LINE)
     with pytest.raises(InputError, match=r"\bkind: worst -> rare\b"):
         find_rare(RareRequest(line, tmp_path / "out", METRIC, flights=8000), LINE)

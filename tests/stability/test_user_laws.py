@@ -198,5 +198,5 @@ def test_an_attitude_hold_has_margins_with_the_slow_states_held(tmp_path):
     assert 3.0 < held.loc["elevator", "gain_margin_high_db"] < np.inf
     (note,) = [text for text in held.attrs["warnings"] if "held" in text]
     assert f"{free.attrs['poles'][0].real:+.2g}" in note
-    with pytest.raises(InputError, match="hold: 'pitch'"):
+    with pytest.raises(InputError, match="hold: unknown name 'pitch'"):
         abhv_mc.margins(*given, hold=("pitch",))

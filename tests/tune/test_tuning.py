@@ -233,7 +233,7 @@ def test_a_wrong_block_is_rejected_with_its_location(request_, old, new, match):
 
 @pytest.mark.parametrize(
     ("name", "pattern"),
-    [("new.tuning", "tuning'"), ("new.html", "html'"), ("block.yaml", "exists already")],
+    [("new.tuning", "tuning'"), ("new.html", "html'"), ("block.yaml", "already exists")],
 )
 def test_an_existing_or_reserved_name_is_rejected(request_, tmp_path, name, pattern):
     """Names of the candidates' folder, of the page and of existing files are rejected."""

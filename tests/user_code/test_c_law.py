@@ -172,7 +172,10 @@ def test_a_law_that_returns_an_error_or_no_number_ends_its_flight(make):
     ("fault", "problem"),
     [
         ("dt = 0.0 / 0.0;", "the throttle command is not finite at 0.01 s"),
-        ("if (own->ticks == 0) return 1;", "the control law returns an error at 0 s"),
+        (
+            "if (own->ticks == 0) return 1;",
+            "at 0 s of the nominal flight, the control law returned an error",
+        ),
     ],
 )
 def test_a_law_that_fails_at_its_first_ticks_is_rejected_with_its_line(
@@ -190,11 +193,11 @@ REFUSED = {
     "memory": PLAIN.replace(
         "double alpha =", "static double x; x += m->bank;\n    double alpha = x +"
     ),
-    "SIGSEGV, at 0.31 s (tick 31), measured: altitude 20": PLAIN.replace(
+    "SIGSEGV; the last tick was 31, at 0.31 s, with the measurements altitude 20": PLAIN.replace(
         "own->ticks += 1;", "own->ticks += 1; if (own->ticks == 32) *(volatile int *)0 = 1;"
     ),
-    "'expected": PLAIN.replace("return 2;", "return 2"),
-    "helper.h: ": '#include "helper.h"\n' + PLAIN,
+    "(expected": PLAIN.replace("return 2;", "return 2"),
+    "(helper.h: ": '#include "helper.h"\n' + PLAIN,
     "abhv_law_state_get": PLAIN.replace("abhv_law_state_set", "another_name"),
     "abhv_law_step": PLAIN.replace("abhv_law_step", "another_name"),
 }
@@ -205,12 +208,12 @@ def test_what_is_no_law_is_refused_in_words(make, message):
     with pytest.raises(InputError) as refused:
         make(REFUSED[message])
     assert message in refused.value.found, refused.value
-    if message.startswith("'expected"):
+    if message.startswith("(expected"):
         assert (
             refused.value.line
             == REFUSED[message][: REFUSED[message].index("return 2\n")].count("\n") + 1
         )
-    if message.startswith("helper.h"):
+    if message.startswith("(helper.h"):
         assert refused.value.expected.startswith("'files: [helper.h]'")
 
 
@@ -221,7 +224,7 @@ def test_what_is_no_law_is_refused_in_words(make, message):
         ("70 m", "bank_limit: rad", "a length", 3),
         ("70 deg", "bank_limit: deg", "'deg'", 4),
         ("70 deg", "bank_limit: rads", "unknown unit 'rads'", 4),
-        ("70 deg", "bank: rad", "a unit of 'bank'", 4),
+        ("70 deg", "bank: rad", "'units' names 'bank'", 4),
     ],
 )
 def test_a_setting_has_the_unit_that_its_file_declares(tmp_path, value, units, message, line):

@@ -111,7 +111,9 @@ def explain_flight(
         if again.outcome[0] == Outcome.FAILED_TO_RUN:
             reason = again.reasons.get(0, "no reason is known")
             raise InputError(
-                root, f"flight {flight} failed to run: {reason}", "a flight without errors"
+                root,
+                f"flight {flight} failed to run ({reason})",
+                "a flight that runs without errors",
             )
         expected = "the program version that computed the flight (see manifest.json)"
         raise InputError(root, f"flight {flight} does not fail when it is re-run", expected)
@@ -220,7 +222,7 @@ def find_failure(
         raise InputError(
             "--requirement",
             problem,
-            one_of(metrics, requirement) if metrics else "no option --requirement",
+            one_of(metrics, requirement) if metrics else "the command without --requirement",
         )
     failures = [
         Failure(item, columns.index(item.metric))

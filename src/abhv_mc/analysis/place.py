@@ -100,7 +100,7 @@ def place_flights(
     controller = controller or results.controllers[0]
     if controller not in results.controllers:
         raise InputError(
-            root, f"no controller '{controller}'", one_of(results.controllers, controller)
+            root, f"unknown controller '{controller}'", one_of(results.controllers, controller)
         )
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
         expected = "a campaign with 'sampling: random' and no unknowns"
@@ -115,14 +115,16 @@ def place_flights(
     timed = ["time" in table.names for table in tables]
     if any(timed) and not all(timed):
         expected = "a column 'time', as in the other files"
-        raise InputError(files[timed.index(False)], "no column 'time'", expected)
+        raise InputError(files[timed.index(False)], "the column 'time' is missing", expected)
     labels = [table.table.path.name for table in tables]
     sensed: tuple[str, ...] = ()
     if all(timed):
         histories, tests, times, channels = _read_histories(results, controller, tables)
         for channel in noise or {}:
             if channel not in channels:
-                raise InputError("--measured", f"'{channel}'", one_of(channels, channel))
+                raise InputError(
+                    "--measured", f"unknown channel '{channel}'", one_of(channels, channel)
+                )
         declared = results.campaign.model.measured.items()
         noise = {
             channel: sigma
@@ -149,7 +151,9 @@ def place_flights(
         own = np.vstack([_columns(table, names) for table in tables])
         labels = [f"{t.table.path.name}:{line}" for t in tables for line in t.table.lines]
     if len(values) < FEWEST_FLIGHTS:
-        problem = f"only {len(values)} simulated flights are available for the comparison"
+        problem = (
+            f"the number of simulated flights available for the comparison is only {len(values)}"
+        )
         raise InputError(root, problem, f"at least {FEWEST_FLIGHTS}")
     placed, bands = (
         [_place(label, names, values, row) for label, row in zip(labels, own, strict=True)],
@@ -207,7 +211,7 @@ def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> l
         missing = [name for name in names or recorded[:1] if name not in table.names]
         if missing:
             expected = f"columns that the campaign records, such as {missing[0]}"
-            raise table.table.error(None, None, f"no column {missing[0]}", expected)
+            raise table.table.error(None, None, f"the column {missing[0]} is missing", expected)
     return names
 
 

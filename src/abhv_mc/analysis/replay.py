@@ -128,7 +128,7 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
         if flight not in stored:
             raise InputError(
                 folder.root,
-                f"no flight {flight} of '{controller}'",
-                "a simulated flight",
+                f"the campaign has no flight {flight} of '{controller}'",
+                "the number of a simulated flight",
             )
     return [stored[flight] for flight in flights]

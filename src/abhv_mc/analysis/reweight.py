@@ -48,7 +48,7 @@ def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
         name, _, entry = key.strip().rpartition(".")
         if not (sign and name and entry and value.strip()):
             raise InputError(
-                _SET, f"'{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%"
+                _SET, f"found '{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%"
             )
         if entry in settings.get(name, {}):
             raise InputError(_SET, f"'{key.strip()}' is set twice", "each setting only once")
@@ -82,7 +82,9 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
             raise InputError(_SET, problem, " or ".join(f"{dotted}.{key}=VALUE" for key in sizes))
         if name not in entries:
             problem = f"the campaign does not disperse '{name}'"
-            raise InputError(_SET, problem, one_of(entries, name) if entries else "a dispersion")
+            raise InputError(
+                _SET, problem, one_of(entries, name) if entries else "a campaign with dispersions"
+            )
         after[name] = {**({} if "distribution" in keys else entries[name]), **keys}
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
     try:
@@ -120,7 +122,7 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
-        problem = f"{name} has the key 'probability' only before or only after the change"
+        problem = f"the change adds or removes the key 'probability' of {name}"
         return problem, "the key 'probability' both before and after the change, or neither"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
@@ -144,7 +146,10 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
             else None
         )
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
-        problem = f"{name} changes between a discrete choice and a continuous distribution"
+        problem = (
+            f"the change of {name} replaces a discrete choice by a continuous distribution, or "
+            "vice versa"
+        )
         return problem, "a distribution of the same kind as in the campaign"
     (low, high), (first, last) = old.frozen.support(), new.frozen.support()
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0

@@ -94,7 +94,7 @@ def margins(
             raise InputError(
                 "--worst",
                 "the option cannot be combined with --vehicle, --at, --bank, --hold or --output",
-                "a campaign and none of these options",
+                "a campaign without these options",
             )
         _show_worst(mission, controllers, json, trust_code)
         return
@@ -356,7 +356,7 @@ def linearize(
         )
     vehicle_file, mission_file, files = _find_flown(vehicle, mission, controller, trust_code)
     if len(files) > 1:
-        raise InputError("--controller", "found " + ", ".join(files), "one controller")
+        raise InputError("--controller", "found " + ", ".join(files), "only one controller")
     (file,) = files.values()
     if gains is not None:
         from abhv_mc.one_flight.given import make_flight_plan
@@ -369,7 +369,7 @@ def linearize(
             return
     if out is None:
         raise InputError(
-            "--output", "no file is given", "-o FILE (.npz, .mat or .json) or --gains FILE"
+            "--output", "no output file is given", "-o FILE (.npz, .mat or .json) or --gains FILE"
         )
     models = []
     for time in times:

@@ -212,7 +212,9 @@ def query(
     if sql is None:
         if csv is None or csv == Path("-") or json is not None:
             raise InputError(
-                "query", "no SQL statement", "an SQL statement, or --csv DIR to export all tables"
+                "query",
+                "no SQL statement is given",
+                "an SQL statement, or --csv DIR to export all tables",
             )
         tables = output_folder(csv) or csv
         with open_store(folder).reading() as source:
@@ -257,6 +259,6 @@ def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict
     """Return each row as a dictionary. Raise InputError if two columns share a name."""
     repeated = sorted({name for name in columns if columns.count(name) > 1})
     if repeated:
-        problem = f"several columns named {', '.join(repeated)}"
+        problem = f"several columns have the name {', '.join(repeated)}"
         raise InputError("query", problem, "distinct names (select ... as ...), or --csv")
     return [dict(zip(columns, row, strict=True)) for row in rows]

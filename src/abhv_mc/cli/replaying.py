@@ -120,8 +120,14 @@ def explain(
     these sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
-        problem = "--all excludes --flight, --requirement and --output" if every else "no number"
-        raise InputError("--flight", problem, "either --flight NUMBER, or --all alone")
+        problem = (
+            "--all cannot be combined with --flight, --requirement or --output"
+            if every
+            else "no flight number is given"
+        )
+        raise InputError(
+            "--flight", problem, "either --flight NUMBER, or --all without these options"
+        )
     announce_compiling()
     if flight is None:
         _map_all(folder, controller, json, trust_code)
@@ -158,7 +164,7 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     results = read_flown(folder)
     if controller is not None and controller not in results.controllers:
         raise InputError(
-            folder, f"no controller '{controller}'", one_of(results.controllers, controller)
+            folder, f"unknown controller '{controller}'", one_of(results.controllers, controller)
         )
     names = results.controllers if controller is None else (controller,)
     failed = {name: rank_failed(results, name) for name in names}

@@ -75,7 +75,9 @@ def run(
         from abhv_mc.report.numbers.compare import check_baseline
 
         if no_report or request.shard is not None:
-            raise Refusal("--baseline needs a report", "the option without --no-report and --shard")
+            raise Refusal(
+                "--baseline requires a report", "the option without --no-report and --shard"
+            )
         campaign = read_campaign(request.campaign, request.runs, request.seed, request.controllers)
         check_baseline(campaign, baseline)
     out = None if request.output is None else Path(request.output)

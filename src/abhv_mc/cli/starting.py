@@ -71,13 +71,14 @@ def new(
         if law or tune or vehicle is not None:
             raise InputError(
                 "--simulator",
-                "the option excludes --law, --vehicle and --tune (for the built-in simulator)",
+                "the option cannot be combined with --law, --vehicle or --tune, which apply to the "
+                "built-in simulator",
                 "either --simulator or these options",
             )
         _begin_simulator(folder, simulator)
         return
     if language is not None and not law:
-        raise InputError(language, "a language needs the option --law", f"--law {language}")
+        raise InputError(language, "a language requires the option --law", f"--law {language}")
     law_language = (language or "python") if law else None
     campaign, *further_files = write_new_campaign(
         folder, source, law_language, vehicle=vehicle, tune=tune
@@ -160,7 +161,9 @@ def validate(
     paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
     if (samples or out) and len(paths) != 1:
         raise InputError(
-            "--samples" if samples else "--output", f"{len(paths)} files are given", "one campaign"
+            "--samples" if samples else "--output",
+            f"{len(paths)} files are given",
+            "only one campaign",
         )
     for file in paths:
         try:

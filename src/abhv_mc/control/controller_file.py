@@ -72,12 +72,15 @@ class Schedule(StrictModel):
     def _check(self) -> "Schedule":
         if (self.over_time is None) == (self.over_dynamic_pressure is None):
             raise Refusal(
-                "both or neither of over_time and over_dynamic_pressure", "exactly one of them"
+                "both or neither of over_time and over_dynamic_pressure are set",
+                "exactly one of them",
             )
         key = "over_time" if self.over_time is not None else "over_dynamic_pressure"
         for i, (left, right) in enumerate(zip(self.points()[:-1], self.points()[1:], strict=True)):
             if right[0] <= left[0]:
-                raise Refusal(f"{right[0]:g} after {left[0]:g}", "increasing values", (key, i + 1))
+                raise Refusal(
+                    f"{right[0]:g} follows {left[0]:g}", "increasing values", (key, i + 1)
+                )
         return self
 
     def points(self) -> list[tuple[float, float]]:

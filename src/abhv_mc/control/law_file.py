@@ -64,7 +64,11 @@ class PythonController(ControllerModel):
     def _check(self) -> "PythonController":
         for key in ("rate", "period", "commands"):
             if self.around is not None and key in self.model_fields_set:
-                raise Refusal(f"'{key}' of a filter", f"no '{key}' besides 'around'", (key,))
+                raise Refusal(
+                    f"a filter has the key '{key}'",
+                    f"no key '{key}' in addition to 'around'",
+                    (key,),
+                )
         find_files(self)
         return self
 
@@ -119,20 +123,24 @@ class CController(ControllerModel):
     @model_validator(mode="after")
     def _check(self) -> "CController":
         if (self.library is None) == (not self.sources):
-            raise Refusal("both or neither of library and sources", "exactly one of them")
+            raise Refusal("both or neither of library and sources are set", "exactly one of them")
         for name, unit in self.units.items():
             if name not in self.settings:
                 raise Refusal(
-                    f"a unit of '{name}', which is not a setting",
+                    f"'units' names '{name}', which is not a setting",
                     one_of(self.settings, name),
                     ("units", name),
                 )
             with _located("units", name):
                 if parse_unit(unit)[0] != 1.0:
-                    raise Refusal(f"'{unit}'", "the SI unit of the struct's member, such as rad")
+                    raise Refusal(
+                        f"found '{unit}'", "the SI unit of the struct's member, such as rad"
+                    )
         for name, value in self.settings.items():
             if not _NAME.fullmatch(name):
-                raise Refusal(f"the setting '{name}'", "a C identifier", ("settings", name))
+                raise Refusal(
+                    f"invalid name '{name}' of a setting", "a C identifier", ("settings", name)
+                )
             parse_numbers(value, ("settings", name), self.units.get(name))
         find_files(self)
         return self
@@ -226,7 +234,7 @@ def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = No
         with _located(*keys, *([i] if isinstance(value, list) else [])):
             numbers.append(parse_any(item) if unit is None else parse_in_unit(item, unit))
     if not numbers:
-        raise Refusal("an empty list", "at least one number", keys)
+        raise Refusal("found an empty list", "at least one number", keys)
     return numbers
 
 
@@ -283,20 +291,22 @@ def expand(
         parts = Path(pattern).parts
         if not parts or Path(pattern).is_absolute() or ".." in parts:
             raise Refusal(
-                f"'{pattern}'", "a relative path inside the controller file's folder", ("files", i)
+                f"found '{pattern}'",
+                "a relative path inside the controller file's folder",
+                ("files", i),
             )
         inside = "**/*" if (folder / pattern).is_dir() else ""
         paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
         matches = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
         if not matches:
             raise Refusal(
-                f"'{pattern}', which matches no file",
+                f"'{pattern}' matches no file",
                 "existing files in the controller file's folder",
                 ("files", i),
             )
         for path in matches:
             if not path.resolve().is_relative_to(folder.resolve()):
-                problem = f"'{pattern}', a link to a file outside of its folder, {path.resolve()}"
+                problem = f"'{pattern}' is a link to a file outside its folder, {path.resolve()}"
                 raise Refusal(problem, "a file in the controller file's folder", ("files", i))
             files[path] = None
     return list(files)

@@ -142,7 +142,7 @@ class SManoeuvre(Phase):
     def _check(self) -> "SManoeuvre":
         if self.bank_time > 0.5 * self.length:
             raise Refusal(
-                f"{self.bank_time:g} s",
+                f"found {self.bank_time:g} s",
                 f"at most half the length, {0.5 * self.length:g} s",
                 ("bank_time",),
             )
@@ -358,7 +358,7 @@ class Mission(StrictModel):
         low, high = self.limits.altitude
         if not low <= self.start.altitude <= high:
             raise Refusal(
-                f"{self.start.altitude:g} m",
+                f"found {self.start.altitude:g} m",
                 f"an altitude within the limits, {low:g} to {high:g} m",
                 ("start", "altitude"),
             )
@@ -375,7 +375,7 @@ class Mission(StrictModel):
                 )
                 if lateral_speed > 0.5 * speed:
                     raise Refusal(
-                        f"an S manoeuvre with a lateral speed of {lateral_speed:.0f} m/s",
+                        f"the S manoeuvre has a lateral speed of {lateral_speed:.0f} m/s",
                         f"at most half the speed, {0.5 * speed:.0f} m/s",
                         (*key, "offset"),
                     )
@@ -386,17 +386,19 @@ class Mission(StrictModel):
                 )
                 if not low <= altitude <= high:
                     raise Refusal(
-                        f"a climb to {altitude:g} m",
+                        f"the altitude changes to {altitude:g} m",
                         f"an altitude within the limits, {low:g} to {high:g} m",
                         (*key, "altitude_change"),
                     )
                 if speed <= 0.0:
                     raise Refusal(
-                        f"a change to {speed:g} m/s", "a positive speed", (*key, "speed_change")
+                        f"the speed changes to {speed:g} m/s",
+                        "a positive speed",
+                        (*key, "speed_change"),
                     )
         if isinstance(self.manoeuvre, Recorded) and self.start.flight_path_angle:
             raise Refusal(
-                "a flight path angle in addition to a recorded trajectory",
+                "a flight path angle is set in addition to a recorded trajectory",
                 "no flight_path_angle, because the recording determines it",
                 ("start", "flight_path_angle"),
             )

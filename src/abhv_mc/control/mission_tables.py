@@ -23,13 +23,13 @@ def read_trajectory(path: str | Path, duration: float) -> Floats:
     samples = table.values
     table.check_rising("time", "s")
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
-        problem = f"the speed {samples[row, 2]:g} m/s"
+        problem = f"the speed is {samples[row, 2]:g} m/s"
         raise table.error(int(row), "speed", problem, "a positive speed")
     if len(samples) < 4:
-        raise InputError(path, f"{len(samples)} samples", "at least 4 samples")
+        raise InputError(path, f"found {len(samples)} samples", "at least 4 samples")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
-        problem = f"times from {first:g} to {last:g} s"
+        problem = f"the times range from {first:g} to {last:g} s"
         raise InputError(path, problem, f"times from 0 to {duration:g} s")
     samples[:, 3] = np.unwrap(samples[:, 3])
     return samples
@@ -69,18 +69,20 @@ def read_air_table(
             columns.setdefault(stem, Column(index, unit))
     for name, head in heads.items():
         if name not in columns:
-            raise table.error(None, None, f"no column '{head}'", f"the header of the {name} column")
+            raise table.error(
+                None, None, f"the table has no column '{head}'", f"the header of the {name} column"
+            )
     names = next((names for names in choices if set(names) <= columns.keys()), None)
     if names is None:
         expected = ", or ".join(" and ".join(choice) for choice in choices)
-        raise table.error(None, None, "a table without the required columns", expected)
+        raise table.error(None, None, "the required columns are missing", f"the columns {expected}")
     if names in DENSITIES[:2] and "temperature" in columns:
         names = (*names, "temperature")
     factor, offset = 1.0, 0.0
     if "temperature" in names:
         column = columns["temperature"]
         if column.unit not in KELVIN:
-            problem = f"a temperature in '{column.unit}'"
+            problem = f"the temperature has the unit '{column.unit}'"
             raise table.error(None, column.position, problem, one_of(KELVIN))
         factor, offset = KELVIN[column.unit]
         columns["temperature"] = column._replace(unit="")
@@ -89,12 +91,12 @@ def read_air_table(
     numbers.check_rising("altitude", "m", or_falling=True)
     altitude, *values = numbers.values.T
     if not 2 <= len(altitude) <= _MAX_ROWS:
-        raise InputError(path, f"{len(altitude)} rows", f"2 to {_MAX_ROWS} rows")
+        raise InputError(path, f"found {len(altitude)} rows", f"2 to {_MAX_ROWS} rows")
     standard = np.array([atmosphere(height) for height in altitude.tolist()])
     if "temperature" in names:
         kelvin = values[1] * factor + offset
         for row in np.flatnonzero(kelvin <= 0.0)[:1]:
-            problem = f"a temperature of {kelvin[row]:g} K"
+            problem = f"the temperature is {kelvin[row]:g} K"
             raise numbers.error(int(row), "temperature", problem, "a temperature above 0 K")
         values[1] = kelvin / standard[:, 2]
         if names in DENSITIES:
@@ -105,7 +107,7 @@ def read_air_table(
         if names[0] != "density_factor":
             values[0] = values[0] / standard[:, 0]
         for row in np.flatnonzero((values[0] <= 0.0) | ~np.isfinite(values[0]))[:1]:
-            problem = f"a density of {values[0][row]:g} times the standard atmosphere's"
+            problem = f"the density is {values[0][row]:g} times that of the standard atmosphere"
             raise numbers.error(int(row), names[0], problem, "a factor above zero")
     order = np.argsort(altitude)
     return np.column_stack([altitude, *values])[order]

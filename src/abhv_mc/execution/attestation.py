@@ -62,14 +62,14 @@ class Attestation:
             return block
         if not block.flown_by:
             raise UnusableError(
-                "a worker does not state its version of the program: restart it with the version "
+                "a worker does not report its version of the program; restart it with the version "
                 "of the campaign"
             )
         for flyer in block.flown_by:
             if flyer.code != self._engine.source:
                 raise UnusableError(
                     f"the worker at {flyer.name} has another version of the program (source hash "
-                    f"{flyer.code} instead of {self._engine.source}): restart the worker with the "
+                    f"{flyer.code} instead of {self._engine.source}); restart the worker with the "
                     "version of the campaign"
                 )
         return block

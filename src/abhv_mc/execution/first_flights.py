@@ -64,7 +64,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
             blocks = [process.first for process in repeats[name]]
             if all((block.outcome == Outcome.FAILED_TO_RUN).all() for block in blocks):
                 reason = next((text for block in blocks for text in block.reasons.values()), "")
-                problem = f"no flight of '{name}' can be computed: {reason}"
+                problem = f"no flight of '{name}' can be computed ({reason})"
                 expected = "a simulator that computes the first flights"
                 raise campaign.document.key_error(("simulator",), problem, expected)
         events = {

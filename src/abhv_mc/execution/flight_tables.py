@@ -59,7 +59,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     if len(paths) > 2:
         raise InputError(
             paths[2],
-            "this is the third table",
+            "a third table is given",
             "one table of flights, or a table of inputs and a table of results",
         )
     measured = [metric.name for metric in campaign.measured]
@@ -73,7 +73,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         is_by_row = (name, head) == ("flight", _BY_ROW)
         if not is_by_row and not any(name in rows.columns for rows in (inputs, results)):
             expected = f"the column that 'columns' in the campaign file names for '{name}'"
-            raise results.table.error(None, None, f"no column '{head}'", expected)
+            raise results.table.error(None, None, f"the table has no column '{head}'", expected)
     for name in (*campaign.marginals, *measured):
         if not any(name in rows.columns for rows in (inputs, results)):
             heads = (head for rows in (inputs, *result_tables) for head in rows.table.heads)
@@ -81,10 +81,10 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
                 "a column for each dispersed input and metric, or its heading under 'columns'"
             )
             expected = f"{expected} in the campaign file ({one_of(dict.fromkeys(heads), name)})"
-            raise results.table.error(None, None, f"no column '{name}'", expected)
+            raise results.table.error(None, None, f"the table has no column '{name}'", expected)
     if "system" not in results.columns and len(campaign.controllers) > 1:
         expected = f"a column with the system of each flight: {', '.join(campaign.controllers)}"
-        raise results.table.error(None, None, "no column 'system'", expected)
+        raise results.table.error(None, None, "the column 'system' is missing", expected)
     frame = (
         _join(inputs, results, campaign)
         if result_tables
@@ -97,7 +97,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         path = results.table.path
         raise InputError(
             path,
-            f"the numbers of flights differ or are zero: {numbers}",
+            f"the numbers of flights differ or are zero ({numbers})",
             "the same number of flights for each system, at least 1",
         )
     nominal = {name: campaign.parameters[name].nominal for name in campaign.inputs}
@@ -162,7 +162,7 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     keys = [name for name in ("system", "flight") if name in rows.frame]
     for row in np.flatnonzero("flight" in keys and rows.frame.duplicated(keys))[:1]:
         problem = f"flight {frame.flight[row]:g} of '{rows.frame.system[row]}' appears twice"
-        raise rows.error(row, "flight", problem, "each flight once")
+        raise rows.error(row, "flight", problem, "each flight only once")
     return rows
 
 
@@ -177,11 +177,16 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
                 "a column 'flight' in both tables, to pair inputs and results, or "
                 f"'columns: {{flight: {_BY_ROW}}}' to pair the rows in order"
             )
-            raise rows.table.error(None, None, "no column 'flight'", expected)
+            raise rows.table.error(None, None, "the column 'flight' is missing", expected)
     if "flight" not in results.columns and len(inputs.frame) != len(results.frame):
-        problem = f"{len(results.frame)} rows, but {len(inputs.frame)} in {inputs.table.path.name}"
+        problem = (
+            f"the table has {len(results.frame)} rows, but {inputs.table.path.name} has "
+            f"{len(inputs.frame)}"
+        )
         raise InputError(
-            results.table.path, problem, "equal numbers of rows, to pair them in order"
+            results.table.path,
+            problem,
+            "equal numbers of rows in both tables, to pair the rows in order",
         )
     drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
     drawn = drawn.drop_duplicates("flight")

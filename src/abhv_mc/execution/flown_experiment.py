@@ -28,7 +28,7 @@ def open_flown(
     names = list(controllers)
     for name in names:
         if name not in flown:
-            raise InputError(folder.root, f"no controller '{name}'", one_of(flown, name))
+            raise InputError(folder.root, f"unknown controller '{name}'", one_of(flown, name))
         read_checked(folder, [folder.plan(name)])
     plans = experiment.simulator.restore_plans(find_stored_plans(folder), names, trusted)
     return replace(make_ready(experiment, plans), columns=SampleReader(folder.samples).names)

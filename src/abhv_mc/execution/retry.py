@@ -75,7 +75,7 @@ def fly_with_retries(
     if reasons:
         if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
             raise UnusableError(
-                f"none of {len(parameters)} flights could be computed: {reasons[-1]}"
+                f"none of {len(parameters)} flights could be computed ({reasons[-1]})"
             )
         for reason in reasons:
             print(

@@ -136,7 +136,7 @@ def _read_plans(
     for path, content in inputs.hashes.items():
         if manifest.inputs.get(path) != content and not path.startswith("inputs/samples/"):
             problem = f"the plans were made from a different {path}"
-            raise InputError(root, problem, "plans made from the files of this campaign")
+            raise InputError(root, problem, "plans that were made from the files of this campaign")
     return campaign.simulator.restore_plans(find_stored_plans(source), names, trust_code)
 
 
@@ -155,10 +155,10 @@ def _check_shard(request: Request, campaign: Experiment) -> None:
         return
     i, n = request.shard
     if not 1 <= i <= n <= campaign.runs:
-        problem = f"shard {i}/{n} is not possible with {campaign.runs} flights"
-        raise InputError("--shard", problem, f"i/n with 1 <= i <= n <= {campaign.runs}")
+        problem = f"a campaign of {campaign.runs} flights has no shard {i}/{n}"
+        raise InputError("--shard", problem, f"a shard i/n with 1 <= i <= n <= {campaign.runs}")
     if campaign.model.stop:
-        problem = "a campaign that stops when proven cannot be divided into shards"
+        problem = "a campaign with 'stop' cannot be divided into shards"
         expected = "no key 'stop', because a shard does not know the flights of other shards"
         raise InputError("--shard", problem, expected)
 
@@ -258,7 +258,9 @@ def _check_same(
     if shard != request.shard:
         content = "the whole campaign" if shard is None else f"shard {shard[0]}/{shard[1]}"
         raise InputError(
-            root, f"the folder contains {content}", "the same request, or another folder (-o DIR)"
+            root,
+            f"the folder contains {content}",
+            "the same option --shard, or another folder (-o DIR)",
         )
     changes = describe_changes(before, inputs, requested.sampling in EXTENSIBLE)
     if changes:
@@ -266,7 +268,7 @@ def _check_same(
         problem = f"the folder was computed with other inputs ({'; '.join(changes[:3])}{more})"
         if flown.manifest.source_hash != requested.simulator.engine.source:
             problem += " and with another version of the program"
-        expected = "the same campaign, another folder (-o DIR), or --fresh to delete its flights"
+        expected = "the same campaign, another folder (-o DIR), or --fresh to delete the flights"
         raise InputError(root, problem, expected)
     if shard and requested.runs_at_point > before.data["runs"]:
         raise InputError(

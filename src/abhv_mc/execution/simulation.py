@@ -16,7 +16,7 @@ def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulato
     """Raise InputError if another version of the code computed the flights of a folder."""
     flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
-        problem = f"the flights are from another version of the program (source {flown}, now {now})"
+        problem = f"another version of the program computed the flights (source {flown}, now {now})"
         raise InputError(
             folder.root, problem, "the same version, another folder (-o DIR), or --fresh"
         )

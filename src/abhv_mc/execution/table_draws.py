@@ -33,7 +33,7 @@ def check_draws(
         is_outside = outside(marginal, values, rounding)
         if is_outside.any():
             row = int(np.argmax(is_outside))
-            problem = f"{name} {values[row]:.10g} is outside its distribution"
+            problem = f"the value {values[row]:.10g} of {name} is outside its distribution"
             raise InputError(path, problem, "a draw from the stated distribution", int(lines[row]))
         if campaign.judged:
             columns.append(make_column(marginal, values, rounding))

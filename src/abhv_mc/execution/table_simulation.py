@@ -51,7 +51,9 @@ def simulate_table(
         for name in requested:
             if name not in choices or list(requested).count(name) > 1:
                 raise InputError(
-                    kind, f"'{name}'" + " appears twice" * (name in choices), one_of(choices, name)
+                    kind,
+                    f"'{name}' appears twice" if name in choices else f"unknown name '{name}'",
+                    one_of(choices, name),
                 )
     try:
         rows = inputs.to_numpy(np.float64)

@@ -136,5 +136,8 @@ def describe_last_tick(process: int | None) -> str:
             f"{name} {v:.9g} {find_unit(f'measured.{name}')}"
             for name, v in zip(names, values, strict=True)
         ]
-        description = f", at {tick * lane[-1]:g} s (tick {tick}), measured: {', '.join(measured)}"
+        description = (
+            f"; the last tick was {tick}, at {tick * lane[-1]:g} s, with the measurements "
+            f"{', '.join(measured)}"
+        )
     return description

@@ -29,12 +29,14 @@ def check_first_ticks(plan: FlightPlan) -> None:
     try:
         block = run_in_thread(lambda: fly(start, nominal_parameters(), 1), _LONGEST)
     except TimeoutError:
-        problem = f"the first ticks of the control law took more than {_LONGEST:g} s"
-        raise InputError(source.file, problem, "no endless loops", line) from None
+        problem = f"the first ticks of the control law take more than {_LONGEST:g} s"
+        raise InputError(
+            source.file, problem, "a control law without endless loops", line
+        ) from None
     if block.outcome[0] == Outcome.LAW_FAILED:
         raised, exception = failures.get(source.hash, (None, ""))
-        failure = f"raises {exception}" if exception else "returns an error"
-        problem = f"the control law {failure} {_at(block.end_time[0])}"
+        failure = f"raised an exception ({exception})" if exception else "returned an error"
+        problem = f"{_at(block.end_time[0])}, the control law {failure}"
         raise InputError(
             source.file, problem, "a control law that returns commands", raised or line
         )
@@ -48,8 +50,8 @@ def check_first_ticks(plan: FlightPlan) -> None:
         ]
         if broken and np.isfinite(row).any():  # Rows after the end of the flight contain only NaN.
             expected = (
-                f"finite numbers in {returned}(...); control errors are zero at the start, so "
-                "check divisions by them"
+                f"finite numbers in {returned}(...); check divisions by control errors, which "
+                "are zero at the start"
             )
             raise InputError(
                 source.file, f"the {broken[0]} is not finite {_at(time)}", expected, line

@@ -34,7 +34,9 @@ def check_native(plan: FlightPlan) -> None:
         is_independent = _try_once(_is_same, plan, _TICKS)
     except LostError as error:
         reason = f"{error.words}{describe_last_tick(error.process)}"
-        problem = f"the control law fails in the first {_TICKS} ticks of a nominal flight: {reason}"
+        problem = (
+            f"the control law fails in the first {_TICKS} ticks of a nominal flight ({reason})"
+        )
         raise InputError(
             file, problem, "a control law that returns a command at each tick"
         ) from None

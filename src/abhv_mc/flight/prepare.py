@@ -98,7 +98,9 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     if isinstance(law, TlcController) and not has_authority(packed_vehicle, parsed_mission):
         problem = "the moments caused by the deflections are not linearly independent"
         raise InputError(
-            vehicle, problem, "aileron, rudder and elevator that control roll, yaw and pitch"
+            vehicle,
+            problem,
+            "aileron, rudder and elevator that together control roll, yaw and pitch",
         )
     try:
         plan = make_plan(packed_vehicle, parsed_mission, law, name, mission, user_code)
@@ -148,9 +150,9 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
     around = read_around(law)
     if loaded.mark.filters != (around is not None):
         problem = (
-            "a measurement filter has no 'around'"
+            "the function is a measurement filter, but the key 'around' is missing"
             if around is None
-            else "a control law has 'around'"
+            else "the function is a control law, but the key 'around' is set"
         )
         expected = (
             "'around:' with a TLC or LQR controller file if, and only if, the function is "

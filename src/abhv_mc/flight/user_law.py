@@ -209,11 +209,11 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 def hidden_memory_error(plan: FlightPlan) -> InputError:
     """Return the InputError raised if a control law to be linearized has unknown memory."""
     problems = {
-        "c": "the memory of the control law is unknown",
+        "c": "the library does not give access to the memory of the control law",
         "fmu": "the memory of the FMU cannot be set completely",
     }
     requirements = {
-        "c": "abhv_law_state_get and abhv_law_state_set",
+        "c": "the functions abhv_law_state_get and abhv_law_state_set",
         "fmu": (
             "all memory in the Derivatives of modelDescription.xml, with initial values that can "
             "be set"

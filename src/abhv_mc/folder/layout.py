@@ -108,7 +108,7 @@ class CampaignFolder:
         for path in sorted(self.root.iterdir() if self.root.is_dir() else ()):
             is_own = path in self.contents or path.name.startswith(self.lock.name)
             if not is_own and not path.name.endswith(TEMPORARY):
-                problem = f"'{path.name}' is in the folder and does not belong to a campaign"
+                problem = f"the folder contains '{path.name}', which does not belong to a campaign"
                 raise InputError(self.root, problem, "an empty folder or the folder of a campaign")
         if not fresh and any(self.flights.glob("*.parquet")):
             problem = "the folder has flights, but no manifest"

@@ -179,12 +179,16 @@ def read_manifest(path: Path) -> Manifest:
         raise InputError(path, f"the manifest is damaged ({error})", _REMEDY) from None
     version = manifest.get("format") if isinstance(manifest, dict) else None
     if version != FORMAT:
-        problem = "no format number" if version is None else f"the folder has format {version}"
+        problem = (
+            "the format number is missing"
+            if version is None
+            else f"the folder has format {version}"
+        )
         raise InputError(
             path,
             problem,
-            f"format {FORMAT}; use the version of abhv-mc that wrote the folder, or run the "
-            "campaign again",
+            f"format {FORMAT} (use the version of abhv-mc that wrote the folder, or run the "
+            "campaign again)",
         )
     if manifest.pop(_HASH, None) != _hash(manifest):
         raise InputError(path, "the manifest is damaged (its hash differs)", _REMEDY)
@@ -193,7 +197,7 @@ def read_manifest(path: Path) -> Manifest:
     except ValidationError as error:
         first = error.errors()[0]
         raise InputError(
-            path, f"{'.'.join(map(str, first['loc']))}: {first['msg']}", _REMEDY
+            path, f"invalid entry '{'.'.join(map(str, first['loc']))}' ({first['msg']})", _REMEDY
         ) from None
 
 

@@ -50,7 +50,9 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
                 folder.root, "the folder is not a shard of a campaign", "a run with --shard i/n"
             )
         if not manifest.complete:
-            raise InputError(folder.root, f"the shard is {manifest.state}", "a complete shard")
+            raise InputError(
+                folder.root, f"the state of the shard is '{manifest.state}'", "a complete shard"
+            )
         # The order matters because requirements apply to the first controller by default.
         if list(manifest.controllers) != list(manifests[0].controllers):
             problem = f"the order of the controllers differs from that in {folders[0].root}"
@@ -65,10 +67,14 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
         if number[1] != count or numbers.count(number) > 1:
             is_repeated = " is given twice" if number[1] == count else f" is not one of {count}"
             problem = f"shard {number[0]}/{number[1]}{is_repeated}"
-            raise InputError(folder.root, problem, f"each of the {count} shards once")
+            raise InputError(folder.root, problem, f"each of the {count} shards exactly once")
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
     if missing:
-        raise InputError("merge", f"shard {', '.join(missing)} of {count} is missing", "all shards")
+        raise InputError(
+            "merge",
+            f"of {count} shards, the following are missing: {', '.join(missing)}",
+            "all shards",
+        )
     return [
         folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])
     ]
@@ -97,8 +103,8 @@ def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
                 f"the requirements differ from those of {folders[0].root} ({'; '.join(changes)})"
             )
             remedy = (
-                "one set of requirements: add --requirements FILE, such as campaign.yaml of one "
-                "folder"
+                "one set of requirements (add --requirements FILE, such as campaign.yaml of one "
+                "folder)"
             )
             raise InputError(folder.root, problem, remedy)
 

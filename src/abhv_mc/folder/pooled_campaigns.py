@@ -115,7 +115,7 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
             )
         if repeated := seeds & list_seeds(manifest):
             problem = f"the flights of seed {min(repeated)} would be counted twice"
-            raise InputError(folder.root, problem, "each seed once")
+            raise InputError(folder.root, problem, "each seed only once")
         seeds |= list_seeds(manifest)
         sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
         if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):

@@ -79,7 +79,7 @@ def read_steady_margins(path: Path) -> SteadyMargins:
         return _FILE.validate_json(path.read_bytes())
     except ValidationError as error:
         first = error.errors()[0]
-        problem = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        problem = f"invalid entry '{'.'.join(map(str, first['loc']))}' ({first['msg']})"
         raise InputError(
-            path, problem, "the margins written by the campaign; --fresh computes them again"
+            path, problem, "the margins written by the campaign (--fresh computes them again)"
         ) from None

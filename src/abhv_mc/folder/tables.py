@@ -127,5 +127,6 @@ def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]"
         problem = str(error).partition("\nTraceback")[0]
         expected = "a valid SQL statement for duckdb"
         if isinstance(error, duckdb.BinderException):
-            expected += '; quote names with a dot: select "aero.lift" from samples'
-        raise InputError("query", problem, expected) from None
+            expected += ' (quote names that contain a dot: select "aero.lift" from samples)'
+        # The message of duckdb has several lines, so it follows the sentence.
+        raise InputError("query", "the statement failed", f"{expected}\n{problem}") from None

@@ -55,7 +55,7 @@ def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     except UnicodeDecodeError as error:
         line, column = _place_of(raw[: error.start].decode("utf-8"))
         raise InputError(
-            path, f"the byte 0x{raw[error.start]:02x}", "text in UTF-8", line, column
+            path, f"found the byte 0x{raw[error.start]:02x}", "text in UTF-8", line, column
         ) from None
     builder = _Builder(path)
     try:
@@ -66,7 +66,7 @@ def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     except ReaderError as error:
         line, column = _place_of(text[: error.position])
         raise InputError(
-            path, f"the character {text[error.position]!r}", "printable text", line, column
+            path, f"found the character {text[error.position]!r}", "printable text", line, column
         ) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -74,20 +74,22 @@ def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         if mark and text[mark.index : mark.index + 1] == "\t":
             raise InputError(path, "found a tab", "indentation by spaces", *location) from None
         if error.problem == "mapping values are not allowed here":
-            expected = "quotes around a text with a colon, or one key per line"
-            raise InputError(path, "a second colon", expected, *location) from None
-        problem = (error.problem or error.context or "something").removeprefix("found ")
-        raise InputError(
-            path, problem, f"YAML 1.2 ({error.context or 'plain'})", *location
-        ) from None
+            expected = "quotes around text that contains a colon, or only one key per line"
+            raise InputError(path, "the line has a second colon", expected, *location) from None
+        separator = ", " if str(error.problem).startswith("but ") else ": "
+        reason = separator.join(text for text in (error.context, error.problem) if text)
+        raise InputError(path, f"invalid YAML ({reason})", "YAML 1.2", *location) from None
     except RecursionError:
-        raise InputError(path, "too many nested levels", "less deeply nested data") from None
+        raise InputError(
+            path, "the data have too many nested levels", "less deeply nested data"
+        ) from None
     except (
         YAMLError,
         ValueError,
         OverflowError,
     ) as error:  # An escape sequence beyond the range of Unicode raises OverflowError.
-        raise InputError(path, str(error).splitlines()[0], "YAML 1.2") from None
+        problem = f"invalid YAML ({str(error).splitlines()[0].rstrip('.')})"
+        raise InputError(path, problem, "YAML 1.2") from None
 
 
 def _place_of(before: str) -> Place:
@@ -112,7 +114,7 @@ class _Builder:
             self.refuse(
                 node,
                 f"the file has more than {MAX_VALUES} values",
-                "fewer values; store tables in CSV files",
+                "fewer values (tables can be stored in CSV files)",
             )
         tag = str(node.tag)
         if isinstance(node, MappingNode) and tag == _TAG + "map":
@@ -121,7 +123,7 @@ class _Builder:
             return [self.build(item, (*keys, i)) for i, item in enumerate(node.value)]
         if isinstance(node, ScalarNode):
             return self.scalar(node, tag)
-        self.refuse(node, f"the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
+        self.refuse(node, f"found the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 
     def mapping(self, node: MappingNode, keys: tuple[str | int, ...]) -> dict[str, Any]:
         result: dict[str, Any] = {}
@@ -164,7 +166,7 @@ class _Builder:
             self.refuse(
                 node,
                 problem,
-                "text without control characters or characters that change the direction",
+                "text without control characters or characters that change the writing direction",
             )
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
@@ -184,7 +186,7 @@ class _Builder:
                     node, found_value(text), "a finite decimal number such as 1000 or 2.5e-3"
                 )
             return number if kind == "float" else int(text)
-        self.refuse(node, f"the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
+        self.refuse(node, f"found the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 
 
 def _start(node: Node) -> Place:

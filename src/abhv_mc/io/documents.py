@@ -278,7 +278,9 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
     if location and location[-1] == "[key]":
         return document.key_error(keys, f"the key '{keys[-1]}' is invalid", _plain(detail["msg"]))
     if kind == "missing":
-        return document.error(keys, f"no key '{location[-1]}'", f"the key '{location[-1]}' here")
+        return document.error(
+            keys, f"the key '{location[-1]}' is missing", f"a mapping with the key '{location[-1]}'"
+        )
     if kind.startswith("union_tag"):
         return _explain_tag(document, keys, value, context)
     if kind == "literal_error":
@@ -302,8 +304,8 @@ def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context:
         return document.error(
             (*keys, name), f"unknown {name} '{context['tag']}'", one_of(tags, context["tag"])
         )
-    problem = f"no key '{name}'" if isinstance(value, dict) else found_value(value)
-    return document.error(keys, problem, f"a mapping with '{name}'")
+    problem = f"the key '{name}' is missing" if isinstance(value, dict) else found_value(value)
+    return document.error(keys, problem, f"a mapping with the key '{name}'")
 
 
 def _plain(message: str) -> str:

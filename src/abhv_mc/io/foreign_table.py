@@ -128,7 +128,12 @@ class ForeignTable:
             indices = [i for i, own in enumerate(self.heads) if text in (own, split_head(own)[0])]
             indices = [i for i in indices if self.heads[i] == text] or indices
             if len(indices) > 1:
-                raise self.error(None, indices[1], f"the table has 2 columns '{text}'", "only one")
+                raise self.error(
+                    None,
+                    indices[1],
+                    f"the table has 2 columns '{text}'",
+                    "only one column with this heading",
+                )
             for index in indices:
                 own = self.heads[index]
                 stated = split_head(own)[1] or self.units[index] or _unit_suffix(own)[1]
@@ -145,7 +150,7 @@ class ForeignTable:
         try:
             return parse_in_any_unit(f"1 {column.unit}", unit)
         except Refusal as refusal:
-            problem = f"'{self.heads[column.position]}': {refusal.found}"
+            problem = f"invalid unit in '{self.heads[column.position]}' ({refusal.found})"
             raise self.error(None, column.position, problem, refusal.expected) from None
 
     def numbers(self, columns: Sequence[int], finite: bool = True) -> Floats:
@@ -318,8 +323,9 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
         return _read_text(path, text, has_units)
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        expected = "a CSV file in UTF-8 (in Excel: CSV UTF-8), lines of JSON, Parquet or Excel"
-        raise InputError(path, reason, expected) from None
+        expected = "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel"
+        problem = f"the file cannot be read ({reason.rstrip('.')})"
+        raise InputError(path, problem, expected) from None
 
 
 def _sheet_text(content: bytes) -> str:
@@ -343,7 +349,9 @@ def _read_json(path: Path, text: str) -> ForeignTable:
         try:
             rows.append(dict(_leaves("", json.loads(line))))
         except ValueError as error:
-            raise InputError(path, str(error), "a JSON object on each line", number) from None
+            raise InputError(
+                path, f"invalid JSON ({error})", "a JSON object on each line", number
+            ) from None
     heads = tuple(dict.fromkeys(head for row in rows for head in row))
     columns = [pa.array([row.get(head, "") for row in rows], pa.string()) for head in heads]
     data = pa.table(columns, names=list(heads))
@@ -476,9 +484,10 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
             value_cells += range(1, 1 + len(heads))
         if len(outer) not in (0, 2) or len(names) not in (0, 3 + len(outer) // 2):
             expected = (
-                "'name\\name' and column headings, after 'name = number' if there is a third axis"
+                "'name\\name' followed by column headings (after a line 'name = number' if there "
+                "is a third axis)"
             )
-            raise InputError(path, f"'{line.strip()}'", expected, number)
+            raise InputError(path, f"found '{line.strip()}'", expected, number)
     columns = [pa.array(column, pa.string()) for column in zip(*rows, strict=True)]
     if not columns:
         raise InputError(path, "the matrix has no rows", "a row heading and numbers in each row", 1)
@@ -586,7 +595,7 @@ def take_numbers(
     for name, dimension in dimensions.items():
         if name not in columns:
             expected = f"one column for each of {', '.join(dimensions)}"
-            raise table.error(None, None, f"no column {name}", expected)
+            raise table.error(None, None, f"the table has no column {name}", expected)
         column = columns[name]
         if dimension.unit != "-" and not column.unit:
             problem = f"'{table.heads[column.position]}' has no unit"
@@ -597,6 +606,6 @@ def take_numbers(
     numbers = NumberTable(table, {name: columns[name] for name in dimensions}, values)
     for i, (name, dimension) in enumerate(dimensions.items()):
         for row in np.flatnonzero(np.abs(values[:, i]) > dimension.largest)[:1]:
-            problem = f"{name} {values[row, i]:g} {dimension.unit}"
+            problem = f"{name} is {values[row, i]:g} {dimension.unit}"
             raise numbers.error(int(row), name, problem, f"at most {dimension.largest:g}")
     return numbers

@@ -139,7 +139,9 @@ def one_of(names: Iterable[object], misspelt: object = None) -> str:
         near = difflib.get_close_matches(str(misspelt), options, n=1)
     if near and len(options) > 30:
         return f"did you mean '{near[0]}'?"
-    choices = f"one of {', '.join(options)}" if len(options) != 1 else f"'{options[0]}'"
+    # "of" is the name of a key; quotes avoid "one of of".
+    choices = ", ".join("'of'" if option == "of" else option for option in options)
+    choices = f"one of {choices}" if len(options) != 1 else f"'{options[0]}'"
     return f"{choices} (did you mean '{near[0]}'?)" if near and len(options) > 1 else choices
 
 
@@ -150,11 +152,12 @@ def describe(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
-        return (
-            f"a mapping ({', '.join(map(str, list(value)[:3]))}{', ...' if len(value) > 3 else ''})"
-        )
+        if not value:
+            return "an empty mapping"
+        names = f"{', '.join(map(str, list(value)[:3]))}{', ...' if len(value) > 3 else ''}"
+        return f"a mapping with the key{'s' if len(value) > 1 else ''} {names}"
     if isinstance(value, (list, tuple)):
-        return f"a list of length {len(value)}"
+        return f"a list of length {len(value)}" if value else "an empty list"
     text = str(value) if isinstance(value, (int, float)) else f"'{value}'"
     return text if len(text) <= 80 else text[:76] + "...'"
 

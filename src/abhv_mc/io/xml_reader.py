@@ -71,7 +71,7 @@ class Node:
         except ValueError:
             value = math.nan
         if math.isnan(value):
-            raise self.refuse(f"'{text}'", "a number")
+            raise self.refuse(f"found '{text}'", "a number")
         return value
 
     def bound(self, name: str) -> float | None:
@@ -120,7 +120,7 @@ class _Reader:
         if space == _INCLUDE:
             self._refuse("the file includes another file")
         if len(self._open) >= _DEEPEST:
-            self._refuse(f"elements are nested more than {_DEEPEST} deep")
+            self._refuse(f"elements are nested more than {_DEEPEST} levels deep")
         bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
         location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
         node = Node(self._path, plain, bare, *location)

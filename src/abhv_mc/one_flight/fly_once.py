@@ -150,6 +150,6 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
         named = ", ".join(f"'{table.records[i].name}'" for i in indices)
         raise InputError(
             "dispersions",
-            f"no effect of {named} on this flight",
+            f"{named} has no effect on this flight",
             "a parameter that affects this vehicle and flight",
         )

@@ -59,13 +59,13 @@ def make_document(kind: str, source: Input) -> Document:
         for i, name in enumerate(path):
             if not isinstance(node, dict) or name not in node:
                 keys = node if isinstance(node, dict) else ()
-                problem = f"no entry '{'.'.join(path[: i + 1])}'"
+                problem = f"unknown entry '{'.'.join(path[: i + 1])}'"
                 raise InputError(
                     document.path, problem, one_of(keys, name) if keys else "the key of a mapping"
                 )
             node = node[name]
         if not isinstance(node, dict):
-            raise InputError(document.path, f"no entry '{key}'", "the key of a mapping")
+            raise InputError(document.path, f"unknown entry '{key}'", "the key of a mapping")
         node[last] = value
     return Document(document.path, data, document.value_places, document.key_places)
 

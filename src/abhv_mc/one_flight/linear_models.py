@@ -142,17 +142,21 @@ def take_point(
     angle = to_si(bank, ANGLE, "bank")
     if angle and time != "trim":
         raise InputError(
-            "bank", "a bank angle", "the point 'trim', because other points have their own bank"
+            "bank",
+            "a bank angle is given",
+            "the point 'trim', because other points have their own bank",
         )
     if abs(angle) > _MOST_BANK:
-        raise InputError("bank", f"{angle:g} rad", "-80 to 80 deg")
+        raise InputError("bank", f"found {angle:g} rad", "-80 to 80 deg")
     law: Any = make_document("control", controller)  # Documents are accepted in place of paths.
     craft: Any = make_document("vehicle", vehicle)
     mission_document: Any = make_document("mission", mission)
     name, packed = law.path.stem, load_vehicle(craft)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        problem = "a vehicle without control surfaces or engine"
-        raise InputError(craft.path, problem, "a vehicle with both, as controllers require")
+        problem = "the vehicle has no control surfaces or no engine"
+        raise InputError(
+            craft.path, problem, "a vehicle with both, because controllers require them"
+        )
     parameters = make_parameters(dispersions, packed)
     warnings = slack_warnings(packed)
     if time == "trim":
@@ -176,7 +180,7 @@ def take_point(
         plan = prepare(craft, mission_document, law, name).lean_for(dispersions or ())
         if not 0.0 <= time <= plan.timing.duration:
             raise InputError(
-                "at", f"{time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s"
+                "at", f"found {time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s"
             )
         taken = flown_points(plan, parameters, time)
         if taken.faults[0] not in ("", AT_LIMIT):
@@ -211,7 +215,7 @@ def analyse_place(
 
     for name in hold:
         if name not in HELD:
-            raise InputError("hold", f"'{name}'", one_of(HELD, name))
+            raise InputError("hold", f"unknown name '{name}'", one_of(HELD, name))
     held = [COORDINATES.index(name) for name in hold]
     linear = linearize(location.plan, location.points, held)
     stability, name = analyse(linear, _FREQUENCIES, apart=True), location.plan.controller
@@ -423,14 +427,16 @@ def fly_on(
     change = np.zeros(len(names))
     for name, value in (disturbance or {}).items():
         if name not in names:
-            raise InputError("disturbance", f"'{name}'", one_of(names, name))
+            raise InputError("disturbance", f"unknown name '{name}'", one_of(names, name))
         change[names.index(name)] = value
     tick, ticks = (
         round(to_si(time, TIME, word) / plan.timing.tick)
         for time, word in ((at, "at"), (duration, "duration"))
     )
     if not 0 <= tick <= plan.timing.ticks:
-        raise InputError("at", f"{at}", f"a time of the mission, 0 to {plan.timing.duration:g} s")
+        raise InputError(
+            "at", f"found {at}", f"a time of the mission, 0 to {plan.timing.duration:g} s"
+        )
     parameters = make_parameters(dispersions, plan.vehicle)
     check_rows(plan, parameters)
     states = fly_disturbed(plan, parameters, tick, change, ticks)

@@ -122,7 +122,7 @@ def trim(
     document: Any = make_document("vehicle", vehicle)
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
-        raise InputError("bank", "no angle", "one or more bank angles")
+        raise InputError("bank", "no angle is given", "one or more bank angles")
     conditions = {
         "altitude": altitude,
         "speed": speed,
@@ -137,7 +137,9 @@ def trim(
     craft = load_vehicle(document)
     if craft.constants.surface_limit == 0.0:
         raise InputError(
-            document.path, "a vehicle without surfaces", "surfaces, which the trim requires"
+            document.path,
+            "the vehicle has no surfaces",
+            "a vehicle with surfaces, which the trim requires",
         )
     earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
     weighed = craft.constants.mass_start if kilograms is None else kilograms

@@ -180,7 +180,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         _check_smooth(space, is_noisy)
         least = FEWEST_RUNS
     if flights < least:
-        raise InputError("--flights", f"{flights}", f"at least {least}")
+        raise InputError("--flights", f"found {flights}", f"at least {least}")
     criterion = Criterion(requirement.metric, "high", requirement.limits)
     early = requirement.early_is_failure
     with open_search(request, {"kind": "rare", **request.settings}, flights, engine) as search:
@@ -257,13 +257,13 @@ def _check_smooth(space: Space, is_noisy: bool) -> None:
         if find_atoms(marginal).size
     ]
     if is_noisy:
-        problem = "a campaign with turbulence, noise or other seeds"
-        remedy = "flights without noise, or `rare` without --surrogate"
+        problem = "the flights depend on turbulence, noise or other random seeds"
+        remedy = "a campaign without random seeds, or `rare` without --surrogate"
     elif atoms:
-        problem = f"discrete values of '{atoms[0]}'"
+        problem = f"'{atoms[0]}' has discrete values"
         remedy = "continuous distributions, or `rare` without --surrogate"
     elif len(space.names) > MOST_DIMENSIONS:
-        problem = f"{len(space.names)} dispersions"
+        problem = f"the campaign has {len(space.names)} dispersions"
         remedy = f"at most {MOST_DIMENSIONS}, or `rare` without --surrogate"
     else:
         return
@@ -284,19 +284,21 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
     where = ("requirements",)
     if (metric_record := campaign.metrics.get(metric)) and metric_record.plateaus:
         values = " or ".join(f"{value:g}" for value in metric_record.plateaus)
-        problem = f"'{metric}', which can be {values} in many flights"
+        problem = f"the metric '{metric}' can be {values} in many flights"
         remedy = (
-            "a metric that differs between flights: on a plateau, no flight is closer to failure "
-            "than another"
+            "a metric that differs between flights; if it is constant, no flight is closer to "
+            "failure than another"
         )
         raise campaign.document.error(where if own else (), problem, remedy)
     if len(own) == 1:
         return own[0]
     if not own:
         names = [item.metric for item in bound]
-        problem = f"no requirement on '{metric}' for '{controller}'"
+        problem = f"the controller '{controller}' has no requirement on '{metric}'"
         expected = one_of(names, metric) if names else "a requirement with this limit"
         raise campaign.document.error(where if names else (), problem, expected)
     raise campaign.document.error(
-        where, f"{len(own)} requirements on '{metric}'", "the 'id' of one of these requirements"
+        where,
+        f"there are {len(own)} requirements on '{metric}'",
+        "the 'id' of one of these requirements",
     )

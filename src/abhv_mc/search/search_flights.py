@@ -78,7 +78,7 @@ def read_searched(
     name = controller or next(iter(controllers))
     if name not in controllers:
         raise campaign.document.error(
-            ("controllers",), f"no controller '{name}'", one_of(controllers, name)
+            ("controllers",), f"unknown controller '{name}'", one_of(controllers, name)
         )
     return campaign, name
 
@@ -93,7 +93,7 @@ def find_metric(
     metrics = campaign.metrics
     if name in MARGIN_NAMES and campaign.model.margins is None:
         raise make_error(
-            f"'{name}' without 'margins'",
+            f"'{name}' requires the key 'margins'",
             "'margins: {at: [trim]}' in the campaign, which computes the margins",
         )
     if name not in metrics:
@@ -375,19 +375,21 @@ def _check_same(
     """Raise InputError if the folder does not contain the beginning of the same search."""
     root, manifest = flown.folder.root, flown.manifest
     before = manifest.search
-    expected = "the same search, another folder (-o DIR), or --fresh to delete its flights"
+    expected = "a folder of this search, another folder (-o DIR), or --fresh to delete the flights"
     if before is None:
-        raise InputError(root, "a folder that contains a campaign's flights", expected)
+        raise InputError(root, "the folder already contains the flights of a campaign", expected)
     both = (inputs, stored := read_folder_inputs(flown.folder, manifest))
     axes = [
         list(item.data.get("dispersions") or ()) for item in both
     ]  # names of the dispersions; their order is the order of the search's dimensions
     limits = [*describe_requirement_changes(stored.data, inputs.data)]
     if limits and before["kind"] == "rare":
-        problem = f"a search with other requirements: {'; '.join(limits)}"
-        raise InputError(root, problem, "another folder (-o DIR): new limits need a new search")
+        problem = f"the folder contains a search with other requirements ({'; '.join(limits)})"
+        raise InputError(
+            root, problem, "another folder (-o DIR), because new limits require a new search"
+        )
     if stored.identity != inputs.identity or axes[0] != axes[1]:
-        raise InputError(root, "a folder that contains a search of another campaign", expected)
+        raise InputError(root, "the folder contains a search of another campaign", expected)
     changes = [
         f"{key}: {before.get(key)} -> {value}"
         for key, value in settings.items()
@@ -400,6 +402,6 @@ def _check_same(
         )
     if changes:
         raise InputError(
-            root, "a folder that contains another search: " + ", ".join(changes), expected
+            root, f"the folder contains another search ({'; '.join(changes)})", expected
         )
     check_source(flown.folder, manifest, simulator)

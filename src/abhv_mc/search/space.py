@@ -132,7 +132,7 @@ class Space:
             accepted, tried = np.concatenate([accepted, drawn[inside]]), tried + len(drawn)
             if tried >= _TRIED and len(accepted) < _FEWEST_INSIDE:
                 share = f"{len(accepted)} of {tried} random flights"
-                problem = f"a box that contains only {share} in all {len(self.names)} dispersions"
+                problem = f"the box of the {len(self.names)} dispersions contains only {share}"
                 raise InputError("--box", problem, "a larger box")
         return accepted[:number]
 
@@ -162,22 +162,24 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     document = campaign.document
     if campaign.sample_file is not None:
         raise document.error(
-            ("sampling",), "samples from a file", "distributions, which a search needs"
+            ("sampling",),
+            "the samples are read from a file",
+            "distributions, which a search requires",
         )
     unknowns = campaign.unknowns
     if unknowns.names and not with_unknowns:
         remedy = (
-            "a campaign without unknowns: this search covers dispersions (`run` finds the "
-            "unknowns' worst values)"
+            "a campaign without unknowns, because this search covers only dispersions (`run` finds "
+            "the worst values of unknowns)"
         )
-        raise document.key_error(("unknowns",), "unknowns", remedy)
+        raise document.key_error(("unknowns",), "the campaign has unknowns", remedy)
     ranges = zip(unknowns.names, unknowns.low.tolist(), unknowns.high.tolist(), strict=True)
     marginals = campaign.marginals | {
         name: ContinuousMarginal("uniform", (low, high - low)) for name, low, high in ranges
     }
     names = tuple(name for name in marginals if name not in _SEEDS)
     if not names:
-        raise document.error((), "no dispersions", "at least one dispersion")
+        raise document.error((), "the campaign has no dispersions", "at least one dispersion")
     moved = (*names, *(record.name for record in campaign.derived))
     seeds = tuple(
         record.name
@@ -192,7 +194,9 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
     rows = {campaign.names[column]: row for row, column in enumerate(campaign.copula.columns)}
     chosen = [name for name in names if name in rows]
     if len(chosen) < len(rows):
-        raise document.error(("correlations",), "a seed that is correlated", "independent seeds")
+        raise document.error(
+            ("correlations",), "a random seed is correlated", "independent random seeds"
+        )
     copula = Copula(tuple(names.index(name) for name in chosen), campaign.copula.factor)
     chosen_marginals = tuple(marginals[name] for name in names)
     return Space(names, seeds, chosen_marginals, copula, campaign.derived, campaign.parameters)

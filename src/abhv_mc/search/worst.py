@@ -165,7 +165,7 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
     if request.flights < least:
         raise InputError(
             "--flights",
-            f"{request.flights}",
+            f"found {request.flights}",
             f"at least {least} for {len(space.names)} dispersions",
         )
     random = space.draw_in_box(bounds, campaign.model.seed, request.flights)

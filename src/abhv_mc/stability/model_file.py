@@ -171,5 +171,5 @@ def _write_to(stream: BinaryIO, suffix: str, model: dict[str, Any]) -> None:
 def check_format(file: Path) -> None:
     """Raise InputError if the suffix of a file name is not in FORMATS."""
     if file.suffix not in FORMATS:
-        problem = f"the ending '{file.suffix}'"
+        problem = f"found the ending '{file.suffix}'"
         raise InputError(file, problem, "a file name that ends in .npz, .mat or .json")

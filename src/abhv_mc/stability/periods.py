@@ -109,11 +109,11 @@ def _find_period(plan: FlightPlan) -> Period:
     if repeat is None:
         raise InputError(
             file,
-            f"a controller that does not repeat within {LONGEST} ticks",
+            f"the controller does not repeat within {LONGEST} ticks",
             "a periodic controller, which margins require",
         )
     if plan.period % repeat:
-        problem = f"a controller that repeats after {repeat} ticks, not {plan.period}"
+        problem = f"the controller repeats after {repeat} ticks, not {plan.period}"
         raise InputError(
             file, problem, f"'period: {repeat}', or a multiple of it, in the controller file"
         )

@@ -60,9 +60,11 @@ def repeats_after(ticks: Ints, law: int) -> int:
     """
     count = math.lcm(law, *ticks.tolist())
     if count > LONGEST:
-        problem = f"sensor samples and a controller with a common period of {count} ticks"
+        problem = f"the common period of the sensors and the controller is {count} ticks"
         raise InputError(
-            "sensor intervals", problem, f"at most {LONGEST} ticks, for margins and linear models"
+            "sensor intervals",
+            problem,
+            f"at most {LONGEST} ticks, as margins and linear models require",
         )
     return count
 
@@ -82,7 +84,7 @@ def add_sensors(plan: FlightPlan, points: Points, phases: tuple[Linear, ...]) ->
     if (ticks != ticks[0]).any():
         raise InputError(
             "sensor intervals",
-            "intervals that differ between flights",
+            "the intervals differ between flights",
             "equal intervals, to linearize flights together",
         )
     first, models = max(points.tick, 1), []

@@ -128,7 +128,7 @@ def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) 
     ends = sorted((0.2 * guess, 2.0 * guess))
     if off(ends[0]) * off(ends[1]) > 0.0:
         expected = "a bank at which this vehicle can turn steadily"
-        raise InputError("--bank", f"{np.rad2deg(bank):g} deg", expected)
+        raise InputError("--bank", f"found {np.rad2deg(bank):g} deg", expected)
     return float(brentq(off, *ends, xtol=1e-14))
 
 

@@ -32,7 +32,7 @@ def register(topic: Topic[Any]) -> None:
     if not topic.name.isidentifier():
         raise InputError("topic", found_value(topic.name), "a valid Python name")
     if topic.name in {built_in.name for built_in in BUILT_IN}:
-        raise InputError("topic", f"'{topic.name}', which is built in", "another name")
+        raise InputError("topic", f"'{topic.name}' is a built-in topic", "another name")
     REGISTERED[topic.name] = topic
 
 

@@ -138,7 +138,7 @@ def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[s
     if call(library.init)(
         setting_values.ctypes.data, np.ascontiguousarray(first).ctypes.data, state.ctypes.data
     ):
-        raise InputError(source.file, "abhv_law_init failed", "the return value 0")
+        raise InputError(source.file, "the function abhv_law_init failed", "the return value 0")
     read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(library.get)
     count = read(state.ctypes.data, None)
     if not 0 <= count <= MAX_MEMORY:

@@ -178,7 +178,11 @@ def _explain(source: UserSource, output: str) -> InputError:
     )
     column = int(match["column"]) if match["column"] else None
     return InputError(
-        root / match["file"], f"'{match['words']:.300}'", expected, int(match["line"]), column
+        root / match["file"],
+        f"the code does not compile ({match['words']:.300})",
+        expected,
+        int(match["line"]),
+        column,
     )
 
 

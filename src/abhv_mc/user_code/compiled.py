@@ -49,10 +49,10 @@ ONBOARD_ROWS = (
     *range(s.CMD, s.CMD + 4),
 )  # lane-memory rows of the values of Onboard
 COMMANDS = "commands."  # prefix of the names of command columns
-WANTED = "floats, named tuples and functions of them, or @controller(compiled=False)"
+WANTED = "code with only floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(
     r"(Failed in nopython mode|During: |File \"|- Resolution failure|\^|\[1\] |<source|def |return "
-    r"|[\w, ]+ = _|$)"
+    r"|for lane |There are \d+ candidate|[\w, ]+ = _|$)"
 )
 
 
@@ -398,5 +398,6 @@ def _explain(module: Module, error: Uncompilable, first_line: int, expected: str
             "'return Command(...)', or 'return Command(...), Memory(...)' for a law with memory"
         )
         return InputError(source.file, problem, returned, line or first_line)
-    problem = f"the code does not compile ({'; '.join(useful[:3]):.300})"
+    reason = "; ".join(text.rstrip(".:") for text in useful[:3])
+    problem = f"the code does not compile ({reason:.300})"
     return InputError(source.file, problem, expected, line or first_line)

@@ -21,7 +21,9 @@ def make_law_text(function: Callable[..., Any]) -> str:
     """
     if not isinstance(function, types.FunctionType):
         raise InputError(
-            "controller", f"{function!r:.60}", "a function, or the name or file of a controller"
+            "controller",
+            f"found {function!r:.60}",
+            "a function, or the name or file of a controller",
         )
     definitions: dict[str, str] = {}
     arguments = inspect.signature(function).parameters
@@ -64,9 +66,9 @@ def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str,
     elif hasattr(value, "__module__") and hasattr(value, "__name__"):
         definitions[name] = f"from {value.__module__} import {value.__name__} as {name}\n"
     else:
-        problem = f"the law {law.__name__} uses '{name}', a {type(value).__name__}"
+        problem = f"the law '{law.__name__}' uses '{name}' of type {type(value).__name__}"
         raise InputError(
-            "controller", problem, "numbers, functions or named tuples; design() can return arrays"
+            "controller", problem, "numbers, functions or named tuples (design() can return arrays)"
         )
 
 

@@ -53,9 +53,9 @@ def load_law(source: UserSource) -> Law:
         controllers = module.marked(CONTROLLER)
         if len(controllers) != 1:
             problem = (
-                f"{len(controllers)} functions with @controller"
+                f"the file has {len(controllers)} functions with @controller"
                 if controllers
-                else "no function with @controller or @measurement_filter"
+                else "the file has no function with @controller or @measurement_filter"
             )
             raise InputError(
                 source.file,
@@ -92,7 +92,12 @@ def _check_classes(law: Law, line: int) -> None:
                 if class_name == "design"
                 else f"class {class_name}(NamedTuple)"
             )
-            raise InputError(file, f"the file does not define '{argument}'", expected, line)
+            raise InputError(
+                file,
+                f"the law has the argument '{argument}', which the file does not define",
+                expected,
+                line,
+            )
         if (
             kind is None
             or class_name == "design"
@@ -139,11 +144,11 @@ def _check_units(law: Law, line: int) -> None:
         try:
             if name not in field_names:
                 raise Refusal(
-                    f"a unit of '{name}'",
+                    f"'units' names '{name}', which is not a field",
                     one_of(field_names, name) if field_names else "a field of Settings",
                 )
             if not isinstance(unit, str):
-                raise Refusal(f"the unit {unit!r:.40} of '{name}'", "text such as 'deg'")
+                raise Refusal(f"the unit of '{name}' is {unit!r:.40}", "text such as 'deg'")
             parse_unit(unit)
         except Refusal as refusal:
             raise InputError(law.source.file, refusal.found, refusal.expected, line) from None
@@ -201,13 +206,13 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
         construct = _REFUSED_CALLS.get(node.func.id)
     if construct is not None:
         return (
-            f"found {construct}",
-            (f"numbers, named tuples and functions; {construct} are not allowed in compiled code"),
+            f"the code contains {construct}",
+            f"numbers, named tuples and functions, because {construct} cannot be compiled",
         )
     if isinstance(node, ast.Global | ast.Nonlocal):
         return (
-            f"the global variable '{node.names[0]}' is modified",
-            "a field of Memory, because flights cannot share variables",
+            f"the code modifies the global variable '{node.names[0]}'",
+            "a field of Memory instead, because flights cannot share variables",
         )
     if isinstance(node, ast.Name) and node.id not in local:
         if isinstance(names.get(node.id), list | dict | set | np.ndarray):
@@ -266,7 +271,7 @@ def _check_returns(law: Law, name: str) -> None:
     """
     remembers = "memory" in law.arguments
     result_class = "Filtered" if law.mark.filters else "Command"
-    expected = f"return {result_class}(...){', Memory(...)' if remembers else ''}"
+    expected = f"'return {result_class}(...){', Memory(...)' if remembers else ''}'"
 
     def is_wrong(value: ast.expr | None) -> bool:
         return _is_wrong(value, remembers, result_class)
@@ -284,7 +289,11 @@ def check_returns(
     ]
     if wrong or not _always_returns(function.body):
         last = [*wrong, function.body[-1]][0]
-        problem = f"'{ast.unparse(last):.60}'" if wrong else f"'{name}' can end without 'return'"
+        problem = (
+            f"found '{ast.unparse(last):.60}'"
+            if wrong
+            else f"the function '{name}' can end without 'return'"
+        )
         raise InputError(module.source.file, problem, expected, last.lineno, last.col_offset + 1)
 
 

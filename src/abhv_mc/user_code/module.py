@@ -130,7 +130,7 @@ def check_closure(source: UserSource) -> None:
     try:
         in_child(_run_watched, source, limit=_LONGEST)
     except LostError as lost:
-        problem = f"the file cannot be run: {lost.words}"
+        problem = f"the file cannot be run ({lost.words})"
         raise InputError(source.file, problem, "a file that runs without errors") from None
     note.touch()
 
@@ -189,7 +189,7 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
         if line is None and isinstance(error, OSError | MemoryError):
             raise
         raise InputError(
-            source.file, f"{what} raises {describe_exception(error)}", expected, line
+            source.file, f"{what} raised an exception ({describe_exception(error)})", expected, line
         ) from None
 
 

@@ -140,7 +140,7 @@ class PlainLaw:
         pair = returned if self._remembers else (returned, None)
         if type(pair) is not tuple or len(pair) != 2 or not isinstance(pair[0], Command):
             expected = f"Command(...){', memory' if self._remembers else ''}"
-            raise TypeError(f"the law returns {type(returned).__name__}; expected {expected}")
+            raise TypeError(f"the law returned {type(returned).__name__}, not {expected}")
         command, memory = pair
         engine = command.equivalence_ratio if command.throttle == NOT_GIVEN else command.throttle
         block[list(COMMAND_ROWS), lane] = (*command[:3], engine, *command[4:7])

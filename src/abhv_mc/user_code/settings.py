@@ -20,7 +20,7 @@ def make_user_settings(document: Document, controller: PythonController, law: La
 
     def number(name: str, unit: str, default: float) -> float:
         if name not in controller.settings and np.isnan(default):
-            raise Refusal(f"no key '{name}'", f"the key '{name}' here")
+            raise Refusal(f"the key '{name}' is missing", f"a mapping with the key '{name}'")
         return (
             parse_in_unit(controller.settings[name], unit)
             if name in controller.settings
@@ -112,7 +112,7 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
             )
         if not np.isfinite(step_values).all():
             raise Refusal(
-                f"no value for '{name}'",
+                f"'{name}' has no value",
                 "a value in the controller file, or a default in the class",
             )
         return np.array(start_times, dtype=np.float64), np.array(step_values, dtype=np.float64)

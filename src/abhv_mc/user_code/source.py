@@ -63,7 +63,10 @@ def compile_text(source: UserSource, flags: int = 0) -> Any:
     ) as error:  # The last three exceptions are caused by zero bytes or deep nesting.
         location = (error.lineno, error.offset) if isinstance(error, SyntaxError) else (None, None)
         raise InputError(
-            source.file, f"'{getattr(error, 'msg', error)}'", "valid Python code", *location
+            source.file,
+            f"invalid Python code ({getattr(error, 'msg', error)})",
+            "code that Python can parse",
+            *location,
         ) from None
 
 

@@ -66,7 +66,8 @@ class Table(LookUp):
         ends = (extrapolate,) * len(grids) if isinstance(extrapolate, str) else tuple(extrapolate)
         if len(ends) != len(grids) or not all(end in ENDS for end in ends):
             raise Refusal(
-                f"extrapolate {extrapolate!r}", f"{one_of(ENDS)}, for all grids or for each grid"
+                f"found extrapolate={extrapolate!r}",
+                f"{one_of(ENDS)}, for all grids or for each grid",
             )
         self.grids, self.values = tuple(grids), values
         self.extrapolate = tuple(ENDS[end] for end in ends)
@@ -190,7 +191,7 @@ class Scattered(LookUp):
             or not (np.isfinite(positions).all() and np.isfinite(point_values).all())
         ):
             raise Refusal(
-                f"points of shape {positions.shape} and values of shape {point_values.shape}",
+                f"the points have the shape {positions.shape} and the values {point_values.shape}",
                 "finite arrays points[point, axis] and values[point]",
             )
         if positions.shape[1] == 1:

@@ -54,13 +54,21 @@ def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
     with refuse_in_words(source, "the file of channels", "plain functions"):
         functions = module.marked(MARK)
         if not 1 <= len(functions) <= MAX_CHANNELS:
-            raise InputError(source.file, f"{len(functions)} channels", f"1 to {MAX_CHANNELS}")
+            raise InputError(
+                source.file, f"found {len(functions)} channels", f"1 to {MAX_CHANNELS}"
+            )
         signatures = {name: module.check_arguments(name, _ARGUMENTS) for name in functions}
         kinds = {"actual": _Actual, "measured": _Seen} | ({"memory": memory} if memory else {})
         for name, arguments in signatures.items():
             if "memory" in arguments and not memory:
-                problem = f"the channel '{name}' uses 'memory', which a controller does not provide"
-                expected = "only controllers that are compiled laws or filters with a class Memory"
+                problem = (
+                    f"the channel '{name}' uses 'memory', which at least one controller does not "
+                    "provide"
+                )
+                expected = (
+                    "a campaign in which each controller is a compiled law or filter with a class "
+                    "Memory"
+                )
                 raise InputError(source.file, problem, expected, module.texts[name].lineno)
             check_functions(module, name)
             check_fields(module, name, {key: kinds[key] for key in arguments if key in kinds})

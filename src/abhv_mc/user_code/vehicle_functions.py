@@ -41,7 +41,7 @@ from abhv_mc.vehicle.vehicle_code import (
 )
 
 WIDTH = 32  # number of points evaluated per call, except in flights
-WANTED = "floats, named tuples and functions of them"
+WANTED = "code with only floats, named tuples and functions of them"
 _AXES = ("aileron", "rudder", "elevator")
 _ARGUMENTS = {
     "aerodynamics": ("air", "controls", "rates", "settings"),
@@ -71,7 +71,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
     if rows > s.MAX_TABLE_ROWS:
         problem = (
             f"the tables fill {rows} rows (eight tables on equal axes share a row; derivatives "
-            "with respect to deflections count)"
+            "with respect to deflections also count)"
         )
         raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
@@ -166,7 +166,7 @@ def _find_marked(module: Module) -> str:
     """Return the name of the only function with the decorator @dynamics, or raise InputError."""
     marked = module.marked(DYNAMICS)
     if len(marked) != 1:
-        problem = f"{len(marked) or 'no'} functions with @dynamics"
+        problem = f"the file has {len(marked) or 'no'} functions with @dynamics"
         raise InputError(
             module.source.file,
             problem,
@@ -203,23 +203,23 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
     line = returns[0].lineno
     if type(effect) is not Effect:
         problem = f"the custom dynamics return {type(effect).__name__}"
-        raise InputError(module.source.file, problem, "return Effect(rates=(...), ...)", line)
+        raise InputError(module.source.file, problem, "'return Effect(rates=(...), ...)'", line)
     are_numbers = isinstance(effect.rates, tuple) and all(
         isinstance(rate, int | float) for rate in effect.rates
     )
     if not are_numbers:
-        raise InputError(module.source.file, f"rates={effect.rates!r}", _rates_of(code), line)
+        raise InputError(module.source.file, f"found rates={effect.rates!r}", _rates_of(code), line)
     _check_count(module, code, len(effect.rates), line)
     for name in ("force", "moment"):
         value = getattr(effect, name)
         if not isinstance(value, tuple) or len(value) != 3:
-            raise InputError(module.source.file, f"{name}={value}", f"{name}=(x, y, z)", line)
+            raise InputError(module.source.file, f"found {name}={value}", f"{name}=(x, y, z)", line)
 
 
 def _check_count(module: Module, code: VehicleCode, count: int, line: int) -> None:
     """Raise InputError unless ``count`` equals the number of states."""
     if count != len(code.states):
-        problem = f"{count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
+        problem = f"found {count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
         raise InputError(module.source.file, problem, _rates_of(code), line)
 
 
@@ -293,7 +293,7 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
             )
         except Refusal as refusal:
             raise InputError(
-                function_code.file, f"{name}: {refusal.found}", refusal.expected
+                function_code.file, f"invalid setting '{name}' ({refusal.found})", refusal.expected
             ) from None
         if not is_number(number):
             raise InputError(

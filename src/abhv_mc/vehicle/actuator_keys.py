@@ -1,7 +1,7 @@
 """Pydantic models of the engine and control surface keys in a vehicle file."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -74,12 +74,20 @@ class Actuator(StrictModel):
         return "ideal" if self.ideal else kind
 
 
+def _list_keys(keys: Iterable[str]) -> str:
+    """Return the names of keys as text, with "and" before the last name."""
+    *names, last = keys
+    return f"the keys {', '.join(names)} and {last}" if names else f"the key {last}"
+
+
 def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None:
     """Raise Refusal if the dynamics keys do not match the kind of actuator."""
     needed = DYNAMICS[kind]
     if set(keys) != set(needed):
-        problem = f"{what} of kind {kind} has {' and '.join(sorted(keys)) or 'no dynamics'}"
-        raise Refusal(problem, " and ".join(needed) or "no bandwidth, damping or rate")
+        verb = "have" if what == "surfaces" else "has"
+        stated = _list_keys(sorted(keys)) if keys else "no dynamics"
+        expected = f"exactly {_list_keys(needed)}" if needed else "no bandwidth, damping or rate"
+        raise Refusal(f"{what} of kind '{kind}' {verb} {stated}", expected)
 
 
 class EngineActuator(Actuator):
@@ -245,8 +253,8 @@ class _Inlets(StrictModel):
         has_mixed_shares = len({engine.share is None for engine in self.engines.values()}) > 1
         if rows and (has_mixed_shares or abs(total - 1.0) > 1e-9):
             raise Refusal(
-                f"the thrust shares sum to {total:g}",
-                "shares that sum to 1, or no shares",
+                f"the sum of the thrust shares is {total:g}",
+                "shares of all engines with the sum 1, or no shares",
                 ("engines",),
             )
         if max(map(abs, moments)) > 1e-6:
@@ -368,7 +376,7 @@ class Effector(SurfaceActuator):
             )
         if self.response == "ideal" and (self.rate or self.bandwidth or self.damping):
             raise Refusal(
-                "an ideal effector has dynamics",
+                "an ideal effector has a rate, a bandwidth or a damping",
                 "either an ideal effector, or rate, bandwidth and damping",
                 ("ideal" if self.ideal else "kind",),
             )

@@ -88,7 +88,8 @@ class MassPoint(StrictModel):
         )
         if xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
             raise Refusal(
-                f"inertias {xx:g}, {yy:g}, {zz:g}, {xz:g} kg m2 are physically impossible",
+                f"the inertias xx {xx:g}, yy {yy:g}, zz {zz:g} and xz {xz:g} kg m2 are physically "
+                "impossible",
                 "moments of inertia that are each at most the sum of the other two, and xz squared "
                 "below xx times zz",
             )
@@ -107,7 +108,7 @@ class MassPoints(StrictModel):
         for i, (light, heavy) in enumerate(pairwise(self.points), 1):
             if heavy.mass <= light.mass:
                 raise Refusal(
-                    f"the mass {heavy.mass:g} kg follows {light.mass:g} kg",
+                    f"a mass of {heavy.mass:g} kg follows a mass of {light.mass:g} kg",
                     "increasing masses",
                     ("points", i, "mass"),
                 )
@@ -177,7 +178,9 @@ class TableEntry(StrictModel):
                 "exactly one of 'file' and 'constant'",
             )
         if self.columns and self.file is None:
-            raise Refusal("a constant has 'columns'", "'columns' only with a file", ("columns",))
+            raise Refusal(
+                "'columns' is combined with 'constant'", "'columns' only with 'file'", ("columns",)
+            )
         try:
             parse_unit(self.unit)
         except Refusal as refusal:
@@ -403,7 +406,7 @@ class VehicleDocument(StrictModel):
                 table not in used and self.propulsion is not None
             ):  # The file of a glider may contain engine tables that are not used.
                 raise Refusal(
-                    f"table '{table}' is not used",
+                    f"the table '{table}' is not used",
                     "only tables that a coefficient or the propulsion uses",
                     ("tables", table),
                 )

@@ -153,7 +153,7 @@ def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Int
     names = [rows.heads[column] for column in columns]
     for row in np.flatnonzero((points[1:] == points[:-1]).all(axis=1))[:1] + 1:
         repeated_row = int(max(order[row - 1 : row + 1]))
-        raise rows.error(repeated_row, None, "a duplicate point", "each point once")
+        raise rows.error(repeated_row, None, "the row repeats a point", "each point only once")
     grids = [np.unique(points[:, axis]) for axis in range(len(columns))]
     for column, grid in zip(columns, grids, strict=True):
         if grid.size < 2:
@@ -181,7 +181,7 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
     heads = {name for head in rows.heads for name in (head, split_head(head)[0])}
     for name in columns:
         if name not in heads:
-            problem = f"no column '{name}', which the vehicle file describes"
+            problem = f"the table has no column '{name}', which the vehicle file describes"
             raise rows.error(None, None, problem, one_of(rows.heads))
     roles: dict[str, tuple[int, Role]] = {}
     for i in range(len(rows.heads)):
@@ -189,11 +189,16 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
         if role.name == IGNORE:
             continue
         if role.name in roles:
-            raise rows.error(None, i, f"a second column contains {role.name}", "only one")
+            raise rows.error(
+                None,
+                i,
+                f"a second column contains {role.name}",
+                "only one column for each variable",
+            )
         roles[role.name] = (i, role)
     if VALUE not in roles:
         expected = "a column 'value', or another column with the meaning 'value' under 'columns'"
-        raise rows.error(None, None, "no column 'value'", expected)
+        raise rows.error(None, None, "the column 'value' is missing", expected)
     value = roles.pop(VALUE)[0]
     if not 1 <= len(roles) <= MAX_DIMENSIONS:
         raise rows.error(None, None, f"the table has {len(roles)} axes", f"1 to {MAX_DIMENSIONS}")

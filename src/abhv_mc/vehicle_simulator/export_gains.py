@@ -17,7 +17,7 @@ def check_gain_format(file: Path) -> None:
     """Raise InputError unless the suffix of a file name is .mat, .csv or .h."""
     if file.suffix not in (".mat", ".csv", ".h"):
         raise InputError(
-            file, f"the suffix '{file.suffix}'", "a file name that ends in .mat, .csv or .h"
+            file, f"found the ending '{file.suffix}'", "a file name that ends in .mat, .csv or .h"
         )
 
 

@@ -79,8 +79,8 @@ def check_derived(
             )
             if derived_operands:
                 raise Refusal(
-                    f"'{derived_operands[0]}' is itself derived",
-                    "a drawn parameter, or the expression of that derived parameter",
+                    f"'{derived_operands[0]}' is itself a derived parameter",
+                    "a drawn parameter, or the expression that defines the derived parameter",
                 )
             if seeds := sorted(
                 derived_input
@@ -186,7 +186,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
     )
     if ranking not in ranked:
         errors.append(
-            document.error(("keep", "histories", "by"), f"'{ranking}'", one_of(ranked, ranking))
+            document.error(
+                ("keep", "histories", "by"), f"unknown metric '{ranking}'", one_of(ranked, ranking)
+            )
         )
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
@@ -199,7 +201,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     check_stop(document, model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
     if model.pooled and (not joined or sum(pool.runs for pool in model.pooled) > number):
-        problem = f"{sum(pool.runs for pool in model.pooled)} pooled flights"
+        problem = f"found {sum(pool.runs for pool in model.pooled)} pooled flights"
         errors.append(
             document.key_error(
                 ("pooled",),
@@ -276,7 +278,7 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
     systems = data.get(key) or {}
     for name in controllers:
         if name not in systems:
-            problem = f"no {key.removesuffix('s')} '{name}'"
+            problem = f"unknown {key.removesuffix('s')} '{name}'"
             raise document.error((key,), problem, one_of(systems, name))
     chosen = {name: systems[name] for name in systems if name in controllers}
     requirements = list(select_requirements(data.get("requirements") or [], controllers))
@@ -297,12 +299,14 @@ def _check_asked(
     for i, name in enumerate(model.asks.compare):
         where = ("asks", "compare", i)
         if name not in systems:
-            errors.append(document.error(where, f"'{name}'", one_of(systems, name)))
+            errors.append(document.error(where, f"unknown name '{name}'", one_of(systems, name)))
         elif name in model.asks.compare[:i]:
             errors.append(document.error(where, f"'{name}' is listed twice", "each name only once"))
         elif i == 0 and name != systems[0]:
             errors.append(
-                document.error(where, f"'{name}'", f"'{systems[0]}', the campaign's first system")
+                document.error(
+                    where, f"found '{name}'", f"'{systems[0]}', the campaign's first system"
+                )
             )
 
 
@@ -324,8 +328,8 @@ def _make_marginals(
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
             problem = (
-                f"a probability conflicts with the design '{model.sampling.design}', which sets "
-                "all values"
+                f"the key 'probability' conflicts with the design '{model.sampling.design}', which "
+                "sets all values"
             )
             errors.append(
                 document.error(
@@ -363,8 +367,7 @@ def _make_copula(
                 )
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
                 problem = (
-                    f"'{name}' has a probability below 1, so that some flights have its nominal "
-                    "value"
+                    f"'{name}' has a probability below 1, so some flights have its nominal value"
                 )
                 errors.append(
                     document.error(
@@ -471,7 +474,7 @@ def _check_measured(
             continue
         try:
             if not parse_in_any_unit(value, units[name]) >= 0.0:
-                raise Refusal(f"{value}", "a nonnegative standard deviation")
+                raise Refusal(f"found {value}", "a nonnegative standard deviation")
         except Refusal as refusal:
             errors.append(document.error(where, refusal.found, refusal.expected))
 
@@ -504,8 +507,8 @@ def _check_runs(
             errors.append(
                 document.error(
                     (),
-                    "no key 'runs'",
-                    f"the key 'runs', because the design '{design}' does not determine the number "
+                    "the key 'runs' is missing",
+                    f"this key, because the design '{design}' does not determine the number "
                     "of flights",
                 )
             )
@@ -520,5 +523,5 @@ def _check_runs(
             f"{'at most ' if sample_file else ''}{number}, the number of flights in the design "
             f"'{design}', or no 'runs'"
         )
-        errors.append(document.error(("runs",), f"{model.runs}", expected))
+        errors.append(document.error(("runs",), f"found {model.runs}", expected))
     return model.runs or number

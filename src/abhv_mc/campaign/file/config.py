@@ -68,7 +68,7 @@ class Sampling(StrictModel):
         if (self.design == "file") != (self.path is not None):
             raise Refusal(
                 f"the key 'path' does not fit the design '{self.design}'",
-                "a path if the design is 'file', and no path otherwise",
+                "a path if, and only if, the design is 'file'",
             )
         return self
 

@@ -71,14 +71,14 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
             continue
         if high is not None and high <= 0.0:
             problem = (
-                f"no flight can meet '{entry.metric}' below {high:g}, because the metric is never "
-                "negative"
+                f"no flight can meet the upper limit {high:g} of '{entry.metric}', because this "
+                "metric is never negative"
             )
             yield document.error(("requirements", i, "below"), problem, "a positive limit")
         elif low is not None and low < 0.0:
             problem = (
-                f"every flight meets '{entry.metric}' above {low:g}, because the metric is never "
-                "negative"
+                f"every flight meets the lower limit {low:g} of '{entry.metric}', because this "
+                "metric is never negative"
             )
             yield document.error(("requirements", i, "above"), problem, "a nonnegative limit")
     if not campaign.judged:

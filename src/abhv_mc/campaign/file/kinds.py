@@ -16,7 +16,6 @@ from abhv_mc.io.documents import (
     InputError,
     InputErrors,
     found_value,
-    one_of,
     read_document,
 )
 from abhv_mc.vehicle.document import VehicleDocument
@@ -44,7 +43,9 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
     shared = {kind: len(keys & model_keys) for kind, model_keys in _KEYS.items()}
     kind = max(shared, key=lambda name: (shared[name] + (name == expected), name == expected))
     if not shared[kind] and expected is None:
-        raise document.error((), found_value(document.data), f"the keys of {one_of(MODELS)}")
+        raise document.error(
+            (), found_value(document.data), f"the keys of one of these files: {', '.join(MODELS)}"
+        )
     return kind
 
 

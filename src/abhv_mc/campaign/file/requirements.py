@@ -81,7 +81,9 @@ def _read_inputs(document: Document) -> Document:
         raise document.error(("inputs",), problem, "an existing CSV file, or a mapping of inputs")
     table = read_foreign_table(path, has_units=False)
     if "name" not in table.heads:
-        raise table.error(None, 0, "no column 'name'", "a column with the names of the inputs")
+        raise table.error(
+            None, 0, "the column 'name' is missing", "a column with the names of the inputs"
+        )
     columns = [table.words(i) for i in range(len(table.heads))]
     entries: dict[str, dict[str, dict[str, Any]]] = {"inputs": {}, "dispersions": {}}
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
@@ -120,7 +122,7 @@ def _read_table(path: Path) -> Document:
         if head not in _COLUMNS:
             raise table.error(None, column, f"unknown column '{head}'", one_of(_COLUMNS, head))
     if "metric" not in table.heads:
-        raise table.error(None, 0, "no column 'metric'", one_of(_COLUMNS))
+        raise table.error(None, 0, "the column 'metric' is missing", one_of(_COLUMNS))
     columns = [table.words(i) for i in range(len(table.heads))]
     entries: list[Any] = []
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
@@ -215,7 +217,7 @@ def check_requirements(
             high = None if entry.below is None else read(entry.below, metrics[entry.metric].unit)
             if low is not None and high is not None and low >= high:
                 raise Refusal(
-                    f"no value is below {high:g} and above {low:g}",
+                    f"no value is both below {high:g} and above {low:g}",
                     "an upper limit 'below' that exceeds the lower limit 'above'",
                 )
             yield Requirement(
@@ -238,7 +240,7 @@ def _limit(value: float | str, unit: str) -> float:
     if isinstance(value, float):
         return value
     if unit in ("g", "dB"):
-        raise Refusal(f"'{value}'", f"a plain number, in {unit}")
+        raise Refusal(f"found '{value}'", f"a plain number, in {unit}")
     return parse_quantity(value, dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
 
@@ -256,7 +258,7 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
             f"'{model.sampling.design}'"
         )
         errors.append(
-            document.key_error(("stop",), problem, f"sampling: {INDEPENDENT}, or no 'stop'")
+            document.key_error(("stop",), problem, f"'sampling: {INDEPENDENT}', or no 'stop'")
         )
 
 
@@ -289,6 +291,6 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
             where = ("margins", "at", i)
             errors.append(
                 document.error(
-                    where, f"{time:g} s", f"trim, or a mission time from 0 to {duration:g} s"
+                    where, f"found {time:g} s", f"trim, or a mission time from 0 to {duration:g} s"
                 )
             )

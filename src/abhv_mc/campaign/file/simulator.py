@@ -131,8 +131,9 @@ class Simulator(StrictModel):
         ]
         if self.python and not named:
             raise Refusal(
-                f"'{self.python}'",
-                "a Python file in the folder of the campaign file, or in 'folder'",
+                f"'{self.python}' does not exist in the simulator's folder",
+                "a Python file in the folder of the campaign file, or in the folder named by "
+                "'folder'",
                 ("python",),
             )
         declared = expand(base, self.files, self.find_folders(base))
@@ -284,7 +285,9 @@ class SimulatorCampaign(Campaign):
         column_names = (*self.inputs, *self.metrics, "system", "outcome", "end_time", "flight")
         for name in self.columns:
             if name not in column_names:
-                raise Refusal(f"'{name}'", one_of(column_names, name), ("columns", name))
+                raise Refusal(
+                    f"unknown name '{name}'", one_of(column_names, name), ("columns", name)
+                )
         if self.columns and self.simulator:
             raise Refusal("'columns' applies only to imported flights", "no such key", ("columns",))
         if self.independent and self.simulator:
@@ -339,7 +342,7 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
         errors.append(
             document.key_error(
                 ("keep", "envelopes"),
-                "envelopes without 'histories' cannot be computed",
+                "envelopes cannot be computed without 'histories'",
                 "the key 'histories'",
             )
         )
@@ -350,6 +353,6 @@ def check_simulator(document: Document, model: SimulatorCampaign, errors: list[I
                 document.key_error(
                     ("keep", key, "channels"),
                     problem,
-                    "no such key, because all 'histories' are stored",
+                    "no key 'channels', because all 'histories' are stored",
                 )
             )

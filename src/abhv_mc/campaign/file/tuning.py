@@ -68,7 +68,7 @@ class Limit(StrictModel):
         ]
         if len(bounds) != 1:
             raise Refusal(
-                " and ".join(bounds) or "no limit is set",
+                f"found the limits {', '.join(bounds)}" if bounds else "no limit is set",
                 "exactly one of below, above, below_start_times",
             )
         if self.is_margin and (
@@ -76,7 +76,7 @@ class Limit(StrictModel):
         ):
             raise Refusal(
                 f"the limit on the stability margin {self.metric} is invalid",
-                "'above' with a positive number, and no quantile",
+                "the key 'above' with a positive number, and no quantile",
             )
         if self.vehicles is not None and not self.is_margin:
             raise Refusal(
@@ -146,6 +146,8 @@ class Tune(StrictModel):
                 "quantile"
             )
             key = "validation" if "validation" in self.model_fields_set else "minimise"
-            expected = f"validation: {least} or more, to bound the difference between the quantiles"
+            expected = (
+                f"'validation: {least}' or more, to bound the difference between the quantiles"
+            )
             raise Refusal(problem, expected, (key,))
         return self

@@ -286,9 +286,9 @@ def check_unknowns(
                 )
     if unknowns and design != INDEPENDENT:
         problem = f"the design '{design}' does not permit unknowns"
-        errors.append(document.key_error(("unknowns",), problem, f"sampling: {INDEPENDENT}"))
+        errors.append(document.key_error(("unknowns",), problem, f"'sampling: {INDEPENDENT}'"))
     if len(unknowns) > MOST_UNKNOWNS:
-        problem = f"{len(unknowns)} unknowns"
+        problem = f"found {len(unknowns)} unknowns"
         errors.append(document.key_error(("unknowns",), problem, f"at most {MOST_UNKNOWNS}"))
     if points is not None:
         lengths = {len(values) for values in points.at.values()}
@@ -304,7 +304,9 @@ def check_unknowns(
         number = min(lengths, default=0)
         if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
             problem = f"'shared' or 'most_failures' refers to more than the {number} points of 'at'"
-            errors.append(document.key_error(("points",), problem, "indices of points, from 0"))
+            errors.append(
+                document.key_error(("points",), problem, "indices of points, counted from 0")
+            )
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T

@@ -125,7 +125,7 @@ class MetricEntry(StrictModel):
             )
         if self.limit is not None and self.statistic not in TAKES_LIMIT:
             raise Refusal(
-                f"the statistic '{self.statistic.word}' has no limit",
+                f"the statistic '{self.statistic.word}' does not use a limit",
                 f"'limit' only with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
                 ("limit",),
             )
@@ -133,15 +133,19 @@ class MetricEntry(StrictModel):
             problem = (
                 "the statistic 'quantile' needs a share"
                 if self.share is None
-                else f"the statistic '{self.statistic.word}' has no share"
+                else f"the statistic '{self.statistic.word}' does not use a share"
             )
             raise Refusal(
-                problem, "'share', such as 95 %, if and only if the statistic is 'quantile'"
+                problem, "a share such as 95 % if, and only if, the statistic is 'quantile'"
             )
         if self.to is not None and self.to <= self.from_:
             raise Refusal("the time window is empty", "'from' before 'to'", ("to",))
         if self.phase is not None and (self.from_ or self.to is not None):
-            raise Refusal("'phase' excludes 'from' and 'to'", "only one time window", ("phase",))
+            raise Refusal(
+                "'phase' cannot be combined with 'from' and 'to'",
+                "only one time window",
+                ("phase",),
+            )
         return self
 
 
@@ -177,7 +181,7 @@ def declare_metrics(
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
         errors.append(
-            document.key_error(where, f"{len(entries)} metrics", f"at most {MAX_DECLARED}")
+            document.key_error(where, f"found {len(entries)} metrics", f"at most {MAX_DECLARED}")
         )
     records = []
     for name, entry in entries.items():
@@ -196,7 +200,9 @@ def declare_metrics(
                 if windows
                 else "a mission that has a phase with this name"
             )
-            errors.append(document.error((*where, name, "phase"), f"'{entry.phase}'", expected))
+            errors.append(
+                document.error((*where, name, "phase"), f"unknown phase '{entry.phase}'", expected)
+            )
         elif entry.phase is not None:
             window = windows[entry.phase]
         records.append(_record(name, entry, sources, nonnegative, window))

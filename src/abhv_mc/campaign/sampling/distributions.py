@@ -62,7 +62,7 @@ class _Distribution(StrictModel):
     def _positive(self, key: str, parameter: Parameter) -> float:
         value = self._read(key, parameter)
         if value is None or value <= 0.0:
-            raise Refusal(f"{getattr(self, key)}", f"a positive {key}", (key,))
+            raise Refusal(f"found {getattr(self, key)}", f"a positive {key}", (key,))
         return value
 
 
@@ -83,16 +83,18 @@ class _Ranged(_Distribution):
             if low is not None or high is not None:
                 raise Refusal(
                     "half_width cannot be combined with low or high",
-                    "either half_width, or low and high",
+                    "either half_width alone, or both low and high",
                 )
             if not math.isfinite(center):
                 raise Refusal(
-                    f"the half_width has the center {center:g}", "low and high", ("half_width",)
+                    f"the center of the range is {center:g}",
+                    "low and high instead of half_width",
+                    ("half_width",),
                 )
             half_width = self._positive("half_width", parameter)
             return center - half_width, center + half_width
         if low is None or high is None:
-            raise Refusal("the range is missing", "half_width, or low and high")
+            raise Refusal("the range is missing", "half_width alone, or both low and high")
         if not low < high:
             raise Refusal(
                 f"the range from {low:g} to {high:g} is empty",
@@ -184,7 +186,7 @@ class Lognormal(_Distribution):
         sigma = _read(_NUMBER, self.sigma, "sigma")
         median = _or(self._read("median", parameter), parameter)
         if sigma <= 0.0:
-            raise Refusal(f"{self.sigma}", "a positive sigma", ("sigma",))
+            raise Refusal(f"found {self.sigma}", "a positive sigma", ("sigma",))
         if median <= 0.0:
             where = ("median",) if self.median is not None else ()
             raise Refusal(f"the median is {median:g}", "a positive median", where)
@@ -243,13 +245,13 @@ class Scipy(_Distribution):
 
         names = [name for name, law in vars(stats).items() if isinstance(law, stats.rv_continuous)]
         if self.law not in names:
-            raise Refusal(f"unknown law '{self.law}'", one_of(names, self.law), ("law",))
+            raise Refusal(f"unknown distribution '{self.law}'", one_of(names, self.law), ("law",))
         law = getattr(stats, self.law)
         shapes = [
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
         ]  # shape parameters, in the order that scipy expects
         if sorted(self.shapes) != sorted(shapes):
-            problem = f"shapes {', '.join(self.shapes) or 'none'}"
+            problem = f"found shapes {', '.join(self.shapes) or 'none'}"
             raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
         scale = 1.0 if self.scale is None else self._positive("scale", parameter)
         loc = self._read("loc", parameter) or 0.0
@@ -286,7 +288,7 @@ class Mixture(_Distribution):
         for i, component in enumerate(self.parts):
             if component.probability < 1.0:
                 raise Refusal(
-                    "a component of the mixture has a probability",
+                    "a component of the mixture has the key 'probability'",
                     "a weight for the component, or a probability for the whole mixture",
                     ("parts", i),
                 )
@@ -325,7 +327,7 @@ def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
     """Return normalized weights, which are equal if ``weights`` is None."""
     shares = np.array([1.0] * number if weights is None else weights)
     if len(shares) != number:
-        raise Refusal(f"{len(shares)} weights", f"{number} weights", ("weights",))
+        raise Refusal(f"found {len(shares)} weights", f"{number} weights", ("weights",))
     return shares / shares.sum()
 
 

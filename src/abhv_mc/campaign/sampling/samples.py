@@ -179,12 +179,15 @@ def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
     indices = {column.position for column in columns.values()}
     for i, head in enumerate(table.heads):
         if i not in indices:
-            expected = f"a parameter: {one_of(parameters.dispersible, head)}"
+            expected = one_of(parameters.dispersible, head)
             raise table.error(None, i, f"unknown column '{head}'", expected)
     flight = columns.pop("flight", None)
     if not columns:
         raise InputError(
-            path, "no column has the name of a parameter", "at least one column of a parameter", 1
+            path,
+            "no column has the name of a parameter",
+            "at least one column named after a parameter",
+            1,
         )
     if not len(table):
         raise InputError(path, "the table has no rows", "one row per flight", 1)
@@ -193,5 +196,7 @@ def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
     if flight and not np.array_equal(
         table.numbers([flight.position])[:, 0], np.arange(len(values))
     ):
-        raise InputError(path, "the column 'flight' does not count up from 0", "0, 1, 2, ...", 2)
+        raise InputError(
+            path, "the column 'flight' does not count up from 0", "the numbers 0, 1, 2, ...", 2
+        )
     return SampleFile(tuple(columns), values)

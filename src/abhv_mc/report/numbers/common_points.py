@@ -23,7 +23,7 @@ def restrict_to_common_points(
     """
     unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns
     if unknowns_a.names != unknowns_b.names:
-        problem = f"different unknowns ({', '.join(unknowns_b.names) or 'none'})"
+        problem = f"the unknowns are {', '.join(unknowns_b.names) or 'none'}"
         raise InputError(
             b.folder, problem, f"{', '.join(unknowns_a.names) or 'none'}, as in {a.folder}"
         )
@@ -37,7 +37,9 @@ def restrict_to_common_points(
     ).reshape(-1, 2)
     if not len(pairs):
         raise InputError(
-            b.folder, "no common point of the unknowns", f"at least one of the points of {a.folder}"
+            b.folder,
+            "the campaigns have no common point of the unknowns",
+            f"at least one of the points of {a.folder}",
         )
     return _restrict(a, pairs[:, 0]), _restrict(b, pairs[:, 1])
 

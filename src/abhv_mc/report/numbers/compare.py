@@ -60,17 +60,17 @@ def require_same_samples(
     expected = f"the samples of {folder}"
     for name in samples_a:
         if name not in samples_b:
-            raise InputError(path, f"no column '{name}'", expected)
+            raise InputError(path, f"the samples have no column '{name}'", expected)
     for name in samples_b:
         if name not in samples_a:
-            raise InputError(path, f"an additional column '{name}'", expected)
+            raise InputError(path, f"the samples have the additional column '{name}'", expected)
     for name, values in samples_a.items():
         values_b = samples_b[name]
         count = min(values.size, values_b.size)
         differ = np.flatnonzero(values[:count] != values_b[:count])
         if differ.size:
             k = int(differ[0])
-            problem = f"{name} = {float(values_b[k])!r} in flight {k}"
+            problem = f"{name} is {float(values_b[k])!r} in flight {k}"
             raise InputError(path, problem, f"{float(values[k])!r}, as in {folder}")
 
 
@@ -81,7 +81,7 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     if unknowns.names != campaign.unknowns.names:
         expected = f"{', '.join(unknowns.names) or 'none'}, as in {baseline}"
         raise campaign.document.key_error(
-            ("unknowns",), "unknowns that differ from those of the baseline", expected
+            ("unknowns",), "the unknowns differ from those of the baseline", expected
         )
     rows = source.draw(0, campaign.runs)[:: len(campaign.unknowns.points)]
     columns = {
@@ -93,7 +93,9 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     require_same_samples(expected_samples, columns, baseline, campaign.document.path)
     if not set(campaign.controllers) & set(results.flights):
         expected = f"one of {', '.join(results.controllers)}, as in {baseline}"
-        raise campaign.document.error(("controllers",), "no controller of the baseline", expected)
+        raise campaign.document.error(
+            ("controllers",), "none of the controllers is in the baseline", expected
+        )
 
 
 def _drawn(results: FlownCampaign) -> dict[str, Floats]:
@@ -112,10 +114,14 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
         except Refusal:
             margin = -1.0
         if margin < 0.0:
-            raise InputError("--fail-if-worse", f"'{text}'", "METRIC=SHARE with a share such as 5%")
+            raise InputError(
+                "--fail-if-worse", f"found '{text}'", "METRIC=SHARE with a share such as 5%"
+            )
         if metric.strip() in margins:
             raise InputError(
-                "--fail-if-worse", f"metric '{metric.strip()}' is given twice", "each metric once"
+                "--fail-if-worse",
+                f"metric '{metric.strip()}' is given twice",
+                "each metric only once",
             )
         margins[metric.strip()] = margin
     return margins
@@ -184,7 +190,9 @@ def compare_results(
                 )
             )
     if not pairs:
-        raise InputError(b.folder, "no flight in common", f"flight numbers of {a.folder}")
+        raise InputError(
+            b.folder, "the campaigns have no flight in common", f"flight numbers of {a.folder}"
+        )
     requirement_texts = tuple(requirement_words(item, records) for item in requirements)
     return Compared(
         requirement_texts, {name: records[name].as_texts() for name in metrics}, tuple(pairs)
@@ -280,16 +288,16 @@ def pair_controllers(
     """Yield the pairs of controllers to compare: the named pair, or all common controllers."""
     if controllers:
         if len(controllers) != 2:
-            problem = f"{len(controllers)} controllers"
+            problem = f"found {len(controllers)} controllers"
             raise InputError("--controllers", problem, "two names, one from each folder")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
                 expected = " or ".join(results.controllers)
-                raise InputError(results.folder, f"no flights of '{name}'", expected)
+                raise InputError(results.folder, f"the folder has no flights of '{name}'", expected)
         yield controllers[0], controllers[1]
         return
     common = [name for name in a.controllers if name in b.flights]
     if not common:
-        problem = f"only the controllers {', '.join(b.controllers)}"
+        problem = f"the only controllers are {', '.join(b.controllers)}"
         raise InputError(b.folder, problem, f"one of {', '.join(a.controllers)}")
     yield from ((name, name) for name in common)

@@ -77,7 +77,7 @@ def contrast_results(
     for results in (a, b):
         if results.campaign.unknowns.names:
             problem = (
-                "a campaign with unknowns, whose samples differ from those of the other folder"
+                "the campaign has unknowns, and its samples differ from those of the other folder"
             )
             raise InputError(
                 results.folder, problem, "the same samples, or campaigns without unknowns"

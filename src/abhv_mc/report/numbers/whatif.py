@@ -119,9 +119,9 @@ def _check_coverage(
         raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign")
     least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
     if effective < least:
-        problem = f"an effective number of {effective:.0f} flights out of {total}"
+        problem = f"the effective number of flights is {effective:.0f} out of {total}"
         remedy = "use a smaller change, more flights, or a new campaign"
-        raise InputError(root, problem, f"an effective number of at least {least:g}: {remedy}")
+        raise InputError(root, problem, f"at least {least:g} ({remedy})")
 
 
 def _reweight_requirement(

@@ -92,8 +92,8 @@ _SIDE_OPTIONS: dict[str | None, tuple[str, ...]] = {
 def refuse_search(root: Path, manifest: Manifest) -> None:
     """Raise InputError, which names the command that makes the page, for a search's folder."""
     if manifest.search:
-        expected = f"a campaign; for the page of the search, run {search_command(root, manifest)}"
-        raise InputError(root, "the flights of a search", expected)
+        expected = f"a campaign; for the page of the search, run `{search_command(root, manifest)}`"
+        raise InputError(root, "the folder contains the flights of a search", expected)
 
 
 def search_command(root: Path, manifest: Manifest) -> str:

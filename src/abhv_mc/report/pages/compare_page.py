@@ -87,7 +87,9 @@ class Comparison:
         """Return the figure of the comparison. Raise InputError if no metric differs."""
         for _, figure in self._draw():
             return figure
-        raise InputError("figure", "no metric that differs", "campaigns with a flight that differs")
+        raise InputError(
+            "figure", "no metric differs", "campaigns that differ in at least one flight"
+        )
 
 
 def _paired_rows(comparison: Compared) -> Iterator[tuple[object, ...]]:

@@ -24,7 +24,7 @@ def find_browser() -> str:
     if program is None:
         raise InputError(
             "--pdf",
-            "no Chromium was found",
+            "no Chromium-based browser was found",
             f"one of {', '.join(NAMES)} on PATH (any other browser can print report.html)",
         )
     return program
@@ -62,12 +62,14 @@ def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = Fals
             )
         except subprocess.TimeoutExpired:
             raise InputError(
-                browser, f"no PDF was printed in {_LONGEST:g} s", "a Chromium that can print"
+                browser,
+                f"no PDF was printed within {_LONGEST:g} s",
+                "a Chromium-based browser that can print",
             ) from None
     if not target.is_file():
         raise InputError(
             browser,
-            f"no PDF was printed: {process.stderr[-200:].strip()}",
+            f"no PDF was printed ({process.stderr[-200:].strip()})",
             "a Chromium that can print",
         )
     return target

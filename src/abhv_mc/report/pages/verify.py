@@ -25,7 +25,7 @@ def verify_campaign(root: Path) -> Iterator[str]:
     folder = CampaignFolder(root)
     manifest = read_manifest(folder.manifest)
     if holder := lock_holder(folder.lock):
-        raise InputError(root, f"a campaign that {holder} is running", "a run that has ended")
+        raise InputError(root, f"{holder} is running the campaign", "a run that has ended")
     damage = list(find_damage(folder, manifest))
     yield from (
         f"{path.relative_to(folder.root).as_posix()}: {problem}" for path, problem in damage
@@ -44,7 +44,7 @@ def _report_differences(root: Path) -> Iterator[str]:
         written: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         files, pages, pictures = (written.pop(name) for name in ("files", "pages", "pictures"))
     except (ValueError, KeyError) as error:
-        problem = f"no valid numbers of a report ({error})"
+        problem = f"the file does not contain the valid numbers of a report ({error})"
         raise InputError(path, problem, f"a report made by `abhv-mc report {root}`") from None
     written.pop("key", None)
     yield from _find_changed(files, hash_files(root))
