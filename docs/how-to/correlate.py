@@ -1,4 +1,4 @@
-"""Report topic with the Spearman correlations of dispersions and required metrics."""
+"""Report topic with the Spearman correlations between dispersions and required metrics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

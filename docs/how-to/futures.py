@@ -10,7 +10,7 @@ from abhv_mc.io.input_error import InputError
 
 
 class PoolExecutor:
-    """Implementation of :class:`abhv_mc.interfaces.Executor` on futures.
+    """Implementation of :class:`abhv_mc.interfaces.Executor` with futures.
 
     The executor does not end flights that hang.
     """
