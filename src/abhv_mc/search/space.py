@@ -76,11 +76,11 @@ class Space:
         return values
 
     def bounds(self, box: float) -> Floats:
-        """Return the lower and upper end of the box in each dimension [dimension, 2].
+        """Return the lower and upper bounds of the box in each dimension [dimension, 2].
 
-        The ends are the range of a bounded distribution, or +-`box` sigma of any other
-        distribution. For a failure that occurs in some flights only, the ends are the range of its
-        parameter in these flights.
+        The bounds are the range of a bounded distribution, or the quantiles of any other
+        distribution at +-`box` standard deviations of a normal distribution. For a failure that
+        occurs only in some flights, the bounds are the range of its parameter in these flights.
         """
         from scipy.special import ndtr
 
