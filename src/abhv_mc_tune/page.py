@@ -98,9 +98,9 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
     gain, block, main = result.difference, result.block, result.comparisons[0]
     interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} to {gain.high:.4g}"
     quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
-    start = result.objective.with_unit(f"{main.start:.4g}")
+    start, best = (result.objective.with_unit(f"{x:.4g}") for x in (main.start, main.best))
     change = (
-        f"On {block.validation} new flights, the {quantile} is {main.best:.4g} with the tuned "
+        f"On {block.validation} new flights, the {quantile} is {best} with the tuned "
         f"parameters, compared with {start} with the initial parameters ({interval})."
     )
     violated = "; ".join(item.label for item in result.comparisons if not item.keeps)
