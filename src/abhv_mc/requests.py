@@ -224,14 +224,12 @@ class WorstRequest(SearchRequest):
     _: KW_ONLY
     bad: Annotated[
         Literal["high", "low"] | None,
-        Option(
-            "Whether high or low values are worse.", "side", "the worse direction of the metric"
-        ),
+        Option("Treat high or low values as worse.", "side", "the worse direction of the metric"),
     ] = None
     flights: Annotated[
         int,
         Option(
-            "Number of flights of the search; the same number of random flights follows.",
+            "Number of flights of the search; the same number of random flights is added.",
             "count",
             low=1,
         ),
@@ -239,7 +237,7 @@ class WorstRequest(SearchRequest):
     box: Annotated[
         float,
         Option(
-            "Half-width of the range of unbounded distributions, in standard deviations.",
+            "Half-width of the searched range of unbounded distributions, in standard deviations.",
             "number",
             low=0.1,
             high=8.0,
@@ -252,7 +250,10 @@ class RareRequest(SearchRequest):
     """Options of an estimate of a failure probability."""
 
     requirement: Annotated[
-        str, Option("ID or metric of the requirement that flights may violate.", "requirement")
+        str,
+        Option(
+            "Requirement (ID or metric) whose probability of violation is estimated.", "requirement"
+        ),
     ]
     _: KW_ONLY
     target_cov: Annotated[

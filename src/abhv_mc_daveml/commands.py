@@ -17,7 +17,8 @@ def daveml(
 ) -> None:
     """Import DAVE-ML files (ANSI/AIAA S-119) as readable Python functions.
 
-    The check shots of the files must pass. Missing numbers are requested in DIR/import.yaml.
+    The check shots of the files must pass. If inputs are missing, they are listed in
+    DIR/import.yaml; enter their values there and run the same command again.
     """
     from abhv_mc_daveml.import_vehicle import import_daveml
 

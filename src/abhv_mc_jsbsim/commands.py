@@ -15,7 +15,7 @@ def jsbsim(
     ],
     out: Annotated[Path, output(output_folder, "DIR", "Folder for the vehicle files.")],
 ) -> None:
-    """Import the aerodynamics, metrics and mass of a JSBSim model as a vehicle.
+    """Import the aerodynamics, reference dimensions and mass of a JSBSim model as a vehicle.
 
     The command lists the parts of the model that are not imported.
     """

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 def tune(request: TuneRequest, json: Json = None) -> None:
     """Tune the free parameters of a controller, and validate the result on new flights.
 
-    The new file is written if the paired interval shows an improvement within all limits.
-    Otherwise the best candidate is written to NEW.rejected.yaml and the exit code is 1. A page next
-    to the file shows the result. Ctrl-C keeps completed flights.
+    The new file is written if the interval of the paired differences shows an improvement and all
+    limits are met. Otherwise, the best candidate is written to NEW.rejected.yaml, and the exit code
+    is 1. A page next to the file shows the result. After Ctrl-C, completed flights are kept.
     """
     page = Path(request.output).with_suffix(".html")
     output_file(page)
@@ -42,10 +42,10 @@ def tune(request: TuneRequest, json: Json = None) -> None:
         out = Path(request.output)
         rejected = rejected_file(out)
         say(
-            f"no candidate is shown to be better within the limits; {out} was not written",
+            f"no candidate that meets the limits is shown to be better; {out} was not written",
             file=sys.stderr,
         )
         if rejected.exists():
-            say(f"rejected  {rejected} contains the best candidate", file=sys.stderr)
+            say(f"rejected: the best candidate is in {rejected}", file=sys.stderr)
         raise typer.Exit(ExitCode.FAILED)
     say(f"controller {request.output}", file=stream)

@@ -96,41 +96,44 @@ def plot_front(
 def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
     """Return sentences about the improvement, the limits and the validity of the result."""
     gain, block, main = result.difference, result.block, result.comparisons[0]
-    interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}"
+    interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} to {gain.high:.4g}"
     quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
-    start = result.objective.with_unit(f"{main.start:.4g}")
+    start, best = (result.objective.with_unit(f"{x:.4g}") for x in (main.start, main.best))
     change = (
-        f"On {block.validation} fresh flights the {quantile} is {main.best:.4g} instead of {start}"
-        f" ({interval})."
+        f"On {block.validation} new flights, the {quantile} is {best} with the tuned "
+        f"parameters, compared with {start} with the initial parameters ({interval})."
     )
     violated = "; ".join(item.label for item in result.comparisons if not item.keeps)
     if result.shown:
         answers = [change]
     elif result.tuning.best == 0:
-        answers = ["No new file: no candidate was better than the start on the common flights."]
+        answers = [
+            "No new file was written, because no candidate was better than the initial parameters "
+            "on the common flights."
+        ]
     elif not result.tuning.scores.allowed.any():
         answers = [
-            "No new file: no candidate met all limits. The table shows the candidate with the "
-            f"smallest violation, which violates: {violated}.",
+            "No new file was written, because no candidate met all limits. The table shows the "
+            f"candidate with the smallest violation (violated limits: {violated}).",
             change,
         ]
     else:
         reason = (
-            f"the best candidate violates limits on fresh flights: {violated}"
+            f"the best candidate violates these limits on new flights: {violated}"
             if violated
             else "the best candidate is not shown to be better"
         )
-        answers = [f"No new file: {reason}.", change]
+        answers = [f"No new file was written, because {reason}.", change]
     ends = result.numbers.at_ends(result.tuning.best_point)
     if ends:
         answers.append(
-            f"At an end of their range: {', '.join(ends)}. Better values may lie outside the "
-            "ranges; to include them, give these parameters a larger factor."
+            f"Parameters at a bound of their range: {', '.join(ends)}. Better values may lie "
+            "outside the ranges; to include them, give these parameters a larger factor."
         )
     if result.shown:
         answers.append(
             "The improvement is shown for this campaign's dispersions, mission, vehicle and limits."
-            " It may differ for others, and better parameters may exist."
+            " It may differ in other campaigns, and better parameters may exist."
         )
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
@@ -146,9 +149,9 @@ def _comparisons(result: TuneFound) -> Table:
         numbers = significant(item.start, 5), significant(item.best, 5)
         rows.append([item.label, *numbers, limit, is_met])
     caption = (
-        "Metrics are from the same fresh flights for start and result; early terminations count as"
-        " the worst value. Stability margins are the smallest over all loops and times; 0 means "
-        "unstable or no trim."
+        "The metrics of the initial and the tuned parameters are computed from the same new "
+        "flights; early terminations count as the worst value. Stability margins are the smallest "
+        "over all loops and times; 0 means that the loop is unstable or that no trim exists."
     )
     heads = ("metric", "start", "result", "limit", "met")
     return make_table("Start and result", caption, heads, rows)
@@ -163,14 +166,15 @@ def _numbers(result: TuneFound) -> Table:
     ]
     ends = numbers.at_ends(best)
     caption = (
-        "Each parameter was varied on a logarithmic scale by up to its factor in both directions."
+        "Each parameter was varied on a logarithmic scale, from its initial value divided by its "
+        "factor to its initial value multiplied by its factor."
     )
-    heads = ("parameter", "start", "low end", "result", "high end", "")
+    heads = ("parameter", "start", "lower bound", "result", "upper bound", "")
     rows = [
         [
             key,
             *(str(column[key]) for column in columns),
-            "at the end of its range" if key in ends else "",
+            "at a bound of its range" if key in ends else "",
         ]
         for key in columns[0]
     ]

@@ -71,7 +71,7 @@ def everything(
         typer.Option(
             metavar="DIR",
             show_default=f"{_REFERENCES}, if it exists",
-            help="Folder with the check-cases (nesc) and recordings (cadac-ghame6).",
+            help="Folder with the subfolders nesc (check-cases) and cadac-ghame6 (recordings).",
         ),
     ] = None,
     json: Json = None,
@@ -128,13 +128,12 @@ def _print_rows(rows: "list[Row]") -> None:
             word,
         )
     print_table(table)
-    say(f"{len(rows)} differences, {sum(not row.ok for row in rows)} outside their tolerance")
+    say(f"differences outside the tolerance: {sum(not row.ok for row in rows)} of {len(rows)}")
     alone = sum(not row.judged for row in rows)
     if alone:
         say(
-            f"{alone} not judged: the tolerance is the difference between two simulators, but only "
-            "one "
-            "simulator has a file"
+            f"differences not judged: {alone}, because the tolerance is the difference between two "
+            "simulators, but only one simulator has a file"
         )
 
 

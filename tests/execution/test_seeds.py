@@ -143,8 +143,8 @@ def test_a_run_judges_its_folder_and_lists_neighbours(abhv_mc, tmp_path):
         and "merge s2 s1 -o s2_merged" in out.splitlines()[-2]
     )
     assert (
-        out.splitlines()[-1].startswith("verdicts  one 1 NOT SHOWN; two 1 ")
-        and " one (1 " in out.splitlines()[-1]
+        out.splitlines()[-1].startswith("verdicts  one: 1 NOT SHOWN; two: 1 ")
+        and " 'one' (1 " in out.splitlines()[-1]
     )
     assert "s1 (400 flights: 1 FAIL)" in Path("s2/report.html").read_text() and is_up_to_date(
         Path("s2")

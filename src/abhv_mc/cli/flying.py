@@ -157,7 +157,7 @@ def trim(
 
     The default flight condition is the start of the mission or campaign; for a vehicle file it is
     20 km, 1400 m/s, heading 90 deg and latitude 29.3 deg. Sideslip, aileron and rudder are zero.
-    The exit code is 1 if a bank angle has no trim.
+    The exit code is 1 if no trim exists at a bank angle.
     """
     from abhv_mc.api import trim
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED

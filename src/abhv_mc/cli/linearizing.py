@@ -271,7 +271,10 @@ def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") 
         growing = ", ".join(
             f"{p.real:+.3f}{f' +- {p.imag:.2f}j' if p.imag else ''}" for p in poles if p.real >= 0.0
         )
-        say(f"{title}: unstable, no margins; unstable poles {growing} 1/s")
+        say(
+            f"{title}: the closed loop is unstable and has no margins; unstable poles: "
+            f"{growing} 1/s"
+        )
         return
     table = new_table(
         ("loop",), (heading for _, heading, _ in _COLUMNS), title, padding=(0, 1, 0, 0)

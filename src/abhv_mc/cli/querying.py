@@ -30,7 +30,7 @@ lists = typer.Typer(
 
 @lists.command()
 def campaigns(json: Json = None) -> None:
-    """List the shipped campaigns with their questions; `runs` lists campaigns with results."""
+    """List the shipped campaigns and their questions; `runs` lists campaigns with results."""
     _list_shipped("campaign", json)
 
 
@@ -81,7 +81,7 @@ def parameters(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the parameters that a campaign may disperse; the unit - means dimensionless."""
+    """List the parameters that a campaign may disperse; the unit '-' means dimensionless."""
     from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
     from abhv_mc.plant.parameters import OURS
 
@@ -143,7 +143,7 @@ def schemas(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the kinds of files with JSON Schemas, or print the schema of one kind."""
+    """List the kinds of files that have a JSON Schema, or print the schema of one kind."""
     from functools import partial
 
     from abhv_mc.campaign.file.kinds import MODELS
@@ -182,7 +182,7 @@ def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
 
 
 def query(
-    folder: Annotated[Path, folder_argument("Results folder of a campaign, or its address.")],
+    folder: Annotated[Path, folder_argument("Results folder of a campaign (path or address).")],
     sql: Annotated[
         str | None,
         typer.Argument(

@@ -63,7 +63,7 @@ def replay(
         end = replay.outcome + (
             "" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s"
         )
-        say(f"flight {flight} of {controller}: {end}. {replay.sentence}")
+        say(f"flight {flight} of '{controller}': {end}. {replay.sentence}")
         for name, value in replay.samples.items():
             say(f"  {name:<40} {value:.10g}")
         for name, value in replay.metrics.items():
@@ -97,13 +97,13 @@ def explain(
     ] = None,
     every: Annotated[
         bool,
-        typer.Option("--all", help="Explain all failed flights, at most 50 per controller."),
+        typer.Option("--all", help="Explain all failed flights (at most 50 per controller)."),
     ] = False,
     controller: Controller = None,
     requirement: Annotated[
         str | None,
         metric_option(
-            "Metric of the requirement whose failure is explained.",
+            "Metric of the requirement whose violation is explained.",
             show_default="the requirement that the flight missed",
         ),
     ] = None,
@@ -116,8 +116,8 @@ def explain(
     """Find the smallest set of dispersions that suffices to make a flight fail.
 
     All other dispersions are set to their nominal values. A flight failed if it terminated early
-    or missed a requirement. With --all, the failed flights of every controller are grouped by
-    these sets, and 'abhv-mc report' shows the groups.
+    or missed a requirement. With --all, the failed flights of every controller are grouped by their
+    smallest sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
         problem = (
@@ -178,6 +178,6 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
 
     def print_text() -> None:
         print_section_table(table)
-        say(f"map       {path}; 'abhv-mc report {folder}' includes this map")
+        say(f"map       {path} ('abhv-mc report {folder}' adds this map to the report)")
 
     show_result(failure_map.controllers, json, print_text)

@@ -49,10 +49,15 @@ _TEXT_WIDTH = 100  # maximum line width of printed sentences, in columns
 
 
 def report(
-    folder: Annotated[Path, folder_argument("Results folder of a campaign, or its address.")],
+    folder: Annotated[Path, folder_argument("Results folder of a campaign (path or address).")],
     out: Annotated[
         Path | None,
-        output(output_folder, "DIR", "Folder for the report.", "DIR; reports/NAME for an address"),
+        output(
+            output_folder,
+            "DIR",
+            "Folder for the report.",
+            "DIR, or reports/NAME if DIR is an address",
+        ),
     ] = None,
     baseline: Baseline = None,
     svg: Annotated[bool, typer.Option("--svg", help="Also write the figures as SVG.")] = False,
@@ -364,7 +369,7 @@ def runs(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the campaigns in a folder with their results, and write a page that compares them.
+    """List the campaigns in a folder and their results, and write a page that compares them.
 
     For one results folder, show its progress, running processes and current verdicts. The command
     reads only the files manifest.json and report.json.

@@ -198,7 +198,7 @@ def print_requirements(manifest: "Manifest") -> None:
         row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
         not_run = f"{entry.failures_not_computed} of {entry.failures} failures"
         advice += (
-            [f"{entry.verdict}: {not_run} are flights that failed to run"]
+            [f"{entry.verdict}: flights that failed to run account for {not_run}"]
             if entry.failures_not_computed
             else [f"{entry.verdict}: {sentence}" for sentence in entry.words.split("; ")[1:]]
         )
@@ -222,7 +222,10 @@ def print_requirements(manifest: "Manifest") -> None:
             say(requirement)
             say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in group).rstrip())
     for sentence, number in Counter(advice).items():
-        text = f"{number} of {len(entries)} verdicts are {sentence}"
+        verdicts = (
+            "verdict is" if len(entries) == 1 else f"verdicts {'is' if number == 1 else 'are'}"
+        )
+        text = f"{number} of {len(entries)} {verdicts} {sentence}"
         say(fill(text, _WIDTH, subsequent_indent="  ", break_on_hyphens=False))
     say()
 
@@ -230,7 +233,8 @@ def print_requirements(manifest: "Manifest") -> None:
 def describe_verdicts(manifest: "Manifest") -> str:
     """Describe each controller's verdicts; name the controllers that set the exit code.
 
-    Example: 'tlc 2 PASS, 1 FAIL; lqr 3 NOT SHOWN. The exit code depends on tlc (3 verdicts).'
+    Example: 'tlc: 2 PASS, 1 FAIL; lqr: 3 NOT SHOWN. The exit code depends only on 'tlc' (3
+    verdicts).'
     """
     binding, informative = manifest.requirements, manifest.requirements_shown
     summaries = []
@@ -239,13 +243,13 @@ def describe_verdicts(manifest: "Manifest") -> str:
             entry.verdict for entry in (*binding, *informative) if entry.controller == name
         )
         summaries.append(
-            f"{name} {', '.join(f'{count} {status}' for status, count in counts.items())}"
+            f"{name}: {', '.join(f'{count} {status}' for status, count in counts.items())}"
         )
     binding_counts = Counter(entry.controller for entry in binding)
-    follows = ", ".join(
-        f"{name} ({n} verdict{'s' * (n > 1)})" for name, n in binding_counts.items()
+    follows = " and ".join(
+        f"'{name}' ({n} verdict{'s' * (n > 1)})" for name, n in binding_counts.items()
     )
-    return f"{'; '.join(summaries)}. The exit code depends on {follows}."
+    return f"{'; '.join(summaries)}. The exit code depends only on {follows}."
 
 
 @imports.command()
@@ -256,7 +260,7 @@ def flights(
             metavar="TABLE...",
             help=(
                 "One table of flights, or a table of inputs and a table of results (CSV, JSON "
-                "lines, Parquet or Excel)."
+                "Lines, Parquet or Excel)."
             ),
         ),
     ],

@@ -16,11 +16,11 @@ from abhv_mc.requests import RareRequest, WorstRequest
 def worst(request: WorstRequest, json: Json = None) -> None:
     """Search the ranges of the dispersions for the worst value of a metric.
 
-    A bounded distribution is searched over its range, an unbounded distribution over --box standard
-    deviations about its mean. The search evaluates the corners of this box, then uses CMA-ES and a
-    local search; random flights in the same box follow for comparison. The result shows which
-    values are possible, not how probable these values are. After Ctrl-C, completed flights are
-    kept; run the same command to resume.
+    A bounded distribution is searched over its range, an unbounded distribution between its
+    quantiles at plus and minus --box standard deviations of a normal distribution. The search
+    evaluates the corners of this box, then uses CMA-ES and a local search. Random flights in the
+    same box are then run for comparison. The result shows which values are possible, but not their
+    probabilities. After Ctrl-C, completed flights are kept; run the same command to resume.
     """
     announce_compiling()
     from abhv_mc.api import worst

@@ -126,7 +126,7 @@ def validate(
             "--dry-run",
             help=(
                 "Run a few flights of each campaign, and print the time, disk space and number of "
-                "flights that it needs."
+                "flights that the campaign needs."
             ),
         ),
     ] = False,
@@ -189,7 +189,7 @@ def samples(
     out: Annotated[Path, output(output_file, "FILE.csv", "File to write.")],
     runs: Runs = None,
 ) -> None:
-    """Write the inputs of flights to a table for another simulator, like 'validate --samples'."""
+    """Write the inputs of flights to a table, as 'validate --samples' does."""
     say(_write_samples(campaign, runs, out))
 
 
@@ -247,15 +247,15 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
 
 
 def _print_cost(file: str, cost: "Estimate") -> None:
-    say(
-        f"{file}: {cost.flights} flights with each of {cost.controllers} {cost.kind}s, in blocks "
-        f"of {cost.batch}"
+    systems = (
+        f"each of {cost.controllers} {cost.kind}s" if cost.controllers > 1 else f"one {cost.kind}"
     )
+    say(f"{file}: {cost.flights} flights with {systems}, in blocks of {cost.batch}")
     if cost.searched:
         say(
             f"  search  {cost.searched} flights of each {cost.kind} to find the worst values of "
-            "the unknown parameters, "
-            f"{cost.search_s:.0f} s (fewer if --runs is below 256)"
+            "the unknown parameters (fewer if --runs is below 256), "
+            f"{cost.search_s:.0f} s"
         )
     rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core"
     say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({rate})")
@@ -278,7 +278,7 @@ def _print_plan(planned: "Planned") -> None:
         return f"{percent(chance.at_some_flight[index], 1)} ({percent(chance.at_runs[index], 1)})"
 
     chances = [f"PASS by {entry.runs} *" for entry in planned.together]
-    title = f"{planned.name}: number of flights for PASS with 0 to 3 failures, and chance of PASS"
+    title = f"{planned.name}: flights needed for PASS with 0 to 3 failures, and chance of PASS"
     table = new_table(("requirement",), ("0", "1", "2", "3", *chances), title)
     for entry in planned.requirements:
         table.add_row(
@@ -297,7 +297,7 @@ def _print_plan(planned: "Planned") -> None:
         )
         say(
             "The chance that all requirements PASS within "
-            f"{planned.runs} flights is then between {low} and {high}."
+            f"{planned.runs} flights is then {low if low == high else f'between {low} and {high}'}."
         )
     if planned.most_points > 1:
         say(

@@ -81,19 +81,18 @@ class RareFound:
             return ""
         if self.includes_unwarned and self.estimate.high <= high:
             return (
-                f"; the upper end is the bound on failures without warning, from the {flights:,} "
-                "plain flights alone"
+                "; the upper bound of the interval is the bound on failures without warning, which "
+                f"follows from the {flights:,} plain flights alone"
             )
         if self.includes_unwarned:
             return (
-                "; the upper end comes from the levels, because the probability of failures "
-                "without warning is below "
-                f"{high:.1e}"
+                "; the upper bound of the interval comes from the levels, because the probability "
+                f"of failures without warning is below {high:.1e}"
             )
         if len(self.space.names) <= MOST_LOOKED:
             return ""
         return (
-            ", without failures that occur without warning; their probability is below "
+            ". Failures without warning are not included; their probability is below "
             f"{high:.1e} according to the {flights:,} plain flights"
         )
 
@@ -103,9 +102,15 @@ class RareFound:
         check = self.estimate.check
         if isinstance(self.estimate, SurrogateEstimate):
             rough, smooth = self.estimate.steps[-1].probabilities
-            return f"{rough:.1e} by a Matern process, {smooth:.1e} by an infinitely smooth one"
+            return (
+                f"{rough:.1e} according to the Gaussian process with a Matern kernel, and "
+                f"{smooth:.1e} according to the infinitely smooth Gaussian process"
+            )
         if check is None:
-            return f"none (requires spare flights and at most {MOST_SAMPLED} dispersions)"
+            return (
+                "none, because importance sampling requires unused flights and at most "
+                f"{MOST_SAMPLED} dispersions"
+            )
         return (
             f"{check.probability:.1e} by importance sampling ({check.effective:.0f} effective "
             "failures)"

@@ -78,9 +78,9 @@ class Space:
     def bounds(self, box: float) -> Floats:
         """Return the lower and upper bounds of the box in each dimension [dimension, 2].
 
-        The bounds are the range of a bounded distribution, or +-`box` sigma of any other
-        distribution. For a failure that occurs in some flights only, they are the range of its
-        parameter in these flights.
+                The bounds are the range of a bounded distribution, or the quantiles of any other
+        distribution at +-`box` standard deviations of a normal distribution. For a failure that
+        occurs only in some flights, the bounds are the range of its parameter in these flights.
         """
         from scipy.special import ndtr
 

@@ -121,8 +121,8 @@ def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
             value, node = np.rad2deg((x, grid[nearest])) if name in _DEGREES else (x, grid[nearest])
             unit = " deg" if name in _DEGREES else ""
             sentences.append(
-                f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {owner}: slopes "
-                "are one-sided"
+                f"{name} {value:.4f}{unit} lies near the node {node:.4f}{unit} of {owner}, so its "
+                "slopes are one-sided"
             )
     return sentences
 

@@ -18,7 +18,7 @@ from abhv_mc.statistics.evidence import (
 
 Status = Literal["PASS", "FAIL", "NOT SHOWN", "ESTIMATE"]
 
-SET_LATER = "set after results were known"
+SET_LATER = "the requirement was set after results were known"
 UNSEARCHED = "the worst values of the unknowns were not searched for; use a new folder"
 MOST_TIMES = 10  # largest recommended number of flights, as a multiple of the present number
 _LIKELY = 0.5  # minimum chance of PASS after a recommended extension
@@ -194,18 +194,18 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
         return ""
     least = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
     if extension := advise([verdict]):
-        action = f"extend to {extension.flights} flights (--runs {extension.flights})"
-        action = action if flies else f"import a table of {extension.flights} flights"
-        return f"{action}: PASS with a chance of {about(extension.chance)}"
+        action = f"with {extension.flights} flights (--runs {extension.flights})"
+        action = action if flies else f"with a table of {extension.flights} flights"
+        return f"{action}, the chance of PASS is {about(extension.chance)}"
     if verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
         return "more flights failed than the requirement allows"
     chance = about(predict_pass(verdict, least))
     most = MOST_TIMES * verdict.flights
     return (
-        f"at least {least} flights are needed (PASS with a chance of {chance})"
+        f"at least {least} flights are needed (the chance of PASS is then {chance})"
         if least > most
-        else f"a PASS is unlikely with at most {most} flights; at least {least} are needed "
-        f"({chance})"
+        else f"a PASS is unlikely with at most {most} flights (with at least {least} flights, its "
+        f"chance is {chance})"
     )
 
 

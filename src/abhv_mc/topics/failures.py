@@ -253,13 +253,13 @@ def _typical(dispersion: Dispersed, names: Names) -> str:
 def _rest(failure_map: ControllerFailures) -> str:
     """Return a phrase that counts the failures outside all groups.
 
-    For example, '3 of 50 not explained by any tested set'.
+    For example, '3 of 50 failed flights are not explained by any tested set'.
     """
     total = failure_map.looked_at
     tried = " by any tested set" if failure_map.unexplained else ""
-    clauses = [f"{len(failure_map.unexplained)} of {total} not explained{tried}"]
+    clauses = [f"{len(failure_map.unexplained)} of {total} failed flights are not explained{tried}"]
     if failure_map.nominal:
-        clauses.append(f"{len(failure_map.nominal)} fail without dispersions")
+        clauses.append(f"{len(failure_map.nominal)} also fail without dispersions")
     if failure_map.failed > total:
         clauses.append(f"the {total} worst of {failure_map.failed} failed flights were analysed")
     return "; ".join(clauses)

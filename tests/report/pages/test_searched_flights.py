@@ -15,5 +15,5 @@ def test_an_early_termination_is_not_a_value_inside_the_limit():
         limit_sentence(requirement, metric, worst, failures, 100)
         for worst, failures in ((45.0, 0), (55.0, 3), (45.0, 3))
     )
-    assert re.search(r"\b10\s% inside\b", inside) and re.search(r"\b10\s% beyond\b", beyond)
-    assert not re.search(r"\b10\s%|inside|beyond", early)
+    assert re.search(r"\b10\s% below\b", inside) and re.search(r"\b10\s% above\b", beyond)
+    assert not re.search(r"\b10\s%|below the|above", early)

@@ -151,7 +151,7 @@ def _by_name(entries: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any
 def _text(value: object) -> str:
     if isinstance(value, list):
         return " ".join(map(str, value))
-    return "nothing" if value is None else str(value)
+    return "not set" if value is None else str(value)
 
 
 def find_later_choices(

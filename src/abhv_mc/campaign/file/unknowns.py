@@ -47,9 +47,9 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
         return ""
     tail = f" and {len(drawn) - _HINTED} more" if len(drawn) > _HINTED else ""
     return (
-        f"Each flight draws {', '.join(drawn[:_HINTED])}{tail} anew. If a parameter has one value "
-        "for the whole programme, list it under `unknowns`: requirements are then judged at its "
-        "worst value."
+        f"New values of {', '.join(drawn[:_HINTED])}{tail} are drawn for each flight. If a "
+        "parameter has one value for the whole programme, list it under `unknowns`: requirements "
+        "are then judged at its worst value."
     )
 
 

@@ -110,8 +110,7 @@ def _find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
     )
     changes = describe_changes(before, after, extensible=False)
     changes += [
-        f"requirements, {change}"
-        for change in describe_requirement_changes(before.data, after.data)
+        f"requirements.{change}" for change in describe_requirement_changes(before.data, after.data)
     ]
     if a.manifest.source_hash != b.manifest.source_hash:
         commits = (results.manifest.commit or results.manifest.source_hash for results in (a, b))

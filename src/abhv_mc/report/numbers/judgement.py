@@ -76,7 +76,7 @@ def judge_campaign(models: Models) -> Judgement:
 def _changed_words(models: Models) -> str:
     """Describe a change of the requirements that was made after results had been seen."""
     for change in models.results.requirement_changes[-1:]:
-        changes = shorten_list(list(change.changes))
+        changes = shorten_list(list(change.changes), "; ")
         return (
             f"Requirements were changed after the results of {change.flights} flights were known: "
             f"{changes}."
@@ -131,8 +131,12 @@ def _worst_words(models: Models) -> str:
         value = record.with_unit(significant(worst.metrics[worst.by]))
         text = f"has {record.phrase} {value}"
         if names.requirements:
-            side = "beyond" if worst.beyond >= 0.0 else "inside"
-            text += f", {percent(abs(worst.beyond), 2)} {side} the limit"
+            share = percent(abs(worst.beyond), 2)
+            text += (
+                f", which violates the limit by {share}"
+                if worst.beyond >= 0.0
+                else f", with a margin of {share} to the limit"
+            )
     parameters = names.campaign.parameters
     dispersions = ", ".join(
         f"{spoken_name(item.parameter)} {shown_value(item.parameter, item.value, parameters)}"
@@ -170,10 +174,11 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
         else ""
     )
     groups: dict[str, list[str]] = {}  # clause -> controllers to which it applies
-    previous: list[Requirement] = []
+    previous: tuple[list[Requirement], bool] = [], False
     for name in falling:
-        listed = [item for item, _ in _listed_entries(own[name])]
-        is_named = len(listed) == 1 and listed == previous
+        entries = _listed_entries(own[name])
+        listed = [item for item, _ in entries], _has_failed(entries)
+        is_named = len(listed[0]) == 1 and listed == previous
         words = _short_words(own[name], names, detail, is_named=is_named)
         groups.setdefault(words, []).append(names.subject(name))
         previous = listed
@@ -186,20 +191,18 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
     text = "; ".join(filter(None, parts))
     if meeting or len(own) == 1 or (len(own) == len(falling) and not leads):
         return f"{text}."
-    all_miss = all(
-        any(verdict and verdict.status == "FAIL" for _, verdict in entries)
-        for entries in own.values()
-    )
+    all_miss = all(_has_failed(entries) for entries in own.values())
     verb = "meets" if all_miss else "is shown to meet"
     return f"No {names.campaign.kind} {verb} {requirements}: {text}."
 
 
 def _subject_words(controllers: list[str], words: str) -> str:
     """Return a clause on one or several controllers; `words` starts with a singular verb."""
-    verb, _, rest = words.partition(" ")
+    also = "also " * words.startswith("also ")
+    verb, _, rest = words.removeprefix("also ").partition(" ")
     if len(controllers) > 1:
         verb = {"has": "have", "is": "are", "misses": "miss"}[verb]
-    return f"{joined(controllers)} {verb} {rest}"
+    return f"{joined(controllers)} {also}{verb} {rest}"
 
 
 def _name_controllers(controllers: list[str], names: Names) -> str:
@@ -243,6 +246,11 @@ def _listed_entries(
     return missed or [entry for entry in own if not entry[1] or entry[1].status != "PASS"]
 
 
+def _has_failed(entries: list[tuple[Requirement, ControllerVerdict | None]]) -> bool:
+    """Return True if any verdict is FAIL."""
+    return any(verdict and verdict.status == "FAIL" for _, verdict in entries)
+
+
 def _short_words(
     own: list[tuple[Requirement, ControllerVerdict | None]],
     names: Names,
@@ -254,12 +262,13 @@ def _short_words(
 
     For example, 'misses the speed error requirement (101 of 1000 flights, 10 %; 1 % allowed)'. Two
     missed requirements are named, as in 'misses 2 of 5: speed error and sideslip'; if there are
-    more, they are only counted. If `is_named`, the requirement has been named before and is called
-    'it'.
+    more, they are only counted. If `is_named`, the preceding clause makes the same statement on
+    another controller; the requirement is then called 'it', as in 'also misses it'.
     """
     listed = _listed_entries(own)
-    missed = any(verdict and verdict.status == "FAIL" for _, verdict in listed)
-    verb = "misses" if missed else "is not shown to meet"
+    missed = _has_failed(listed)
+    also = "also " * is_named
+    verb = f"{also}misses" if missed else f"is {also}not shown to meet"
     open_end = "" if missed else " undecided"
     passed = sum(verdict is not None and verdict.status == "PASS" for _, verdict in own)
     others = len(own) - len(listed) - passed
@@ -284,8 +293,8 @@ def _short_words(
 
 
 def _failure_words(item: Requirement, verdict: Verdict, with_allowed: bool) -> str:
-    """Return the number and share of failures and, if `with_allowed`, the allowed share."""
-    text = f"no failure in {fixed(verdict.flights, 0)} flights"
+    """Return the failures and their share and, if `with_allowed`, the allowed share."""
+    text = f"no failures in {fixed(verdict.flights, 0)} flights"
     if verdict.failures:
         count = count_of(verdict.failures, verdict.flights, "flights")
         text = f"{count}, {percent(verdict.failures / verdict.flights, 2)}"
@@ -339,7 +348,8 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
     if len(rivals) > _NAMED:
         return f"{names.subject(better)} is better than {_all_of(len(pairs))} others."
     reasons = [f"than {shorten_list(labels)} {reason}" for reason, labels in rivals.items()]
-    return f"{names.subject(better)} is better {'; '.join(reasons)}."
+    basis = "" if _losing(pairs) else "Flight by flight, "
+    return f"{basis}{names.subject(better)} is better {'; '.join(reasons)}."
 
 
 def _compared_pairs(models: Models) -> list[ControllerPair]:
@@ -378,7 +388,7 @@ def _better_controller(models: Models) -> str:
 def _reasons(models: Models, better: str) -> Iterator[str]:
     names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
     lost = [
-        f"{names.subject(name)} {count_of(count.failed, count.flown)}"
+        f"{count_of(count.failed, count.flown, 'flights')} with {names.subject(name)}"
         for name, count in flights.items()
         if count.failed
     ]
@@ -416,13 +426,16 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
             yield from angles or filter(None, (_error_words(pair, names) for pair in ranked[:1]))
 
 
-def shorten_list(items: list[str]) -> str:
-    """Return 'a, b and c', or 'a, b and 2 more' for longer lists."""
-    return (
-        joined(items)
-        if len(items) <= _REASONS
-        else f"{', '.join(items[:2])} and {len(items) - 2} more"
-    )
+def shorten_list(items: list[str], separator: str = ", ") -> str:
+    """Return 'a, b and c', or 'a, b and 2 more' for longer lists.
+
+    A separator such as '; ' suits items that contain commas, as in 'a; b; and 2 more'.
+    """
+    more = [f"{len(items) - 2} more"] if len(items) > _REASONS else []
+    listed = items[:2] if more else items
+    if separator == ", ":
+        return joined([*listed, *more])
+    return separator.join([*listed, *(f"and {text}" for text in more)])
 
 
 def _error_words(pair: ControllerPair, names: Names) -> str:
@@ -500,7 +513,7 @@ def _confidence_words(models: Models, better: str) -> str:
     if passed:
         text = f"Each PASS has at most {percent(risk, 2)} consumer's risk"
         if passed > 1 and joint.stand:
-            jointly = f"all {passed}" if joint.stand == passed else f"{joint.stand} of {passed}"
+            jointly = _all_of(passed) if joint.stand == passed else f"{joint.stand} of {passed}"
             text += f"; {jointly} PASS verdicts also hold{'s' * (joint.stand == 1)} jointly"
         elif passed > 1:
             text += f"; jointly, none of the {passed} PASS verdicts holds"
@@ -570,13 +583,13 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         # These requirements apply only to this report, not to the folder.
         if changes and not changes[-1].time:
             return NextStep(
-                "these requirements apply only to this report; to adopt them, write them into the "
-                "campaign file and run it, which keeps the stored flights",
+                "these requirements apply only to this report; to adopt them, add them to the "
+                "campaign file and run the campaign, which keeps the stored flights",
                 "abhv-mc run FILE -o DIR",
             )
         stay = f"; {_FAILS_STAY}" if missing else ""
         if flies:
-            return NextStep(f"see why flights fail{stay}", "abhv-mc explain DIR --all")
+            return NextStep(f"find out why flights fail{stay}", "abhv-mc explain DIR --all")
         return NextStep(f"see 'Failure analysis' in the report{stay}")
     if met == "not shown":
         binding = [

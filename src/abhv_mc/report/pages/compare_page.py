@@ -203,8 +203,8 @@ def _section(
         if not _is_identical(pair):
             tables += _tables(title, pair, names, comparison)
     answers.append(
-        "Differences are taken flight by flight, first minus second, with 95 % intervals; an early "
-        "termination counts as worse than any completed flight."
+        "Differences are computed flight by flight, first minus second, with 95 % intervals; an "
+        "early termination counts as worse than any completed flight."
     )
     if any(names.campaign.judged for _, _, names in pairs):
         answers[-1] += (

@@ -74,12 +74,14 @@ def contrast_section(
     )
     changes = [change for change in contrast.changes if not change.startswith("name: ")]
     if len(changes) > _MOST_CHANGES:
-        changes = [*changes[:_MOST_CHANGES], f"{len(changes) - _MOST_CHANGES} more"]
-    sentences = [f"{titles[1]} differs from {titles[0]} in {joined(changes)}."] if changes else []
+        changes = [*changes[:_MOST_CHANGES], f"and {len(changes) - _MOST_CHANGES} more"]
+    sentences = (
+        [f"Differences between {a.folder} and {b.folder}: {'; '.join(changes)}."] if changes else []
+    )
     sentences.append(
-        "The samples differ, so flights are not paired. Differences are the second minus the first "
-        "campaign, with 95 % intervals (Newcombe's for shares, bootstrap for quantiles). An "
-        "interval that excludes 0 shows a difference."
+        "The samples differ, so flights are not paired. Differences are values of the second "
+        "campaign minus those of the first, with 95 % intervals (Newcombe's for shares, bootstrap "
+        "for quantiles). An interval that excludes 0 shows a difference."
     )
     differing, every = (
         _quantile_table(a, contrast, labels, titles, shows_all=shows_all)
@@ -131,7 +133,9 @@ def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]
         )
     for passed_count in dict.fromkeys(equal.values()):
         labels_of = [label for label, count in equal.items() if count == passed_count]
-        yield f"{joined(labels_of)}: verdicts are equal in both campaigns, {passed_count} PASS."
+        yield (
+            f"{joined(labels_of)}: verdicts are equal in both campaigns ({passed_count} are PASS)."
+        )
 
 
 def _change_verb(item: ContrastRequirement) -> str:
@@ -150,7 +154,7 @@ def _change(item: ContrastRequirement) -> str:
     shares = " -> ".join(
         percent(side.failures / side.flights, 2) for side in (item.before, item.after)
     )
-    return f"{item.words} ({shares} of the flights)"
+    return f"'{item.words}' (failed flights: {shares})"
 
 
 def _verdict_table(

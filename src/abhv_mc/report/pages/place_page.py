@@ -65,18 +65,18 @@ def _sentences(placement: Placement) -> Iterator[str]:
         first = flight.metrics[0]
         text = (
             f"{flight.name}: the joint p-value of {len(flight.metrics)} metrics is "
-            f"{p_value(flight.joint_p_value)}; the most unusual metric is {first.metric}, with "
-            f"rank {first.rank} of {placement.simulated + 1}"
+            f"{p_value(flight.joint_p_value)}; the most unusual metric is '{first.metric}', "
+            f"with rank {first.rank} of {placement.simulated + 1}"
         )
         if flight.joint_p_value <= 1.0 - CONFIDENCE < first.p_value:
             text += "; only the combination of the metrics is unusual"
         if flight.leaves:
             text += (
-                f"; {flight.leaves.channel} leaves the simultaneous band first, at "
-                f"{flight.leaves.time_s:g} s"
+                f"; {flight.leaves.channel} is the first channel to leave the simultaneous band, "
+                f"at {flight.leaves.time_s:g} s"
             )
         elif flight.band_p_value is not None:
-            text += "; its history stays within the simultaneous band"
+            text += "; the time histories stay within the simultaneous band"
         if flight.band_p_value is not None:
             text += f" (p {p_value(flight.band_p_value)})"
         yield f"{text}."
@@ -85,9 +85,10 @@ def _sentences(placement: Placement) -> Iterator[str]:
 def _remarks(placement: Placement) -> Iterator[str]:
     yield (
         f"The test flights are compared with {fixed(placement.simulated, 0)} random flights. If a "
-        "test flight is a draw from the model, each p-value is at most "
-        f"{percent(1.0 - CONFIDENCE)} with this probability, and the whole history stays within "
-        f"the simultaneous band with a probability of {percent(CONFIDENCE)}."
+        "test flight is a draw from the model, the probability that a p-value is at most "
+        f"{percent(1.0 - CONFIDENCE)} does not exceed {percent(1.0 - CONFIDENCE)}, and the "
+        "probability that the whole history stays within the simultaneous band is "
+        f"{percent(CONFIDENCE)}."
     )
     if placement.sensed:
         yield (
@@ -96,13 +97,13 @@ def _remarks(placement: Placement) -> Iterator[str]:
         )
     if placement.bands and not (placement.noise or placement.sensed):
         yield (
-            "No measurement noise is declared; the noise of an instrument alone can put a test "
+            "No measurement noise is declared, although instrument noise alone can move a test "
             "flight outside the band. Declare noise with `measured: {CHANNEL: SIGMA}` in the "
             "campaign or with `--measured CHANNEL=SIGMA`."
         )
     elif placement.noise:
         noise = joined([f"{sigma:g} in {channel}" for channel, sigma in placement.noise.items()])
-        yield f"White noise was added to the simulated histories: standard deviation {noise}."
+        yield f"White noise was added to the simulated histories (standard deviation: {noise})."
     if placement.ignored:
         yield (
             "These columns are not compared, because the campaign lacks them: "

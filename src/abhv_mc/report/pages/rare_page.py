@@ -71,15 +71,16 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
         if isinstance(estimate, SurrogateEstimate):
             repeated = f" ({result.failures} failed) and two Gaussian processes fitted to them"
         answers = [
-            f"P({controller_label(result.controller)} violates '{requirement}') is about "
-            f"{estimate.probability:.1e}, 95 % interval {estimate.low:.1e} .. {estimate.high:.1e}, "
-            f"from {estimate.flights} flights{repeated}{result.unwarned}.",
+            f"The probability that {controller_label(result.controller)} violates "
+            f"'{requirement}' is about {estimate.probability:.1e} (95 % interval "
+            f"{estimate.low:.1e} to {estimate.high:.1e}), as estimated from {estimate.flights} "
+            f"flights{repeated}{result.unwarned}.",
         ]
         if not (result.includes_unwarned and estimate.high == estimate.unwarned_high):
             plain = f"{_plain_flights(result):,}"
             answers.append(
-                f"Plain Monte Carlo sampling needs about {plain} flights for an equally narrow "
-                "interval."
+                f"Plain Monte Carlo sampling would need about {plain} flights for an equally "
+                "narrow interval."
             )
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
@@ -105,8 +106,8 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
         "remain undetected."
     )
     answers.append(
-        "This estimate is not a verdict, because verdicts require a random "
-        f"campaign.{remark if looked else ''}"
+        "This estimate is not a verdict, because verdicts require a campaign with random "
+        f"sampling.{remark if looked else ''}"
     )
     if result.failed_to_run:
         answers.append(

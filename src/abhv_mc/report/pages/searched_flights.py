@@ -80,9 +80,11 @@ def limit_sentence(
     if failures and beyond < 0.0:
         return f"{text}; the worst flight terminated early."
     share = percent(abs(beyond) / limits.size, 2)
-    return (
-        f"{text}: the worst value is {share} {'beyond' if beyond >= 0.0 else 'inside'} the limit."
-    )
+    if set(limits.as_entry()) == {"below", "above"}:
+        side = "outside" if beyond >= 0.0 else "inside"
+    else:
+        side = "above" if (beyond >= 0.0) == ("below" in limits.as_entry()) else "below"
+    return f"{text}: the worst value is {share} {side} the limit."
 
 
 def flights_table(

@@ -88,7 +88,7 @@ def skipped_topics(root: Path) -> list[str]:
 def find_differences(
     written: Any, remade: Any, key_path: str = "", document: str = "the report"
 ) -> Iterator[str]:
-    """Yield differences of two documents, such as 'a.b[2]: 1.5 in the report, 1.6 ...'."""
+    """Yield differences of two documents, such as 'a.b[2]: 1.5 in the report, but 1.6 ...'."""
     if isinstance(written, dict) and isinstance(remade, dict):
         for key in written:
             child = f"{key_path}.{key}" if key_path else str(key)
@@ -105,7 +105,7 @@ def find_differences(
         for i, (item_a, item_b) in enumerate(zip(written, remade, strict=True)):
             yield from find_differences(item_a, item_b, f"{key_path}[{i}]", document)
     elif written != remade:
-        yield f"{key_path}: {_short(written)} in {document}, {_short(remade)} from the data"
+        yield f"{key_path}: {_short(written)} in {document}, but {_short(remade)} in the data"
 
 
 def _short(value: Any) -> str:

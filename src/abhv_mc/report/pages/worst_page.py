@@ -57,16 +57,16 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
         value = result.value(result.worst)
         failures = result.failures(item)
         first += f" {limit_sentence(item, metric, value, failures, result.searched)}"
-    how_many = "as many" if result.random == result.searched else f"{result.random}"
+    random_ended = _ended_early(result, result.random_worst)
     answers = [
         first,
-        f"Among {how_many} random flights in the same box, drawn from the campaign's "
+        f"In {result.random} random flights in the same box, drawn from the campaign's "
         "distributions, the worst "
-        f"{random if _ended_early(result, result.random_worst) else f'has {random}'}.",
-        f"Parameters at an end of their range: {', '.join(result.at_bounds) or 'none'}."
+        f"{'flight' if random_ended else f'value of {result.metric.phrase} is'} {random}.",
+        f"Parameters at a bound of their range: {', '.join(result.at_bounds) or 'none'}."
         + (" A wider box would probably contain a worse case." if result.at_bounds else ""),
         "A search shows what can happen in the box, not how often: all points of the box have "
-        "equal weight, correlations are ignored, and a worse case far from all flights remains "
+        "equal weight, correlations are ignored, and a worse case far from all flights may remain "
         "undetected.",
     ]
     if result.probabilities:
@@ -99,7 +99,7 @@ def _other_seeds(result: WorstFound) -> Iterator[str]:
         low, median, high = (result.metric.with_unit(f"{value:.5g}") for value in ends)
         outcomes.append(f"{result.metric.phrase} from {low} to {high}, median {median}")
     yield (
-        f"The worst point in {flights} flights with other turbulence and noise: "
+        f"Outcomes of {flights} flights at the worst point with other turbulence and noise: "
         f"{'; '.join(outcomes)}."
     )
 
@@ -173,7 +173,9 @@ def _range_table(result: WorstFound) -> Table:
         )
     ]
     caption = (
-        f"Range of bounded distributions, and plus or minus {result.request.box:g} standard "
-        "deviations of others"
+        "Range of each bounded distribution; for each unbounded distribution, the quantiles at "
+        f"plus and minus {result.request.box:g} standard deviations of a normal distribution"
     )
-    return make_table("The box", caption, ("parameter", "low end", "worst", "high end"), rows)
+    return make_table(
+        "The box", caption, ("parameter", "lower bound", "worst", "upper bound"), rows
+    )

@@ -224,9 +224,10 @@ def _judge(repetitions: list[Repetition]) -> str | None:
         for repetition in repetitions
     )
     if any(repetition.cut_short for repetition in repetitions):
+        finished = f"only {number - missed}" if number > missed else "none"
         return (
-            f"the flights suffice for only {number - missed} of {number} repetitions; the "
-            f"smallest probability reached is {deepest:.1g}"
+            f"{finished} of the {number} repetitions had enough flights; the smallest probability "
+            f"reached is {deepest:.1g}"
         )
     if missed == number:
         return (

@@ -148,7 +148,7 @@ def estimate_by_surrogate(
         severities = np.r_[severities, evaluate(batch) - plan.threshold]
     refusal = None
     if not step.failures:
-        refusal = f"none of {step.runs} flights failed"
+        refusal = f"none of the {step.runs} flights failed"
     elif narrow_steps < 2:
         refusal = (
             f"not converged after {step.runs} flights: the last fits range from {step.low:.1g} to "

@@ -161,10 +161,10 @@ def _difference_table(
         f"Quantile differences, {a} minus {b}",
         ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
         (rows,),
-        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals, which are open if there "
-        'are too few flights for a bound. "Not reached" means that more flights terminated early '
-        'than lie beyond the quantile. "Pairing gain" is the factor by which an unpaired '
-        "comparison of the means would need more flights",
+        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals. An interval has no bound "
+        'on a side for which there are too few flights. "Not reached" means that more flights '
+        'terminated early than lie beyond the quantile. "Pairing gain" is the factor by which the '
+        "number of flights would have to be larger in an unpaired comparison of the means",
     )
 
 
@@ -187,7 +187,7 @@ def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[st
         ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
          f"Flights, only {a}", f"Flights, only {b}"),
         (tuple(_failure_row(text, failures) for text, failures in missed),),
-        "Failures on the same flights, with McNemar's exact test",
+        "Paired comparison of failures (McNemar's exact test)",
     )  # fmt: skip
 
 

@@ -171,11 +171,11 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
 
 
 def _tails_words(pair: ControllerPair, names: Names) -> str:
-    """Return '; tails are not compared ...' if there are too few flights for tails, else ''."""
+    """Return a clause that names the quantiles with too few flights to compare, or ''."""
     won = [entry for entry in asked_of(pair, names).values() if entry.winner]
     levels = sorted({level for entry in won for level in entry.uncompared_tails})
     level_list = joined([f"{100.0 * level:.4g} %" for level in levels])
-    return f"; tails are not compared at {level_list} (too few flights)" if levels else ""
+    return f"; the {level_list} quantiles are not compared (too few flights)" if levels else ""
 
 
 def _usage_words(pair: ControllerPair, first: str) -> str:
@@ -197,7 +197,7 @@ def _usage_words(pair: ControllerPair, first: str) -> str:
             )
         else:
             parts.append(f"{significant(value, 2)} times the {surface}")
-    return f"; {first} uses {joined(parts)} (rms, median of the flights' ratios)" if parts else ""
+    return f"; {first} uses {joined(parts)} (median ratio of the rms deflections)" if parts else ""
 
 
 def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
