@@ -435,7 +435,7 @@ FOREIGN = {
     "numbered from 1": "number,a,b,miss_km\n{rows}",
     "unit after a slash": "a / m,b in m,Ablage / km\n{rows}",
     "unit in the name of a column": "a,b,Ablage_km\n{rows}",
-    "lines of JSON": "{rows}",
+    "JSON Lines": "{rows}",
     "tabular file of Dakota": "%eval_id interface a b response_fn_1\n{rows}",
 }
 
