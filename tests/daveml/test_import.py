@@ -394,7 +394,7 @@ def test_formulas_are_what_mathml_says(
 
 @pytest.mark.parametrize(
     ("text", "problem"),
-    [(ROOT.format("<cn>3</cn><cn>2</cn>"), "'root' with 3 operands"), (pieces(2000), "too deep")],
+    [(ROOT.format("<cn>3</cn><cn>2</cn>"), "'root' has 3 operands"), (pieces(2000), "too deep")],
 )
 def test_a_formula_that_is_none_is_refused(tmp_path: Path, text: str, problem: str) -> None:
     with pytest.raises(InputError, match=problem):

@@ -227,7 +227,7 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
         (
             "wind",
             f"{WINDS}0,1e300,1\n9,1,1\n",
-            ":2:3: wind_north 1e+300 m/s; ",
+            ":2:3: wind_north is 1e+300 m/s; ",
         ),
         ("wind", f"{WINDS}0,1,1\n9,nan,1\n", ":3:3: found 'nan'"),
         ("wind", f"{WINDS}0,1,1\n9,1_0,1\n", ":3:3: found '1_0'"),
