@@ -206,7 +206,7 @@ def test_an_unstable_loop_has_no_margins_but_poles():
     assert not any(row["stable"] for row in rows)
     assert all(rows[0][key] is None for key in KEYS[3:9])
     np.testing.assert_allclose(rows[4]["poles"], [[0.120, 2.783]], atol=1e-3)
-    assert "poles +0.120 +- 2.78j" in _call(*command)
+    assert "poles: +0.120 +- 2.78j" in _call(*command)
 
 
 def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(tmp_path):

@@ -159,7 +159,7 @@ def test_other_commands_recognize_the_folder_of_a_search(abhv_mc, campaign):
     Path("out/report.html").unlink()
     code, _, err = abhv_mc("report", "out")
     assert code == 2
-    page_command = re.search(r"abhv-mc (.* -o \S+)", " ".join(err.split()))[1]
+    page_command = re.search(r"`abhv-mc (.* -o \S+)`", " ".join(err.split()))[1]
     assert abhv_mc(*shlex.split(page_command))[0] == 0  # creates the page again
     assert Path("out/report.html").read_bytes() == before
     code, out, _ = abhv_mc("verify", "campaign", "out")

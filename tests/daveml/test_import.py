@@ -182,11 +182,11 @@ def test_answers_are_numbers_and_sums_of_signals_and_effectors(
 @pytest.mark.parametrize(
     ("answers", "message"),
     [
-        ("small.dml: {DWFL: left}", "import.yaml:1:19: 'left'; "),
+        ("small.dml: {DWFL: left}", "import.yaml:1:19: found 'left'; "),
         ("small.dml: {DWFL: elevator aileron}", "'elevator aileron'"),
         ("small.dml: {DWFL: airspeed}", " m/s"),
-        ("small.dml: {DWFR: 1}", "import.yaml:1:13: 'DWFR'"),
-        ("other.dml: {DWFL: 1}", "import.yaml:1:1: 'other.dml'"),
+        ("small.dml: {DWFR: 1}", "import.yaml:1:13: unknown signal 'DWFR'"),
+        ("other.dml: {DWFL: 1}", "import.yaml:1:1: unknown name 'other.dml'"),
     ],
 )
 def test_answers_that_make_no_sense_are_rejected(

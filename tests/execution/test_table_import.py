@@ -127,7 +127,7 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
 @pytest.mark.parametrize(
     ("line", "changes", "pattern"),
     [
-        (7, {"delay": "2.3"}, r"\bdelay 2\.3\b"),
+        (7, {"delay": "2.3"}, r"\b2\.3 of delay\b"),
         (9, {"speed": "nan"}, r"\bspeed\b.*\bfinite\b"),
         (9, {"load": "high"}, r"'high'.*'load'"),
         (11, {"outcome": "elsewhere"}, "'elsewhere'"),

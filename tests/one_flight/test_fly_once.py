@@ -123,9 +123,9 @@ WRONG = [
     ),  # it was divided by; other numbers gave tables of nonsense
     *((abhv_mc.trim, {"altitude": x}, "altitude: ") for x in (1e7, "20 kg")),
     *((abhv_mc.trim, {"bank": x}, "bank: ") for x in ([], math.pi)),
-    (abhv_mc.margins, {"at": 90.0}, r"^at: 90 s; .* 0 to 60 s$"),
+    (abhv_mc.margins, {"at": 90.0}, r"^at: found 90 s; .* 0 to 60 s$"),
     (abhv_mc.margins, {"at": 1.0, "bank": "10 deg"}, r"^bank: .*'trim'"),
-    (abhv_mc.margins, {"bank": 1.5}, r"^bank: 1\.5 rad; .*-80 to 80 deg"),
+    (abhv_mc.margins, {"bank": 1.5}, r"^bank: found 1\.5 rad; .*-80 to 80 deg"),
 ]
 
 

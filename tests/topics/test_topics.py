@@ -290,7 +290,7 @@ def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
     assert len(re.findall(r"(?m)\bbroken\b.*:$", errors)) == errors.count("ZeroDivisionError:") == 1
 
 
-@pytest.mark.parametrize(("name", "message"), [("margins", "built in"), ("x-y", "Python name")])
+@pytest.mark.parametrize(("name", "message"), [("margins", "built-in"), ("x-y", "Python name")])
 def test_a_name_that_it_cannot_have_is_refused(topic, name, message):
     with pytest.raises(InputError, match=message):
         register(Topic(name, topic.model, topic.compute, topic.section))

@@ -97,7 +97,7 @@ def test_a_law_of_a_cell_is_taken_with_what_it_names(cells):
 
 
 def test_what_has_no_text_is_refused_by_name(cells):
-    with pytest.raises(InputError, match="'ARRAY', a ndarray"):
+    with pytest.raises(InputError, match="'ARRAY' of type ndarray"):
         make_law_text(cells.array)
     with pytest.raises(InputError, match="a function"):
         make_document("vehicle", cells.law)

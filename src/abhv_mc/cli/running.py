@@ -233,7 +233,7 @@ def print_requirements(manifest: "Manifest") -> None:
 def describe_verdicts(manifest: "Manifest") -> str:
     """Describe each controller's verdicts; name the controllers that set the exit code.
 
-    Example: 'tlc: 2 PASS, 1 FAIL; lqr: 3 NOT SHOWN. The exit code depends only on 'tlc' (3
+    Example: 'tlc: 2 PASS, 1 FAIL; lqr: 3 NOT SHOWN. The exit code depends on 'tlc' (3
     verdicts).'
     """
     binding, informative = manifest.requirements, manifest.requirements_shown
@@ -249,7 +249,7 @@ def describe_verdicts(manifest: "Manifest") -> str:
     follows = " and ".join(
         f"'{name}' ({n} verdict{'s' * (n > 1)})" for name, n in binding_counts.items()
     )
-    return f"{'; '.join(summaries)}. The exit code depends only on {follows}."
+    return f"{'; '.join(summaries)}. The exit code depends on {follows}."
 
 
 @imports.command()
