@@ -13,12 +13,12 @@ import sys
 import threading
 import time
 import types
-import warnings
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from multiprocessing import forkserver, resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any, cast
 
 from abhv_mc.array_types import Floats
@@ -48,7 +48,7 @@ class _NotBegunError(Exception):
 def start_fork_server(fly: Fly) -> None:
     """Start the fork server of the workers, unless it is running.
 
-    On Linux the fork server is a fork of this process, unless other Python threads are running. The
+    On Linux the fork server is a fork of this process if this process has a single thread. The
     workers then share its imported modules and loaded kernels, which saves about a fifth of the
     processor time of a campaign of 64 flights. Otherwise the fork server imports the modules of
     ``fly``. If it cannot be started, the first worker reports the reason.
@@ -56,7 +56,8 @@ def start_fork_server(fly: Fly) -> None:
     modules = [serve.__module__, fly.__module__]
     multiprocessing.get_context("forkserver").set_forkserver_preload(modules)
     with contextlib.suppress(OSError), _starting_processes():
-        if sys.platform != "linux" or threading.active_count() > 1:
+        # Threads of libraries count, because a process forked while Arrow's run is aborted.
+        if sys.platform != "linux" or len(list(Path("/proc/self/task").iterdir())) > 1:
             forkserver.ensure_running()
             return
         start, util.spawnv_passfds = util.spawnv_passfds, cast("Any", _fork_server)
@@ -69,13 +70,11 @@ def start_fork_server(fly: Fly) -> None:
 def _fork_server(path: bytes, arguments: Sequence[Any], files: Sequence[int]) -> int:
     """Run the fork server in a fork of this process, and return its process ID.
 
-    The function replaces ``multiprocessing.util.spawnv_passfds``. Libraries stop their own threads
-    before a fork, so the warning about threads is ignored.
+    The function replaces ``multiprocessing.util.spawnv_passfds``.
     """
     sys.stdout.flush()
     sys.stderr.flush()
-    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
-        process = os.fork()
+    process = os.fork()
     if process == 0:
         try:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
