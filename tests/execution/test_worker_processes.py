@@ -96,37 +96,6 @@ assert before == dict(os.environ)
 """
 
 
-FORKED = """
-import contextlib, sys
-from multiprocessing import forkserver
-from pathlib import Path
-from abhv_mc.execution.worker_processes import WorkerPool
-from abhv_mc.flight.fly import nominal_parameters
-from fake_flight import fly, make_plan
-with contextlib.closing(WorkerPool(fly, 2, 60.0)) as pool:
-    assert pool.fly(make_plan("one"), nominal_parameters(3)).outcome.tolist() == [0, 0, 0]
-    server = forkserver._forkserver._forkserver_pid
-    lines = [Path(f"/proc/{process}/cmdline").read_bytes() for process in (server, "self")]
-    print(lines[0] == lines[1], end="")
-"""
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="asks Linux")
-@pytest.mark.parametrize("threads", ["1", "2"])
-def test_the_fork_server_is_a_fork_of_a_process_with_one_thread(threads):
-    searched = os.pathsep.join(map(str, (PACKAGE.parent, Path(__file__).parents[1])))
-    environment = {**os.environ, "PYTHONPATH": searched, "OPENBLAS_NUM_THREADS": threads}
-    done = subprocess.run(
-        [sys.executable, "-c", FORKED],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120.0,
-    )
-    assert (done.stdout, done.stderr) == (str(threads == "1"), "")
-
-
 def test_processes_import_from_the_scripts_folder_only(tmp_path, monkeypatch):
     """A random.py of the user would end the campaign; a foreign one would run."""
     (tmp_path / "here").mkdir()

@@ -19,6 +19,7 @@ from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.simulation import check_source, make_ready
 from abhv_mc.execution.unknown_points import select_points, with_points
+from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.folder.hashes import FileHashes, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import (
@@ -91,6 +92,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
             requested = with_points(requested, stored.data.get("points"))
             inputs = collect_inputs(requested)
         return _resume(flown, requested, inputs, request)
+    _start_workers(request, simulator.engine)
     plans_folder = Path(request.plans) if request.plans else None
     plans = _read_plans(plans_folder, requested, inputs, request.trust_code)
     plans = plans or simulator.make_plans(requested.controllers)
@@ -138,6 +140,12 @@ def _read_plans(
             problem = f"the plans were made from a different {path}"
             raise InputError(root, problem, "plans that were made from the files of this campaign")
     return campaign.simulator.restore_plans(find_stored_plans(source), names, trust_code)
+
+
+def _start_workers(request: Request, engine: Engine) -> None:
+    """Start worker processes, which import modules while the campaign is prepared."""
+    if request.scheduler is None and engine.isolation == PROCESSES:
+        start_fork_server(engine.fly)
 
 
 def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
@@ -195,6 +203,7 @@ def _resume(
     has_nominal = is_current or not simulator.capabilities.has_mission
     if added or longer or not has_nominal or not manifest.complete:
         check_source(folder, manifest, simulator)
+        _start_workers(request, simulator.engine)
     new = simulator.make_plans(added)
     if new:
         _fly_nominal(requested, new)  # Reject invalid plans before files are changed.

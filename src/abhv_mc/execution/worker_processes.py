@@ -13,13 +13,11 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from multiprocessing import forkserver, resource_tracker, util
+from collections.abc import Iterator
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import FlightLostError, UnusableError
@@ -46,48 +44,16 @@ class _NotBegunError(Exception):
 
 
 def start_fork_server(fly: Fly) -> None:
-    """Start the fork server of the workers, unless it is running.
+    """Start the fork server of the workers, which imports the modules of ``fly``.
 
-    On Linux the fork server is a fork of this process if this process has a single thread. The
-    workers then share its imported modules and loaded kernels, which saves about a fifth of the
-    processor time of a campaign of 64 flights. Otherwise the fork server imports the modules of
-    ``fly``. If it cannot be started, the first worker reports the reason.
+    If the fork server cannot be started, the first worker reports the reason.
     """
-    modules = [serve.__module__, fly.__module__]
-    multiprocessing.get_context("forkserver").set_forkserver_preload(modules)
+    context = multiprocessing.get_context("forkserver")
+    # numba imports numpy.ma when it first calls a kernel.
+    modules = [serve.__module__, fly.__module__, "numba", "numpy.ma"]
+    context.set_forkserver_preload(modules)
     with contextlib.suppress(OSError), _starting_processes():
-        # Threads of libraries count, because a process forked while Arrow's run is aborted.
-        if sys.platform != "linux" or len(list(Path("/proc/self/task").iterdir())) > 1:
-            forkserver.ensure_running()
-            return
-        start, util.spawnv_passfds = util.spawnv_passfds, cast("Any", _fork_server)
-        try:
-            forkserver.ensure_running()
-        finally:
-            util.spawnv_passfds = start
-
-
-def _fork_server(path: bytes, arguments: Sequence[Any], files: Sequence[int]) -> int:
-    """Run the fork server in a fork of this process, and return its process ID.
-
-    The function replaces ``multiprocessing.util.spawnv_passfds``.
-    """
-    sys.stdout.flush()
-    sys.stderr.flush()
-    process = os.fork()
-    if process == 0:
-        try:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            opened = [2, *sorted(files), os.sysconf("SC_OPEN_MAX")]
-            for previous, following in pairwise(opened):
-                os.closerange(previous + 1, following)
-            listener, alive, *keys = files
-            serve_forks: Any = forkserver.main
-            # Python 3.14 passes an authentication key.
-            serve_forks(listener, alive, [], **({"authkey_r": keys[0]} if keys else {}))
-        finally:
-            os._exit(1)
-    return process
+        forkserver.ensure_running()
 
 
 class _Worker:
@@ -173,7 +139,6 @@ class WorkerPool:
 
     def __init__(self, fly: Fly, workers: int, limit: float | None) -> None:
         """Prepare the pool; ``limit`` is the limit on processor time (s) for 16 flights."""
-        start_fork_server(fly)
         self._fly, self.workers, self._limit = fly, workers, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
