@@ -1,8 +1,9 @@
 """Executors of blocks: worker processes, this process, or executors from packages.
 
-Worker processes are the default, because a crash in compiled code ends the whole process. Threads
-start one second faster, but a crash then ends the campaign, and only exceptions are handled. The
-option ``--scheduler`` selects the executor of an installed package.
+Worker processes are the default for many flights and for custom code, because a crash in compiled
+code ends the whole process. Threads start one second faster, but a crash then ends the campaign,
+and only exceptions are handled. The option ``--scheduler`` selects the executor of an installed
+package.
 """
 
 import contextlib
@@ -79,6 +80,11 @@ def connect(address: str | None) -> Iterator[OpenExecutor | None]:
         yield opened
 
 
+def find_isolation(engine: Engine, execution: Execution) -> str:
+    """Return the isolation of flights, 'processes' or 'threads'."""
+    return engine.isolation if execution.isolation == "auto" else execution.isolation
+
+
 @contextlib.contextmanager
 def open_executor(
     engine: Engine,
@@ -93,7 +99,7 @@ def open_executor(
     again in this process, and all bits are compared.
     """
     number = workers or execution.workers or count_cores()
-    isolation = engine.isolation if execution.isolation == "auto" else execution.isolation
+    isolation = find_isolation(engine, execution)
     if isolation == PROCESSES and multiprocessing.current_process().daemon:
         if execution.isolation == PROCESSES:  # Daemonic processes cannot start child processes.
             raise InputError(

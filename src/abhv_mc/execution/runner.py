@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,7 +52,7 @@ from abhv_mc.folder.manifest import (
 )
 from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.interfaces import Engine
+from abhv_mc.interfaces import Engine, Fly
 from abhv_mc.requests import Request
 
 _SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest
@@ -80,28 +81,32 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
         stack.enter_context(sigterm_as_interrupt())
         scheduler = stack.enter_context(connect(request.scheduler))
         opened = open_campaign(request, engine, stack)
-        execution = opened.campaign.model.execution
-        executor = stack.enter_context(
-            open_executor(
-                opened.campaign.simulator.engine,
-                execution,
-                request.workers,
-                scheduler,
-                request.check_workers,
-            )
+        executor = open_executor(
+            opened.campaign.simulator.engine,
+            opened.campaign.model.execution,
+            request.workers,
+            scheduler,
+            request.check_workers,
         )
-        return fly_opened(opened, executor)
+        return fly_opened(opened, lambda: stack.enter_context(executor))
 
 
-def fly_opened(opened: OpenCampaign, executor: FlightRunner) -> RunResult:
-    """Run the missing flights of an open folder, then create envelopes and histories."""
-    return _Run(opened, executor).run()
+def fly_opened(opened: OpenCampaign, find_executor: Callable[[], FlightRunner]) -> RunResult:
+    """Run the missing flights of an open folder, then create envelopes and histories.
+
+    ``find_executor`` returns the executor; it is called if the folder is not current.
+    """
+    return _Run(opened).run(find_executor)
 
 
 class _Run:
     """Run of the missing flights of one folder."""
 
-    def __init__(self, opened: OpenCampaign, executor: FlightRunner) -> None:
+    fly: Fly
+    workers: int
+    batch: int  # number of flights in a block
+
+    def __init__(self, opened: OpenCampaign) -> None:
         self.folder, self.plans = opened.folder, opened.plans
         self.manifest, self.simulator = opened.manifest, opened.campaign.simulator
         systems = {
@@ -117,8 +122,6 @@ class _Run:
         if self.campaign.repeatability in (Repeatability.EXACT, Repeatability.ROUNDING):
             self.stored = StoredFlights(self.campaign, opened.shard)
         self.sharded = self.manifest.shard is not None
-        self.fly, self.workers = executor.fly, executor.workers
-        self.batch = model.execution.batch or choose_batch(self.campaign.runs, self.workers)
         self.samples = SampleReader(self.folder.samples)
         self.collectors: dict[str, Collector] = {}
         provenance = {"seed": str(model.seed), "campaign_hash": self.manifest.campaign_hash}
@@ -130,7 +133,7 @@ class _Run:
         self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
         self.start, self.wall_before = time.monotonic(), self.manifest.wall_time_s
 
-    def run(self) -> RunResult:
+    def run(self, find_executor: Callable[[], FlightRunner]) -> RunResult:
         """Run the missing flights, then create envelopes, histories and margins."""
         runs = dict.fromkeys(self.completion.done, self.campaign.runs)
         for rows, digest in read_flown_blocks(
@@ -149,6 +152,10 @@ class _Run:
                 self._write_manifest(COMPLETE)
             return RunResult(self.folder.root, self.manifest)
         check_source(self.folder, self.manifest, self.simulator)
+        executor = find_executor()
+        self.fly, self.workers = executor.fly, executor.workers
+        batch = self.campaign.model.execution.batch
+        self.batch = batch or choose_batch(self.campaign.runs, self.workers)
         try:
             if not (self.completion.is_complete() and self._has_envelopes()):
                 self._fly()

@@ -16,6 +16,7 @@ from abhv_mc.campaign.file.requirement_set import JUDGING, describe_requirement_
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.execution.dispersion_probes import fly_probes
+from abhv_mc.execution.executor import find_isolation
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.simulation import check_source, make_ready
 from abhv_mc.execution.unknown_points import select_points, with_points
@@ -92,7 +93,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
             requested = with_points(requested, stored.data.get("points"))
             inputs = collect_inputs(requested)
         return _resume(flown, requested, inputs, request)
-    _start_workers(request, simulator.engine)
+    _start_workers(request, requested)
     plans_folder = Path(request.plans) if request.plans else None
     plans = _read_plans(plans_folder, requested, inputs, request.trust_code)
     plans = plans or simulator.make_plans(requested.controllers)
@@ -142,18 +143,17 @@ def _read_plans(
     return campaign.simulator.restore_plans(find_stored_plans(source), names, trust_code)
 
 
-def _start_workers(request: Request, engine: Engine) -> None:
+def _start_workers(request: Request, campaign: Experiment) -> None:
     """Start worker processes, which import modules while the campaign is prepared."""
-    if request.scheduler is None and engine.isolation == PROCESSES:
+    engine = campaign.simulator.engine
+    if request.scheduler is None and find_isolation(engine, campaign.model.execution) == PROCESSES:
         start_fork_server(engine.fly)
 
 
 def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
     """Compile the code for margins in another process, unless it is cached."""
     engine = campaign.simulator.engine
-    if engine.find_stability is None or engine.isolation != PROCESSES:
-        return
-    if not engine.is_stability_compiled():
+    if engine.find_stability is not None and not engine.is_stability_compiled():
         stack.enter_context(called_beside(engine.find_stability, campaign, plans))
 
 
@@ -203,7 +203,7 @@ def _resume(
     has_nominal = is_current or not simulator.capabilities.has_mission
     if added or longer or not has_nominal or not manifest.complete:
         check_source(folder, manifest, simulator)
-        _start_workers(request, simulator.engine)
+        _start_workers(request, requested)
     new = simulator.make_plans(added)
     if new:
         _fly_nominal(requested, new)  # Reject invalid plans before files are changed.

@@ -81,7 +81,7 @@ def import_tables(
             _write_blocks(folder, files, campaign, blocks, name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
-        return fly_opened(opened, FlightRunner(campaign.simulator.engine.fly, 1))
+        return fly_opened(opened, lambda: FlightRunner(campaign.simulator.engine.fly, 1))
 
 
 def _without_verdicts(campaign: Experiment) -> Experiment:

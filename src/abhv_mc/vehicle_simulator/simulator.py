@@ -1,12 +1,13 @@
 """Built-in simulator of a vehicle on a mission with several controllers."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels, state_channels
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
@@ -15,6 +16,10 @@ from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Capabilities, Engine, StoredPlans
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
+
+# Campaigns of at most this number of flights run in threads: starting worker processes would take
+# longer than the flights.
+_FEW_FLIGHTS = 512
 
 
 class VehicleSimulator:
@@ -39,7 +44,15 @@ class VehicleSimulator:
 
     @cached_property
     def engine(self) -> Engine:
-        return self.experiment.engine or make_engine()
+        if self.experiment.engine is not None:
+            return self.experiment.engine
+        engine = make_engine()
+        return engine if self._needs_processes() else replace(engine, isolation=THREADS)
+
+    def _needs_processes(self) -> bool:
+        is_large = self.experiment.runs * len(self.systems) > _FEW_FLIGHTS
+        has_limit = self.experiment.model.execution.flight_time_limit is not None
+        return is_large or has_limit or bool(self.find_code())
 
     def check(self, feature: str) -> None:
         pass
