@@ -136,7 +136,8 @@ class ForeignTable:
                 )
             for index in indices:
                 own = self.heads[index]
-                stated = split_head(own)[1] or self.units[index] or _unit_suffix(own)[1]
+                suffixes = [suffix for _, suffix in _split_suffix(own)]
+                stated = split_head(own)[1] or self.units[index] or next(iter(suffixes), "")
                 return Column(index, unit or stated)
         return None
 
@@ -251,14 +252,15 @@ def split_head(head: str) -> tuple[str, str]:
     return head, ""
 
 
-def _unit_suffix(head: str) -> tuple[str, str]:
-    """Split a heading such as 'altitude_ft' into a name and a unit, which may be empty."""
+def _split_suffix(head: str) -> list[tuple[str, str]]:
+    """Split a heading such as 'altitude_ft' into a name and a unit in each possible way.
+
+    The result begins with the shortest name.
+    """
     segments = head.split("_")
-    for i in range(1, len(segments)):
-        suffix = " ".join(segments[i:])
-        if _is_unit(unit := _SUFFIXES.get(suffix, suffix)):
-            return "_".join(segments[:i]), unit
-    return head, ""
+    splits = [("_".join(segments[:i]), " ".join(segments[i:])) for i in range(1, len(segments))]
+    named = [(name, _SUFFIXES.get(suffix, suffix)) for name, suffix in splits]
+    return [(name, unit) for name, unit in named if _is_unit(unit)]
 
 
 def _is_unit(text: str) -> bool:
@@ -280,16 +282,8 @@ def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
     stem, unit = split_head(head)
     if stem in names:
         return stem, unit
-    segments = stem.split("_")
-    for i in range(len(segments) - 1, 0, -1):
-        if not unit and (name := "_".join(segments[:i])) in names:
-            suffix = " ".join(segments[i:])
-            try:
-                parse_unit(suffix := _SUFFIXES.get(suffix, suffix))
-            except Refusal:
-                continue
-            return name, suffix
-    return "", ""
+    splits = [] if unit else [split for split in _split_suffix(stem) if split[0] in names]
+    return splits[-1] if splits else ("", "")
 
 
 def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
