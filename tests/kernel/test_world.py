@@ -13,6 +13,7 @@ from abhv_mc.kernel.jit import kernel
 from abhv_mc.kernel.world import atmosphere as module
 from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, GEOPOTENTIAL_RADIUS, atmosphere
 from abhv_mc.kernel.world.earth import WGS84, Earth, gravity_ned, radii
+from abhv_mc.kernel.world.surroundings import find_surroundings, standard_air
 from abhv_mc.kernel.world.turbulence import (
     dryden_first,
     dryden_second,
@@ -84,6 +85,19 @@ def test_gas_law_and_hydrostatic_balance_hold_everywhere(altitude: float) -> Non
 
 def test_not_a_number_passes_through() -> None:
     assert all(math.isnan(value) for value in atmosphere(math.nan))
+
+
+def test_surroundings_equal_the_scalar_functions_bit_for_bit() -> None:
+    altitude, latitude = np.linspace(-1e3, 120e3, 90), np.linspace(-1.5, 1.5, 90)
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    surroundings = np.stack(find_surroundings(WGS84, altitude, sine, cosine), axis=1)
+    for i, (height, sin_lat, cos_lat) in enumerate(zip(altitude, sine, cosine, strict=True)):
+        density, _, _, sound = atmosphere(height)
+        gravity = gravity_ned(WGS84, height, sin_lat, cos_lat)
+        expected = (density, sound, *gravity, *radii(WGS84, sin_lat))
+        assert tuple(surroundings[i]) == expected
+        assert tuple(find_surroundings(WGS84, height, sin_lat, cos_lat)) == expected
+        assert standard_air(height) == (density, sound)
 
 
 def test_wgs84_radii_of_curvature() -> None:

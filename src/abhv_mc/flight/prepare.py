@@ -54,7 +54,8 @@ from abhv_mc.kernel.laws.columns import (
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.kernel.world.earth import Earth, radii
+from abhv_mc.kernel.world.earth import Earth
+from abhv_mc.kernel.world.surroundings import find_surroundings
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.plant.trim import GRAVITY, TrimPoint
 from abhv_mc.user_code.compiled import COMMANDS, split_columns
@@ -432,10 +433,11 @@ def local_frame_rate(
     earth: Earth, altitude: float, latitude: float, v_north: float, v_east: float
 ) -> tuple[float, float, float]:
     """Return the inertial angular rate (rad/s) of the NED frame in NED components."""
-    meridian, vertical = radii(earth, float(np.sin(latitude)))
-    longitude_rate = v_east / ((vertical + altitude) * np.cos(latitude)) + earth.rotation_rate
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    *_, meridian, vertical = find_surroundings(earth, altitude, sine, cosine)
+    longitude_rate = v_east / ((vertical + altitude) * cosine) + earth.rotation_rate
     return (
-        float(longitude_rate * np.cos(latitude)),
-        -v_north / (meridian + altitude),
-        float(-longitude_rate * np.sin(latitude)),
+        float(longitude_rate * cosine),
+        float(-v_north / (meridian + altitude)),
+        float(-longitude_rate * sine),
     )

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
-from abhv_mc.kernel.world.atmosphere import atmosphere
-from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
+from abhv_mc.kernel.world.earth import Earth
+from abhv_mc.kernel.world.surroundings import find_surroundings, standard_air
 from abhv_mc.vehicle.actuators import deflection_range
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
@@ -176,7 +176,9 @@ def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
     The components are along the velocity, and normal to it in the vertical plane, upward.
     """
     sin_lat, cos_lat = math.sin(point.latitude), math.cos(point.latitude)
-    meridian, vertical = radii(earth, sin_lat)
+    _, _, north, down, meridian, vertical = find_surroundings(
+        earth, point.altitude, sin_lat, cos_lat
+    )
     sin_g, cos_g = math.sin(point.flight_path_angle), math.cos(point.flight_path_angle)
     sin_h, cos_h = math.sin(point.heading), math.cos(point.heading)
     forward = np.array([cos_g * cos_h, cos_g * sin_h, -sin_g])
@@ -188,7 +190,6 @@ def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
         [lon_rate * cos_lat, -lat_rate, -lon_rate * sin_lat]
     )  # rotation of the local frame relative to the Earth
     rotation = earth.rotation_rate * np.array([cos_lat, 0.0, -sin_lat])
-    north, down = gravity_ned(earth, point.altitude, sin_lat, cos_lat)
     carried = np.cross(frame + 2.0 * rotation, velocity) - np.array([north, 0.0, down])
     return float(point.speed_rate + carried @ forward), float(
         point.speed * point.flight_path_rate + carried @ up
@@ -207,7 +208,7 @@ def _control(
 ) -> TrimPoint:
     """Return forces and moments for the given controls, which need not trim the vehicle."""
     constants = vehicle.constants
-    density, _, _, sound = atmosphere(point.altitude)
+    density, sound = standard_air(point.altitude)
     density *= point.density_factor
     sound *= math.sqrt(point.temperature_factor)
     q_bar = 0.5 * density * point.speed**2

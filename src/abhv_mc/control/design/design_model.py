@@ -12,8 +12,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.kernel.world.atmosphere import atmosphere
-from abhv_mc.kernel.world.earth import Earth, gravity_ned, radii
+from abhv_mc.kernel.world.earth import Earth
+from abhv_mc.kernel.world.surroundings import find_surroundings
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
     evaluate_fixed,
@@ -75,21 +75,14 @@ def make_environment_points(
 
     ``air`` is the mission's nominal air, by default the standard atmosphere.
     """
-    result = np.empty((4, altitude.size))
-    for i, (height, angle) in enumerate(zip(altitude, latitude, strict=True)):
-        sine, cosine = np.sin(angle), np.cos(angle)
-        density, _, _, sound_speed = atmosphere(height)
-        result[:, i] = (
-            density,
-            sound_speed,
-            gravity_ned(earth, height, sine, cosine)[1],
-            radii(earth, sine)[0] + height,
-        )
+    density, sound_speed, _, gravity, meridian, _ = find_surroundings(
+        earth, altitude, np.sin(latitude), np.cos(latitude)
+    )
     if air is not None and len(air):
-        density, temperature = air_factors(air, altitude)
-        result[0] *= density
-        result[1] *= np.sqrt(temperature)
-    return EnvironmentPoints(*result)
+        density_factor, temperature_factor = air_factors(air, altitude)
+        density *= density_factor
+        sound_speed *= np.sqrt(temperature_factor)
+    return EnvironmentPoints(density, sound_speed, gravity, meridian + altitude)
 
 
 def make_environment(

@@ -12,8 +12,8 @@ from abhv_mc.control.mission import Mission
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.trim_search import GuidancePoints
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.kernel.world.atmosphere import atmosphere
-from abhv_mc.kernel.world.earth import Earth, radii
+from abhv_mc.kernel.world.earth import WGS84, Earth
+from abhv_mc.kernel.world.surroundings import find_surroundings
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
@@ -31,7 +31,7 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
     speeds = (float(profile.speed.min()), float(profile.speed.max()))
     middle_altitude = float(profile.altitude.min() + profile.altitude.max()) / 2.0
-    mach = profile.speed / np.array([atmosphere(height)[3] for height in profile.altitude])
+    mach = profile.speed / find_surroundings(WGS84, profile.altitude, 0.0, 1.0).sound_speed
     steady = np.unique(np.round(mach[1:][np.abs(np.diff(mach)) < _STEADY], 6))
     return make_trim_tables(vehicle, middle_altitude, speeds, steady)
 
@@ -113,7 +113,7 @@ def make_track(
         # The meridian radius varies slowly along the track, so each iteration adds five correct
         # digits.
     ):
-        meridian = np.array([radii(earth, sine)[0] for sine in np.sin(latitude)])
+        meridian = find_surroundings(earth, 0.0, np.sin(latitude), 1.0).meridian
         on_ticks = mission.start.latitude + _simpson(
             north_speed / (meridian + half_ticks.altitude), tick
         )

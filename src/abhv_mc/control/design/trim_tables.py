@@ -9,7 +9,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_model import Environment, engine_at, thrust_at, wrench_at
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
-from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.kernel.world.surroundings import standard_air
 from abhv_mc.vehicle.actuators import deflection_range
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
@@ -45,7 +45,7 @@ def make_trim_tables(
     node.
     """
     constants = vehicle.constants
-    density, _, _, sound_speed = atmosphere(altitude)
+    density, sound_speed = standard_air(altitude)
     low, high = 0.9 * speed_range[0] / sound_speed, 1.1 * speed_range[1] / sound_speed
     alpha_low = max(_ANGLES_OF_ATTACK[0], constants.angle_of_attack_min)
     alpha_high = min(_ANGLES_OF_ATTACK[1], constants.angle_of_attack_max)
