@@ -80,7 +80,7 @@ def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str]
     return None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # Plans are keys of caches by identity.
 class FlightPlan:
     """Input data for the flights of one controller, except the dispersed parameters."""
 

@@ -20,7 +20,7 @@ _GROUP = 32
 _DIGITS = 6  # significant digits of a margin; the last bits depend on the machine's libraries
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MarginPlan(FlightPlan):
     """Flight plan with margins: MARGIN_VALUES are appended to the metrics."""
 

@@ -7,7 +7,7 @@ failures at the tick.
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from abhv_mc.flight.user_law import (
     open_law,
     open_vehicle,
 )
-from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.kernel.flight.interface import LANES, KernelPlan
 from abhv_mc.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
 from abhv_mc.kernel.jit import is_cached
 from abhv_mc.kernel.laws.columns import N_LIMITS
@@ -126,7 +126,7 @@ def begin(plan: FlightPlan, saved: SavedFlights) -> tuple[Floats, Floats]:
         before[:, s.SPECIFIC_X : s.SPECIFIC_X + 3] = measured[:, -3:]
         before[:, s.SENSED + s.N_SEEN - 3 : s.SENSED + s.N_SEEN] = 0.0
     sensed, acting = np.empty_like(before), np.empty_like(before)
-    kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
+    kernel_plan = _kernel_plan(plan)
     with open_vehicle(plan, LANES) as vehicle:
         arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES), before, moving
         choose_probe(make_probe_begin, plan.lean)(*arguments, numbers, saved.tick, sensed, acting)
@@ -158,7 +158,7 @@ def ask_plant(
         custom = lane[flight, first : first + plan.vehicle.foreign.states]
     sizes = s.AILERON, custom.shape[1], len(VARIABLES), count
     answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
-    kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))
+    kernel_plan = _kernel_plan(plan)
     rows = np.ascontiguousarray(lane[:, : s.LAW])
     positions = (
         np.empty((points, 0))
@@ -201,7 +201,7 @@ def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> L
     rows = np.array(
         [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
     )
-    free, later = _without_limits(plan, tick), max(tick, 1)
+    free, later = _without_limits(plan, min(tick, 1)), max(tick, 1)
     before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
     (after,), (seen,) = _run_law(free, later, rows, before)
     command = _commands(plan, seen)
@@ -277,9 +277,7 @@ def _run_law(
     width = _N_SEEN + len(plan.vehicle.effectors.mix) * int(plan.vehicle.constants.driven)
     after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), width))
     with open_law(plan, LANES, memory_in_rows=True) as user_code:
-        kernel_plan = make_kernel_plan(plan, nominal_parameters(), Recording(0))._replace(
-            user_code=user_code
-        )
+        kernel_plan = _kernel_plan(plan)._replace(user_code=user_code)
         memory, numbers = make_memory(LANES), np.arange(len(before))
         probe = choose_probe(make_probe_law, plan.lean)
         for i in range(ticks):
@@ -298,6 +296,13 @@ def _run_law(
     return after, seen
 
 
+@lru_cache(maxsize=4)
+def _kernel_plan(plan: FlightPlan) -> KernelPlan:
+    """Return the plan for the kernel; linearization calls the kernel a hundred times."""
+    return make_kernel_plan(plan, nominal_parameters(), Recording(0))
+
+
+@lru_cache(maxsize=4)
 def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
     """Return the plan without command limits; for tick 0, its first row applies to two ticks."""
     constants = plan.vehicle.constants._replace(
