@@ -7,6 +7,7 @@ but uses the full tables.
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -109,6 +110,7 @@ def _balance(
     pitch_rate = across * sin_s * sin_s / (cos_s * point.speed) + point.flight_path_rate * cos_s
     limits = deflection_range(vehicle, 2)
 
+    @cache  # The nested searches evaluate four in ten points twice.
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
         """Return residual forces / weight, and residual pitching moment / (weight * chord)."""
         trial = _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)
