@@ -27,12 +27,15 @@ _STEP = 1e-30
 
 
 def slope(function: Callable[[Numbers], Numbers], x: Any) -> Floats:
-    """Return the Jacobian [output, input] at a real vector, from one call with complex steps.
+    """Return the Jacobian [..., output, input] at real vectors, from one call with complex steps.
 
-    The input of ``function`` has shape [input, point].
+    ``x`` contains the inputs, which are numbers or arrays [...]; the input of ``function`` has the
+    shape [input, step, ...].
     """
-    x = np.asarray(x, dtype=np.float64)
-    return np.asarray(np.imag(function(x[:, None] + 1j * _STEP * np.eye(x.size))) / _STEP)
+    x = np.array(np.broadcast_arrays(*x), dtype=np.float64)
+    steps = 1j * _STEP * np.eye(len(x)).reshape(len(x), len(x), *[1] * (x.ndim - 1))
+    slopes = np.imag(function(x[:, None] + steps)) / _STEP
+    return np.ascontiguousarray(np.moveaxis(slopes, (0, 1), (-2, -1)))
 
 
 class Environment(NamedTuple):

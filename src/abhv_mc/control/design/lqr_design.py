@@ -33,7 +33,7 @@ _RAMP_SPACING = 0.1  # time between gain knots during bank ramps, s
 
 
 class Nominal(NamedTuple):
-    """Nominal operating point on the reference, in SI units and radians."""
+    """Nominal operating point, or stacked points, on the reference, in SI units and radians."""
 
     environment: Environment
     mass: float
@@ -56,7 +56,7 @@ class Nominal(NamedTuple):
 
 
 class LinearModels(NamedTuple):
-    """Matrices A and B of each regulator at one point, in SI units and radians."""
+    """Matrices A and B [..., row, column] of each regulator, in SI units and radians."""
 
     guidance: tuple[Floats, Floats]
     longitudinal: tuple[Floats, Floats]  # input: elevator
@@ -69,7 +69,7 @@ class Piece(NamedTuple):
     first: int  # first tick of the segment
     end: int  # tick after the last tick of the segment
     knots: NDArray[np.int64]  # ticks of the knots
-    models: list[LinearModels]  # linear model at each knot
+    models: LinearModels  # linear models [knot, row, column]
 
 
 def make_lqr_gains(
@@ -110,11 +110,11 @@ def make_lqr_models(
         in_ramp = any(begin <= first < last for begin, last in ramps)
         stride = max(1, round(min(spacing, _RAMP_SPACING) / tick if in_ramp else spacing / tick))
         knots = np.unique([*range(first, end, stride), end - 1])
-        models = [
-            make_models(vehicle, trim_tables, make_nominal(mission, reference[knot]))
-            for knot in knots
-        ]
-        pieces.append(Piece(first, end, knots, models))
+        nominals = [make_nominal(mission, reference[knot]) for knot in knots]
+        environment = np.array([nominal.environment for nominal in nominals])
+        values = np.array([nominal[1:] for nominal in nominals])
+        stacked = Nominal(Environment(*environment.T), *values.T)
+        pieces.append(Piece(first, end, knots, make_models(vehicle, trim_tables, stacked)))
     return pieces
 
 
@@ -123,10 +123,7 @@ def gains_of_models(controller: LqrController, pieces: list[Piece], times: Float
     """Return gains ``[tick, gain]`` from linear models; see :func:`make_lqr_gains`."""
     gains = np.empty((times.size, len(LQR_GAINS)))
     for first, end, knots, models in pieces:
-        stacked = LinearModels._make(
-            tuple(map(np.array, zip(*pairs, strict=True))) for pairs in zip(*models, strict=True)
-        )
-        at_knots = gains_at(controller, stacked)
+        at_knots = gains_at(controller, models)
         for gain in range(len(LQR_GAINS)):
             gains[first:end, gain] = np.interp(times[first:end], times[knots], at_knots[:, gain])
     return gains
@@ -143,7 +140,7 @@ def make_nominal(mission: Mission, row: Floats) -> Nominal:
 
 
 def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> LinearModels:
-    """Return the three linear models at one point.
+    """Return the three linear models at one point, or at the points of stacked numbers.
 
     The states are (altitude, gamma, chi, V), (alpha, q) and (bank, beta, p, r).
     """
@@ -154,12 +151,14 @@ def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Line
         operating_point,
     )
     turn = attitude_slopes(vehicle, nominal)
-    pitch, roll_yaw = turn[[0, 4]], turn[[2, 1, 3, 5]]
-    return LinearModels(
-        (guide[:, :4], guide[:, 4:]),
-        (pitch[:, [0, 4]], pitch[:, [8]]),
-        (roll_yaw[:, [2, 1, 3, 5]], roll_yaw[:, [6, 7]]),
+    pitch, roll_yaw = turn[..., [0, 4], :], turn[..., [2, 1, 3, 5], :]
+    pairs = (
+        (guide[..., :4], guide[..., 4:]),
+        (pitch[..., [0, 4]], pitch[..., [8]]),
+        (roll_yaw[..., [2, 1, 3, 5]], roll_yaw[..., [6, 7]]),
     )
+    # The layout of the matrices determines the last digits of the gains.
+    return LinearModels(*((np.array(A, order="C"), np.array(B, order="C")) for A, B in pairs))
 
 
 def gains_at(controller: LqrController, models: LinearModels) -> Floats:
@@ -214,7 +213,7 @@ def regulator(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
 
 
 def attitude_slopes(vehicle: Vehicle, nominal: Nominal) -> Floats:
-    """Return the Jacobian [6, 9] of :func:`attitude_model_rates` in the coordinated turn."""
+    """Return the Jacobian [..., 6, 9] of :func:`attitude_model_rates` in the coordinated turn."""
     operating_point = [
         nominal.angle_of_attack,
         0.0,
