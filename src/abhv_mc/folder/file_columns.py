@@ -26,19 +26,24 @@ def missing_file(path: Path, expected: str) -> InputError:
 
 
 @contextmanager
-def _open(path: Path, expected: str) -> Iterator[pq.ParquetFile]:
+def _open(path: Path, expected: str, texts: Sequence[str] = ()) -> Iterator[pq.ParquetFile]:
     if not path.is_file():
         raise missing_file(path, expected)
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, read_dictionary=texts) as file:
             yield file
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(path, str(error).splitlines()[0], expected) from None
 
 
-def read_table(path: Path, expected: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read columns of a Parquet file. Raise InputError if the file is missing or invalid."""
-    with _open(path, expected) as file:
+def read_table(
+    path: Path, expected: str, columns: Sequence[str] | None = None, *, texts: Sequence[str] = ()
+) -> pa.Table:
+    """Read columns of a Parquet file, and those in ``texts`` as dictionaries.
+
+    Raise InputError if the file is missing or invalid.
+    """
+    with _open(path, expected, texts) as file:
         return file.read(columns=columns, use_threads=file.num_row_groups > 1)
 
 

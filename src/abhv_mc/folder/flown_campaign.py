@@ -144,15 +144,18 @@ def _values(column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def _read_envelopes(path: Path) -> dict[tuple[str, str], Envelope]:
-    columns = _columns(read_table(path, "the envelopes of a campaign"))
-    controller, channel = columns["controller"].astype(str), columns["channel"].astype(str)
+    names = ["controller", "channel"]
+    table = read_table(path, "the envelopes of a campaign", texts=names)
+    controllers, controller = distinct_texts(table["controller"])
+    channels, channel = distinct_texts(table["channel"])
+    columns = _columns(table.drop_columns(names))
+    stored = [name for name in (*BANDS, MOST_MEDIAN) if name != MOST_MEDIAN or name in columns]
     cells: dict[tuple[str, str], Envelope] = {}
-    for key in dict.fromkeys(zip(controller.tolist(), channel.tolist(), strict=True)):
-        rows = np.flatnonzero((controller == key[0]) & (channel == key[1]))
+    for i, j in dict.fromkeys(zip(controller.tolist(), channel.tolist(), strict=True)):
+        rows = np.flatnonzero((controller == i) & (channel == j))
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        stored = [name for name in (*BANDS, MOST_MEDIAN) if name != MOST_MEDIAN or name in columns]
         bands = {name: columns[name][rows].astype(np.float64) for name in stored}
-        cells[key] = Envelope(
+        cells[controllers[i], channels[j]] = Envelope(
             columns["time"][rows].astype(np.float64), columns["count"][rows].astype(np.int64), bands
         )
     return cells
@@ -234,6 +237,6 @@ def _history_files(root: Path, controller: str) -> Iterator[Path]:
     folder = CampaignFolder(root)
     for path in data_files(folder, read_manifest(folder.manifest)):
         if path.parent == folder.histories:
-            names, _ = distinct_texts(read_table(path, _HISTORIES, ["controller"])["controller"])
-            if names == [controller]:
+            names = read_table(path, _HISTORIES, ["controller"])["controller"]
+            if names[:1].to_pylist() == [controller]:  # All rows have the same controller.
                 yield path

@@ -32,10 +32,13 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
 
 def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
     """Return the sorted distinct strings of a column, and the index of each row's string."""
-    if len(column) <= _FEW:
+    if pa.types.is_dictionary(column.type):
+        encoded = column.unify_dictionaries().combine_chunks()
+    elif len(column) <= _FEW:
         texts, inverse = np.unique(np.array(column.to_pylist(), dtype=np.str_), return_inverse=True)
         return texts.tolist(), inverse
-    encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
+    else:
+        encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
     texts, inverse = np.unique(
         np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True
     )
