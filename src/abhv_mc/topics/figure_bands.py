@@ -87,7 +87,7 @@ def _draw(axes: Axes, panel: EnvelopePanel, color: str) -> None:
         area = panel.bands[low], panel.bands[high]
         axes.fill_between(panel.x, *area, color=color, alpha=faint * opacity, linewidth=0)
     for x, y in panel.flights[:0:-1]:
-        axes.plot(x, y, **_NEXT_WORST, zorder=3)
+        axes.add_artist(Line2D(x, y, **_NEXT_WORST, zorder=3))  # The limits are set later.
     for x, y in panel.flights[:1]:
         axes.plot(x, y, color=color, linewidth=1.5, zorder=4)
     for median in [name for name in MEDIANS if name in panel.bands and not panel.flights]:
