@@ -239,8 +239,9 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "## Differentiators: up to the onset of oscillation",
         "",
         "The bandwidth of the differentiators of sub-loop 3 is increased from zero; the "
-        "bandwidth for sub-loop 4 is 3, 4 or 5 times as large (ratio). The largest bandwidths "
-        f"without oscillation are {swings}; the bandwidth for sub-loop 4 is then near the "
+        "ratio of the bandwidth of sub-loop 4 to this bandwidth is 3, 4 or 5. The largest "
+        f"bandwidths without oscillation are {swings}; "
+        "the bandwidth for sub-loop 4 is then near the "
         f"{surfaces:g} rad/s of the surface actuators. The paper uses only 0.3 rad/s (ratio 5). "
         "Noise limits the bandwidth more than oscillation does. The table is for ratio 5; its last "
         f"column is the travel of all surfaces with white noise at 100 Hz (rms {NOISE:g} deg on "

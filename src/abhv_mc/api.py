@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.one_flight.fly_once import fly
 from abhv_mc.one_flight.given import check_mapping, write_inputs
 from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
@@ -147,7 +148,7 @@ class Campaign:
         ...     "seed": 1,
         ... }
         >>> abhv_mc.Campaign.make(study, runs=200)
-        <Campaign study: 200 flights of tlc, narrow, 1 dispersions>
+        <Campaign study: 200 flights of 'tlc' and 'narrow', 1 dispersion>
         """
         folder = mkdtemp(prefix="abhv-mc-")
         try:
@@ -216,7 +217,7 @@ class Campaign:
 
     def _repr_html_(self) -> str:
         """Return the campaign's question, controllers and dispersions as HTML for notebooks."""
-        head = f"{self.name}: {self.runs} flights each. {self.question}"
+        head = f"{self.name}: {counted(self.runs, 'flight')} of each controller. {self.question}"
         data = self._checked.document.entries
         entries = data.get("dispersions") or {}
         rows = [("controllers", ", ".join(self.controllers), "")]
@@ -228,8 +229,8 @@ class Campaign:
 
     def __repr__(self) -> str:
         return (
-            f"<Campaign {self.name}: {self.runs} flights of {', '.join(self.controllers)}, "
-            f"{len(self.parameters)} dispersions>"
+            f"<Campaign {self.name}: {counted(self.runs, 'flight')} of {quoted(self.controllers)}, "
+            f"{counted(len(self.parameters), 'dispersion')}>"
         )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, found_value, one_of
+from abhv_mc.io.phrases import counted, grouped_digits, quoted
 from abhv_mc.one_flight.given import check_mapping
 
 if TYPE_CHECKING:
@@ -376,7 +377,7 @@ class Results:
             if topic.name == name:
                 return self._models[topic]
         raise AttributeError(
-            f"no topic '{name}'; the topics are {', '.join(topic.name for topic in all_topics())}"
+            f"no topic '{name}'; the topics are {quoted(topic.name for topic in all_topics())}"
         )
 
     def _read(self, name: str) -> "pd.DataFrame":
@@ -403,15 +404,16 @@ class Results:
     def __repr__(self) -> str:
         facts = self.manifest
         return (
-            f"<Results {facts.name}: {facts.runs_done} of {facts.runs_planned} flights, "
-            f"{facts.state}>"
+            f"<Results {facts.name}: {grouped_digits(facts.runs_done)} of "
+            f"{counted(facts.runs_planned, 'flight')}, {facts.state}>"
         )
 
     def _repr_html_(self) -> str:
         """Return the outcomes and verdicts in the manifest as HTML for notebooks."""
         facts = self.manifest
         head = (
-            f"{facts.name}: {facts.runs_done} of {facts.runs_planned} flights each, {facts.state}"
+            f"{facts.name}: {grouped_digits(facts.runs_done)} of "
+            f"{counted(facts.runs_planned, 'flight')} of each controller, {facts.state}"
         )
         rows = [
             (

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.phrases import joined
 from abhv_mc.io.units import KELVIN
 from abhv_mc_daveml.adapters import Answer, factor_to_si, parse_answer, signed_factor
 from abhv_mc_daveml.graph import Model, Variable
@@ -45,7 +46,7 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
             for name, (factor, offset) in zip(quantities, scales, strict=True)
         ]
         if not all(0.0 < value < math.inf for value in values):
-            problem = f"the {' or '.join(quantities)} at {altitude:g} m is not positive"
+            problem = f"the {joined(list(quantities), 'or')} at {altitude:g} m is not positive"
             raise InputError(model.path, problem, f"positive values up to {ALTITUDES[-1]:g} m")
         if quantities == ("density", "pressure"):
             density, pressure = values

@@ -7,6 +7,7 @@ import typer
 
 from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import announce_warnings, say
+from abhv_mc.io.phrases import counted
 
 
 def daveml(
@@ -25,7 +26,7 @@ def daveml(
     imported = import_daveml(files, out)
     for name, shots in imported.shots.items():
         say(
-            f"{name}: {shots} check shots pass"
+            f"{name}: {counted(shots, 'check shot passes/check shots pass')}"
             if shots
             else f"{name}: the file contains no check shots"
         )

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 from abhv_mc import extend
 from abhv_mc.io.input_error import one_of
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.xml_reader import Node
 from abhv_mc.user_code.module_text import number
 
@@ -151,7 +152,7 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         patterns = {1: _ONE, 2: _TWO}.get(len(operands), {})
         if operator not in patterns:
             raise element.refuse(
-                f"'{operator}' has {len(operands)} operands",
+                f"'{operator}' has {counted(len(operands), 'operand')}",
                 "the number of operands that the operator requires",
             )
         return patterns[operator].format(*operands), is_truth

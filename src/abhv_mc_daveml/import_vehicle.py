@@ -10,6 +10,7 @@ from typing import Any
 
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, Refusal, found_value, one_of
+from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import fold
 from abhv_mc.user_code.module_text import Line, write_text, write_unless_edited
 from abhv_mc_daveml.adapters import (
@@ -88,7 +89,7 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
         if texts:
             folder.mkdir(parents=True, exist_ok=True)
             write_text(path, texts[ANSWERS])
-        problem = f"the following values are missing: {', '.join(left)}"
+        problem = f"values are missing for {quoted(left)}"
         raise InputError(path, problem, "values in this file (enter them and repeat the command)")
     if texts:
         folder.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.xml_reader import Node
 
 Grids = tuple[tuple[str, Floats], ...]  # name and ascending breakpoints of each axis
@@ -80,7 +81,8 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
         number = len(axes) if points is None else points.shape[1]
         if len(arguments) != number:
             raise node.refuse(
-                f"found {len(arguments)} arguments for a table of {number} axes",
+                f"found {counted(len(arguments), 'argument')} for a table of "
+                f"{counted(number, 'axis/axes')}",
                 "one argument for each axis",
             )
         variable = dependent.attributes["varID"]
@@ -127,7 +129,9 @@ def _find_table(node: Node, tables_by_key: Mapping[str, Node]) -> Node:
             )
         tables.append(tables_by_key[_key(reference)])
     if len(tables) != 1:
-        raise definition.refuse(f"found {len(tables)} tables", "one gridded or ungridded table")
+        raise definition.refuse(
+            f"found {counted(len(tables), 'table')}", "one gridded or ungridded table"
+        )
     return tables[0]
 
 
@@ -151,7 +155,7 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
     if len(rows) < 2 or any(row.size != arguments + 1 for row in rows):
         raise node.refuse(
             "the ungridded table is invalid",
-            f"at least two points with {arguments} coordinates and one value each",
+            f"at least two points with {counted(arguments, 'coordinate')} and one value each",
         )
     points, values = np.split(np.array(rows), [-1], axis=1)
     order = np.lexsort(points.T[::-1])
@@ -188,7 +192,7 @@ def _shaped(node: Node, axes: Grids) -> Floats:
             if axes
             else "breakpoints"
         )
-        raise node.refuse(f"the table has {values.size} values", expected)
+        raise node.refuse(f"the table has {counted(values.size, 'value')}", expected)
     return values.reshape(shape)
 
 

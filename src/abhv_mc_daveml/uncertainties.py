@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 
+from abhv_mc.io.phrases import quoted
 from abhv_mc_daveml.graph import Model, Uncertainty, Variable
 from abhv_mc_daveml.signals import quantity_of, sign_of
 
@@ -39,7 +40,7 @@ def write_dispersions(models: Sequence[Model]) -> str:
         return ""
     lines = ["# Uncertainties of the files, to be copied into a campaign."]
     if left:
-        lines.append(f"# No campaign parameter represents the uncertainty of: {', '.join(left)}.")
+        lines.append(f"# No campaign parameter represents the uncertainty of {quoted(left, 'or')}.")
     lines += [
         f"dispersions:{'' if entries else ' {}'}",
         *(f"  {name}: {json.dumps(law)}" for name, law in entries.values()),

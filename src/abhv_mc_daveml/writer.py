@@ -13,6 +13,7 @@ import numpy as np
 
 from abhv_mc import extend
 from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import fold
 from abhv_mc.user_code.module import run_module
 from abhv_mc.user_code.module_text import (
@@ -192,7 +193,7 @@ def _differences(model: Model) -> Iterator[InputError]:
         }
         missing = [v.name for v in model.inputs if v.initial is None and v.key not in inputs]
         if missing:
-            problem = f"the check shot '{shot.name}' lacks {', '.join(missing)}"
+            problem = f"the check shot '{shot.name}' lacks {quoted(missing)}"
             yield InputError(model.path, problem, "a value for each input", shot.line)
             continue
         found_values = function(**inputs)

@@ -14,6 +14,7 @@ from pydantic import TypeAdapter
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.tables import open_database
 from abhv_mc.io.input_error import InputError, describe, one_of
+from abhv_mc.io.phrases import quoted
 from abhv_mc.report.pages.flights_view import BARS, CELLS, LISTED, describe_flights
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.formatting import axis_unit
@@ -157,8 +158,7 @@ def parse_selection(data: Any, table: FlightTable) -> Selection:
         raise InputError(
             "request",
             "unknown outcome or controller",
-            f"one of the outcomes {', '.join(shares)}, and controllers from "
-            f"{', '.join(table.order)}",
+            f"the outcome {quoted(shares, 'or')}, and controllers among {quoted(table.order)}",
         )
     return selection
 
@@ -252,7 +252,7 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
     if row is None:
         raise InputError(
             "request",
-            f"unknown flight {flight} of {describe(controller)}",
+            f"unknown flight {flight} of controller {describe(controller)}",
             "the number of a computed flight",
         )
     record = dict(zip(names, row, strict=True))

@@ -20,6 +20,7 @@ from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.csv_table import csv_text
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.report.pages.channel_curves import band_names, channel_curves
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
 from abhv_mc.report.pages.page import make_environment
@@ -157,7 +158,9 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             length = int(self.headers.get("Content-Length", "0"))
             if not 0 < length <= _MOST_BYTES:
-                raise InputError("request", f"found {length} bytes", f"1 to {_MOST_BYTES} bytes")
+                raise InputError(
+                    "request", f"found {counted(length, 'byte')}", f"1 to {_MOST_BYTES} bytes"
+                )
             data = json.loads(self.rfile.read(length))
             if url.path == "/counts":
                 self._send_json(

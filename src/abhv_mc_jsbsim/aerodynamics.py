@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from abhv_mc.io.input_error import one_of
+from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import Node
 from abhv_mc.user_code.module_text import INDENT, WIDTH, Line, free_name, number
 from abhv_mc_jsbsim.expressions import Expressions, factors_of, operand_of, property_of
@@ -121,14 +122,14 @@ class Aerodynamics:
         )
         if match is None:
             raise node.refuse(
-                f"found the axes {', '.join(axes) or 'none'}",
-                "the axes LIFT, DRAG and SIDE, or those of another frame",
+                f"found the axes {quoted(axes)}" if axes else "found no axes",
+                "the axes 'LIFT', 'DRAG' and 'SIDE', or those of another frame",
             )
         frame, names = match
         for name, axis in axes.items():
             if name not in names and name not in _MOMENTS:
                 raise axis.refuse(
-                    f"found the axis '{name}' together with {', '.join(forces)}",
+                    f"found the axis '{name}' together with {quoted(forces)}",
                     one_of((*names, *_MOMENTS), name),
                 )
             frame_name = axis.attributes.get("frame", "")

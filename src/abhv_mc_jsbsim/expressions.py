@@ -12,6 +12,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
+from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.io.xml_reader import Node
 from abhv_mc.user_code.module_text import Line, call, free_name, number, sequence
 
@@ -56,7 +57,9 @@ def operand_of(function: Node) -> Node:
     """
     operands = [child for child in function.children if child.name not in _WORDS]
     if len(operands) != 1:
-        raise function.refuse(f"the function has {len(operands)} elements", "one element")
+        raise function.refuse(
+            f"the function has {counted(len(operands), 'element')}", "one element"
+        )
     return operands[0]
 
 
@@ -135,7 +138,7 @@ class Expressions:
             return patterns[kind].format(*operands)
         if kind in _OPERATORS:
             raise node.refuse(
-                f"'{kind}' has {count} operands",
+                f"'{kind}' has {counted(count, 'operand')}",
                 "the number of operands that the element requires",
             )
         raise node.refuse(f"unknown element '{kind}'", one_of(_OPERATORS, kind))
@@ -160,8 +163,8 @@ class Expressions:
         axes = ("row", "column", "table")[: len(by_axis)]
         if set(by_axis) != set(axes):
             raise node.refuse(
-                f"the table has the axes {', '.join(by_axis) or 'none'}",
-                "the axes row, column, table",
+                f"the table has the axes {quoted(by_axis)}" if by_axis else "the table has no axes",
+                f"the axes {quoted(axes)}",
             )
         long_axes = [k for k, grid in enumerate(grids) if len(grid) > 1]
         values = values.squeeze(tuple(k for k in range(len(grids)) if k not in long_axes))
@@ -186,7 +189,7 @@ def _read_table(node: Node, axes: int) -> tuple[list[Floats], Floats]:
         return grids, values
     if axes != 3 or not blocks:
         raise node.refuse(
-            f"the table has {axes} axes and {len(blocks)} blocks",
+            f"the table has {counted(axes, 'axis/axes')} and {counted(len(blocks), 'block')}",
             "one block for 1 or 2 axes, or at least one block for 3 axes",
         )
     levels = np.array([block.number(block.attributes.get("breakPoint", "")) for block in blocks])
@@ -209,9 +212,11 @@ def _read_block(data: Node, axes: int) -> tuple[Floats, ...]:
     head = lines.pop(0) if axes == 2 and lines else [0.0]
     width = len(head) + 1
     if not lines or any(len(line) != width for line in lines):
+        *sizes, last = sorted({len(line) for line in lines}) or [0]
+        sizes_text = joined([*map(str, sizes), counted(last, "number")], "or")
         raise data.refuse(
-            f"the rows have {sorted({len(line) for line in lines})} numbers",
-            f"rows of {width} numbers",
+            f"the rows have {sizes_text}" if lines else "the table has no rows",
+            f"rows of {counted(width, 'number')}",
         )
     cells = np.array(lines)
     if axes == 1:

@@ -83,8 +83,9 @@ def read_controller_numbers(
 ) -> ControllerNumbers:
     """Read a controller file and find the free parameters.
 
-    ``keys`` lead to the ``tune`` block in the document ``block``. Raise InputError, at the entry of
-    the block, for a parameter that the file does not have.
+    ``keys`` lead to the ``tune`` block in the document ``block``. Raise InputError,
+    with the location of the entry in the block, if an entry names a parameter that the file does
+    not have.
     """
     read_controller(path)
     document = read_document(path)

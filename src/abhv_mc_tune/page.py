@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.topics.figure_style import BLUE, INK, SKY, VERMILION, new_figure, styled
 from abhv_mc.topics.formatting import significant
@@ -100,10 +101,11 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
     quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
     start, best = (result.objective.with_unit(f"{x:.4g}") for x in (main.start, main.best))
     change = (
-        f"On {block.validation} new flights, the {quantile} is {best} with the tuned "
+        f"On {counted(block.validation, 'new flight')}, the {quantile} is {best} with the tuned "
         f"parameters, compared with {start} with the initial parameters ({interval})."
     )
-    violated = "; ".join(item.label for item in result.comparisons if not item.keeps)
+    violations = [item.phrase for item in result.comparisons if not item.keeps]
+    violated = f"the limit{'s' if len(violations) > 1 else ''} on {joined(violations)}"
     if result.shown:
         answers = [change]
     elif result.tuning.best == 0:
@@ -114,20 +116,21 @@ def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
     elif not result.tuning.scores.allowed.any():
         answers = [
             "No new file was written, because no candidate met all limits. The table shows the "
-            f"candidate with the smallest violation (violated limits: {violated}).",
+            "candidate with the smallest violation"
+            + (f"; on new flights, it violates {violated}." if violations else "."),
             change,
         ]
     else:
         reason = (
-            f"the best candidate violates these limits on new flights: {violated}"
-            if violated
+            f"the best candidate violates {violated} on new flights"
+            if violations
             else "the best candidate is not shown to be better"
         )
         answers = [f"No new file was written, because {reason}.", change]
     ends = result.numbers.at_ends(result.tuning.best_point)
     if ends:
         answers.append(
-            f"Parameters at a bound of their range: {', '.join(ends)}. Better values may lie "
+            f"Parameters at a bound of their range: {quoted(ends)}. Better values may lie "
             "outside the ranges; to include them, give these parameters a larger factor."
         )
     if result.shown:

@@ -25,6 +25,7 @@ from abhv_mc.folder.lock import hold_lock
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.io.phrases import counted
 from abhv_mc.requests import Paths
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
@@ -71,6 +72,18 @@ class Comparison:
             return f"{self.metric}, {vehicles}"
         outside = f", distance outside the band {self.band}" if self.band else ""
         return f"{self.metric}{outside}, {100 * self.quantile:g} % quantile"
+
+    @property
+    def phrase(self) -> str:
+        """Label for a sentence, such as "the 95 % quantile of 'altitude_error_rms_m'"."""
+        if self.quantile is None:
+            vehicles = "nominal vehicle and the corners"
+            vehicles = vehicles if self.vehicles == "corners" else "nominal vehicle"
+            return f"the margin '{self.metric}' of the {vehicles}"
+        quantity = f"'{self.metric}'"
+        if self.band:
+            quantity = f"the distance of {quantity} outside the band {self.band}"
+        return f"the {100 * self.quantile:g} % quantile of {quantity}"
 
 
 @dataclass(frozen=True)
@@ -340,9 +353,10 @@ def _comment(result: TuneFound, request: TuneRequest, seed: int) -> str:
     )
     lines += [
         f"Made by `{command}`:",
-        f"{len(result.tuning.points)} candidates on the same {block.flights} flights.",
-        f"On {block.validation} fresh flights the {100 * block.minimise.quantile:g} % quantile of"
-        f" {main.metric} is {main.best:.4g} instead of {main.start:.4g}",
+        f"{counted(len(result.tuning.points), 'candidate')} on the same "
+        f"{counted(block.flights, 'flight')}.",
+        f"On {counted(block.validation, 'new flight')}, the {100 * block.minimise.quantile:g} % "
+        f"quantile of {main.metric} is {main.best:.4g} instead of {main.start:.4g}",
         f"(difference {gain.value:.4g}, 95 % interval {gain.low:.4g} .. {gain.high:.4g}).",
     ]
     for item in result.comparisons[1:]:

@@ -14,6 +14,7 @@ from abhv_mc.flight.outcome import Limits
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import quoted
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import RECORDED_GAINS, REFERENCE
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
@@ -44,7 +45,7 @@ def read_columns(path: Path, names: Sequence[str], perhaps: Sequence[str] = ()) 
     missing = [name for name in names if name not in table.heads]
     if missing:
         expected = "all columns to be compared"
-        raise table.error(None, None, f"the table lacks {', '.join(missing)}", expected)
+        raise table.error(None, None, f"the table has no columns {quoted(missing, 'or')}", expected)
     if len(table) < 2:
         raise InputError(path, "found 1 row of numbers", "at least 2 rows")
     columns = [*names, *(name for name in perhaps if name in table.heads)]

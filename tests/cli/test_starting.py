@@ -182,7 +182,7 @@ def test_existing_files_and_unknown_names_or_kinds_are_rejected(tmp_path: Path) 
             write_new_campaign(folder)
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
     (tmp_path / "mine").write_text("colour: red\n")
-    with pytest.raises(InputError, match="campaign, vehicle, mission, controller"):
+    with pytest.raises(InputError, match="'campaign', 'vehicle', 'mission' or 'controller'"):
         find_kind(tmp_path / "mine")
 
 
@@ -231,7 +231,7 @@ def test_a_hint_names_parameters_that_may_be_constant_but_unknown() -> None:
         name: unknowns_hint(read_campaign(shipped_campaigns() / f"{name}.yaml").names)
         for name in names
     }
-    assert "aero.lift, aero.drag" in hints["s_manoeuvre"]
+    assert "'aero.lift' and 'aero.drag'" in hints["s_manoeuvre"]
     assert hints["wide"] and not hints["s_manoeuvre_unknown"]
 
 

@@ -50,7 +50,7 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
 @pytest.mark.parametrize(
     ("old", "new", "line", "fragment"),
     [
-        ("law: tlc", "law: pid", 5, "one of tlc, lqr"),
+        ("law: tlc", "law: pid", 5, "expected 'tlc', 'lqr'"),
         ("law: tlc", "law: lqr", None, "guidance"),
         (
             "altitude: {damping: 2.4, bandwidth: 0.03 rad/s}",

@@ -78,11 +78,11 @@ def test_a_density_may_come_with_its_temperature(tmp_path, head, cell, expected)
         ("altitude_m,density_factor\n0,1\n5,1\n5,1\n", DENSITIES, (4, 1), "that increase"),
         ("altitude_m,density_factor\n9,1\n5,1\n7,1\n", DENSITIES, (4, 1), "that decrease"),
         ("altitude_m,density_factor\n0,1\n9,-1\n", DENSITIES, (3, 3), "factor"),
-        ("altitude_m,pressure_hPa,temperature\n0,1,1\n9,1,1\n", DENSITIES, (1, 25), "one of K"),
+        ("altitude_m,pressure_hPa,temperature\n0,1,1\n9,1,1\n", DENSITIES, (1, 25), "'K', "),
         ("altitude_m,density_factor,temperature_K\n0,1,9\n9,1,-1\n", DENSITIES, (3, 5), "-1 K"),
         (
             "altitude_m,density_factor\n" + "".join(f"{i},1\n" for i in range(10_001)),
-            DENSITIES, (None, None), "10001",
+            DENSITIES, (None, None), "10\u202f001",
         ),
     ],
 )  # fmt: skip

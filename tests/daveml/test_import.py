@@ -236,7 +236,7 @@ def test_uncertainties_become_dispersions_with_correlations(
         text = text[:start] + text[start:].replace("<isOutput/></variableDef>", law, 1)
     imported(tmp_path, text.replace('"CM" units="nd" sign="and"', f'"CM" units="nd" sign="{sign}"'))
     written = (tmp_path / "dispersions.yaml").read_text(encoding="utf-8")
-    assert re.search(r"(?m)^# .*: s\.$", written)  # not represented
+    assert re.search(r"(?m)^# .* of 's'\.$", written)  # not represented
     assert read_document(tmp_path / "dispersions.yaml").data == {
         "dispersions": {
             "aero.lift": {"distribution": "normal", "sigma": pytest.approx(0.05)},

@@ -1,5 +1,6 @@
 """Campaigns that differ only in their seed are pooled as flights of one campaign."""
 
+import html
 import json
 import shutil
 from dataclasses import replace
@@ -113,7 +114,7 @@ def test_mergeable_neighbours_are_listed_once(flown, tmp_path, monkeypatch):
     merge_campaign([tmp_path / "seed1", tmp_path / "seed2"], tmp_path / "all", ENGINE)
     sentence, command = suggest_merge(tmp_path / "seed3", parts[2])
     assert (
-        "here: all (400 flights: 1 " in sentence
+        "here: 'all' (400 flights: 1 " in sentence
         and f"merge {tmp_path}/seed3 {tmp_path}/all -o" in command
     )
     monkeypatch.chdir(tmp_path / "seed1")
@@ -139,16 +140,16 @@ def test_a_run_judges_its_folder_and_lists_neighbours(abhv_mc, tmp_path):
     assert (code, own["verdict"], own["flights"]) == (0, "NOT SHOWN", 60)
     assert own["words"] in Path("s2.xml").read_text() and "in 60 flights" in own["words"]
     assert (
-        "s1 (400 flights: 1 FAIL)" in out.splitlines()[-2]
+        "'s1' (400 flights: 1 FAIL)" in out.splitlines()[-2]
         and "merge s2 s1 -o s2_merged" in out.splitlines()[-2]
     )
     assert (
-        out.splitlines()[-1].startswith("verdicts  one: 1 NOT SHOWN; two: 1 ")
+        out.splitlines()[-1].startswith("verdicts  'one': 1 NOT SHOWN; 'two': 1 ")
         and " 'one' (1 " in out.splitlines()[-1]
     )
-    assert "s1 (400 flights: 1 FAIL)" in Path("s2/report.html").read_text() and is_up_to_date(
-        Path("s2")
-    )
+    assert "'s1' (400 flights: 1 FAIL)" in html.unescape(
+        Path("s2/report.html").read_text()
+    ) and is_up_to_date(Path("s2"))
     assert abhv_mc("merge", "s2", "s1", "-o", "s2_merged", "--no-report")[0] == 1
     abhv_mc("run", campaign, "-o", "s3", "--seed", 3, "--runs", 60, "--no-report")
     assert not is_up_to_date(Path("s2"))

@@ -240,7 +240,7 @@ def test_incompatible_requests_are_rejected(reference, tmp_path):
         (
             {"points": "{at: {aero.lift: [1.0], aero.drag: [1.0]}, shared: 2}"},
             "points",
-            r"\b1 points\b",
+            r"\b1 point\b",
         ),
         ({"pooled": "[{seed: 5, runs: 80}]"}, "pooled", r"\b80\b"),
     ],
@@ -295,10 +295,10 @@ def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_pa
         assert counts[2] > max(counts[:2])
         assert f" {len(judged)} values " in verdict.note
         if entry is speed:
-            most = rf"\b9 of 256, .*\blift \+10\s%, drag \+15\s%, .*\b{counts[2]} of 20 "
+            most = rf"\b9 in 256 .*\blift \+10\s%, drag \+15\s% .*\b{counts[2]} of 20 "
             assert re.search(most, verdict.note)
         else:
-            assert re.search(r"\b7 .*\b256 ", verdict.note) and " of 256 " not in verdict.note
+            assert re.search(r"\b7 .*\b256 ", verdict.note) and " in 256 " in verdict.note
     stored = {(v.metric, v.controller): v for v in results.manifest.requirements}
     for entry in (speed, altitude):
         summary = stored[entry.asked.metric, "one"]

@@ -35,8 +35,8 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and a patt
     2.0: ("os.abort()", r"\bSIGABRT\b"),
     3.0: ("time.sleep(60.0)", r"\b0\.5 s\b"),
     4.0: ("math.sqrt(-1.0)", r"^ValueError: .*\(dive\.py, line \d+\)"),
-    5.0: ("found | {'load': math.nan, 'outcome': 'ok'}", r"^load\b.*\bfinite\b.*\bok$"),
-    6.0: ("{'load': 1.0}", r"\baltitude_min$"),
+    5.0: ("found | {'load': math.nan, 'outcome': 'ok'}", r"^'load' .*\bfinite\b.* 'ok'$"),
+    6.0: ("{'load': 1.0}", r"'altitude_min'$"),
     7.0: ("found | {'other': 1.0}", "'other'"),
     8.0: ("found | {'outcome': 'elsewhere'}", "'elsewhere'"),
     10.0: ("5", r"\b5\b"),
@@ -50,12 +50,15 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and a patt
     18.0: ("found | {'flight': 1}", "'flight'"),
 }
 WRONG_HISTORIES = {  # what is done to the history, and a pattern of the reason
-    2.0: ("history.pop('time')", r"\baltitude, sink_rate, but .* time, altitude, sink_rate$"),
+    2.0: (
+        "history.pop('time')",
+        r"'altitude' and 'sink_rate', but .* 'time', 'altitude' and 'sink_rate'$",
+    ),
     3.0: ("history['altitude'].pop()", r"\bcolumns\b"),
     4.0: ("history['time'].reverse()", r"\btime\b"),
     5.0: ("history['altitude'].append(math.nan)", r"\bcolumns\b"),
     6.0: ("history.update(altitude=[math.nan] * n)", r"\baltitude\b.* finite\b"),
-    7.0: ("found.pop('history')", r"\bhistory$"),
+    7.0: ("found.pop('history')", "'history'$"),
     8.0: ("history.update(dict.fromkeys(history, []))", r"\bcolumns\b"),
 }
 

@@ -102,7 +102,7 @@ def test_values_and_places(tmp_path: Path) -> None:
             + "*b, " * 5000
             + "1]\n",
             (1, 32),
-            "100000",
+            "100\u202f000",
         ),
     ],
 )

@@ -165,10 +165,10 @@ def test_a_mistake_is_said_with_its_place(tmp_path, text, location, problem):
         ("time_s\n1\n", (1, None), "altitude"),
         ("time_s,altitude\n1,2\n", (1, 8), "'altitude'"),
         ("time_s,altitude_kg\n1,2\n", (1, 8), "'altitude_kg' ('1 kg'"),
-        ("time_s,altitude [m],altitude_m\n1,2,2\n", (1, 21), "2 columns 'altitude'"),
-        ("time_s, altitude [m],  altitude_m\n1,2,2\n", (1, 24), "2 columns 'altitude'"),
+        ("time_s,altitude [m],altitude_m\n1,2,2\n", (1, 21), "two columns 'altitude'"),
+        ("time_s, altitude [m],  altitude_m\n1,2,2\n", (1, 24), "two columns 'altitude'"),
         ("time_s,altitude_min\n1,2\n", (1, None), "altitude"),
-        ("time_s,altitude_km\n1,1e6\n", (2, 3), "altitude is 1e+09 m"),
+        ("time_s,altitude_km\n1,1e6\n", (2, 3), "'altitude' is 1e+09 m"),
     ],
 )
 def test_columns_of_a_quantity_have_its_unit(tmp_path, text, location, problem):

@@ -51,7 +51,7 @@ def test_a_dispersion_that_the_vehicle_does_not_feel_is_refused():
         ({"aero.drag.elevator": 1.5}, "aero.drag.elevator"),
         (
             {"wind.gust_start": 1.0, "failure.effector_3.stuck_time": 1.0},
-            "'wind.gust_start', 'failure.effector_3.st",
+            "'wind.gust_start' and 'failure.effector_3.st",
         ),
     ):
         with pytest.raises(InputError, match=unfelt):

@@ -1,5 +1,6 @@
 """Paired comparisons: numbers, gate, page, and the baseline on a report's first screen."""
 
+import html
 import json
 import re
 
@@ -36,7 +37,7 @@ def test_a_controller_that_loses_more_flights_fails_whatever_its_metric(failing_
 
 
 @pytest.mark.parametrize(("crossed", "margin", "code", "sentence"), [
-    ("lqr,lqr_retuned", "5%", 0, " passes: "),
+    ("lqr,lqr_retuned", "5%", 0, "LQR retuned passes the test against LQR: "),
     ("lqr_retuned,lqr", "5%", 1, " NOT "),
     ("lqr_retuned,lqr", "500%", 1, " Speed error"),
 ])  # fmt: skip
@@ -101,8 +102,10 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(
         and f"abhv-mc replay {after} --controller NAME" in page
     )
     assert lost <= set(ended)
-    assert "after passes: " in page
-    assert re.search(rf"\b0 [^,.]*\bbefore\b[^,.]*, {len(lost)} \w+ after\b", page)
+    passes = "LQR of campaign 'after' passes the test against LQR of campaign 'before': "
+    text = html.unescape(page)
+    assert passes in text
+    assert re.search(rf"\b0 [^,.]*\bbefore\b[^,.]*, {len(lost)} \w+ 'after'", text)
     lead = re.search(r"<strong>([^<]*)</strong>", page)[1]
     assert not re.search("before|after|LQR", lead)  # neither is better
     assert f"abhv-mc explain {after} --all" in page
@@ -129,10 +132,10 @@ def with_baseline(before, after):
 def test_the_first_screen_says_what_changed_against_the_baseline(with_baseline, before):
     lost = len(newly_failed(before, with_baseline))
     page = (with_baseline / "report.html").read_text("utf-8")
-    (line,) = re.findall(r'<p class="sure">([^:<]*\bbefore \(40\b.*?)</p>', page)
+    (line,) = re.findall(r'<p class="sure">([^:<]*\bbefore\' \(40\b.*?)</p>', html.unescape(page))
     tlc, lqr = line.split("; LQR ")
     assert re.search(r"\): TLC\b[^;]*\b3\b", tlc)
-    assert re.search(rf"\b{lost}, [^\d,;]*\b0\b", lqr)  # failed newly, and no longer
+    assert re.search(rf"\b{lost} flights? newly failed and 0 no longer failed", lqr)
     numbers = json.loads((with_baseline / "report.json").read_text("utf-8"))["baseline"]
     assert numbers["folder"] == before.as_posix()
     assert [pair["any_failure"]["only_a"] for pair in numbers["paired"][:2]] == [0, lost]
@@ -157,10 +160,10 @@ def test_a_report_with_a_baseline_is_verified_with_it(with_baseline, before):
 def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_path):
     write_campaign(tmp_path / "other", runs=10, seed=8, controllers=("tlc", "lqr"))
     campaign = tmp_path / "other files/campaign.yaml"
-    with pytest.raises(InputError, match=r"atmosphere\.density is .*\b0\b"):
+    with pytest.raises(InputError, match=r"'atmosphere\.density' is .*\b0\b"):
         check_baseline(read_campaign(campaign), before)
     code, _, err = abhv_mc("run", campaign, "-o", tmp_path / "out", "--baseline", before)
-    assert code == 2 and "atmosphere.density is " in err and not (tmp_path / "out").exists()
+    assert code == 2 and "'atmosphere.density' is " in err and not (tmp_path / "out").exists()
 
 
 GATE = """
@@ -228,7 +231,7 @@ def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, ab
     gate = ("--fail-if-worse", "err=5%", "--fail-if-loses", "1")
     assert abhv_mc("compare", versions / "out0", versions / "out1", *gate)[0] == 0
     code, output, _ = abhv_mc("compare", versions / "out0", versions / "out2", *gate)
-    assert code == 1 and "at a 1 m, b 1 m" in output and "NOT shown" in output
+    assert code == 1 and "(a 1 m, b 1 m)" in output and "NOT shown" in output
     lost = compare(versions / "out0", versions / "out2").numbers()["paired"][0]["newly_lost"]
     assert lost > 0 and f"\n{lost} flight" in f"\n{output}"
     assert (

@@ -70,7 +70,7 @@ def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
         read_campaign(write_campaign(tmp_path, dispersions=f"{{{laws}}}", requirements="[]"))
     )
     assert len(space.draw_in_box(space.bounds(1.0), 1, 1000)) == 1000
-    with pytest.raises(InputError, match=r"^--box: .*\b0 of 66000\b"):
+    with pytest.raises(InputError, match=r"^--box: .*\b0 of 66\u202f000\b"):
         space.draw_in_box(space.bounds(0.1), 1, 1000)
 
 

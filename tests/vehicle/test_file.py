@@ -142,7 +142,7 @@ def test_terms_scales_and_effectors(write):
             "inertia_zz: 25", "inertia_zz: 31", (7, 7), "impossible", id="impossible inertia"
         ),
         pytest.param("[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "minimum", id="empty engine range"),
-        pytest.param("area: push", "area: pull", (14, 9), "of push", id="unknown table"),
+        pytest.param("area: push", "area: pull", (14, 9), "expected 'push', ", id="unknown table"),
         pytest.param(
             "surfaces: {",
             "surfaces: {kind: first_order, ",
@@ -238,7 +238,7 @@ def test_mass_points_from_csv(tmp_path):
     assert points[0].center_of_gravity_x == pytest.approx(-0.3048)
     assert points[1].inertia_matrix_element_13 == 0.0
     path.write_text(path.read_text().replace("center_of_gravity_x_ft", "mass_kg"))
-    with pytest.raises(InputError, match=r"mass.csv:1:62: the table has 2 columns 'mass'"):
+    with pytest.raises(InputError, match=r"mass.csv:1:62: the table has two columns 'mass'"):
         read_mass_points(path)
 
 

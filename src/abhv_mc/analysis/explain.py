@@ -43,6 +43,13 @@ class Failure:
         return f"missed {self.requirement.metric} {self.requirement.limits}"
 
     @property
+    def sentence(self) -> str:
+        """Predicate of a sentence on the flight."""
+        if self.requirement is None:
+            return "terminated early"
+        return f"missed the requirement '{self.requirement.metric} {self.requirement.limits}'"
+
+    @property
     def of_margin(self) -> bool:
         """Return whether the missed requirement limits a stability margin."""
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
@@ -232,8 +239,8 @@ def find_failure(
     for failure in failures if requirement is not None else [Failure(None), *failures]:
         if failure.severity(*state)[0] > -np.inf:
             return failure
-    reason = f"met the requirement on {requirement}" if requirement else "did not fail"
-    problem = f"flight {row.first} of {row.controller} {reason}"
+    reason = f"met the requirement on '{requirement}'" if requirement else "did not fail"
+    problem = f"flight {row.first} of controller '{row.controller}' {reason}"
     raise InputError(
         root,
         problem,

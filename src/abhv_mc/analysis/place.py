@@ -210,8 +210,8 @@ def _shared_columns(tables: Sequence[NumberTable], recorded: Sequence[str]) -> l
     for table in tables:
         missing = [name for name in names or recorded[:1] if name not in table.names]
         if missing:
-            expected = f"columns that the campaign records, such as {missing[0]}"
-            raise table.table.error(None, None, f"the column {missing[0]} is missing", expected)
+            expected = f"columns that the campaign records, such as '{missing[0]}'"
+            raise table.table.error(None, None, f"the column '{missing[0]}' is missing", expected)
     return names
 
 

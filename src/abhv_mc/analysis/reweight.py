@@ -22,6 +22,7 @@ from abhv_mc.campaign.sampling.marginals import (
 )
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import InputError, Refusal, one_of, validate
+from abhv_mc.io.phrases import joined
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"
@@ -122,12 +123,12 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
         return _unsupported(name, old.drawn, new.drawn)
     if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
-        problem = f"the change adds or removes the key 'probability' of {name}"
+        problem = f"the change adds or removes the key 'probability' of '{name}'"
         return problem, "the key 'probability' both before and after the change, or neither"
     if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
         if _has_choice(old) or _has_choice(new):
             return (
-                f"{name} is a mixture with a discrete choice",
+                f"'{name}' is a mixture with a discrete choice",
                 "a mixture of continuous distributions, or a new campaign",
             )
         # Each component of the new distribution must lie within a component of the old
@@ -139,15 +140,15 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
         return None
     if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
         missing = np.setdiff1d(new.values, old.values)
-        expected = f"a subset of the values {', '.join(f'{value:g}' for value in old.values)}"
+        expected = f"a subset of the values {joined([f'{value:g}' for value in old.values])}"
         return (
-            (f"no flights were simulated with {name} = {missing[0]:g}", expected)
+            (f"no flights were simulated with '{name}' = {missing[0]:g}", expected)
             if missing.size
             else None
         )
     if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
         problem = (
-            f"the change of {name} replaces a discrete choice by a continuous distribution, or "
+            f"the change of '{name}' replaces a discrete choice by a continuous distribution, or "
             "vice versa"
         )
         return problem, "a distribution of the same kind as in the campaign"
@@ -155,7 +156,7 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
     if low - slack <= first and last <= high + slack:
         return None
-    problem = f"{name} from {first:g} to {last:g} exceeds the simulated range"
+    problem = f"'{name}' from {first:g} to {last:g} exceeds the simulated range"
     return problem, f"a distribution between {low:g} and {high:g}, or a new campaign"
 
 

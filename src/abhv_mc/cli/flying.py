@@ -157,7 +157,7 @@ def trim(
 
     The default flight condition is the start of the mission or campaign; for a vehicle file it is
     20 km, 1400 m/s, heading 90 deg and latitude 29.3 deg. Sideslip, aileron and rudder are zero.
-    The exit code is 1 if no trim exists at a bank angle.
+    The exit code is 1 if the vehicle cannot be trimmed at one of the bank angles.
     """
     from abhv_mc.api import trim
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
@@ -253,4 +253,4 @@ def _print_trims(
     print_table(table)
     for point in points:
         if point["fault"]:
-            say(f"no trim at {point['bank_deg']:g} deg bank: {point['fault']}")
+            say(f"no trim at the bank angle {point['bank_deg']:g} deg: {point['fault']}")

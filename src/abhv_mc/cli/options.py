@@ -10,6 +10,7 @@ import typer
 
 from abhv_mc.cli.outputs import json_file, output_file
 from abhv_mc.io.input_error import InputError, Refusal
+from abhv_mc.io.phrases import joined
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
 
 
@@ -32,7 +33,7 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
             require_kind(path, kinds[0])
         return path
 
-    text = f"{', '.join(kinds[:-1])}{' or ' * (len(kinds) > 1)}{kinds[-1]}".capitalize()
+    text = f"{joined(kinds, 'or')}".capitalize()
     text = f"{text} file, or the name of a shipped file."
     return {"parser": find, "autocompletion": complete, "help": text}
 

@@ -5,6 +5,7 @@ import typer
 from abhv_mc.cli.options import Folder
 from abhv_mc.cli.printing import say
 from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.io.phrases import quoted
 
 verify = typer.Typer(
     name="verify",
@@ -44,4 +45,4 @@ def campaign(folder: Folder) -> None:
         return
     say(f"{folder}: all files are intact, and all numbers of the report follow from the flights")
     if skipped:
-        say(f"topics not checked because their packages are not installed: {', '.join(skipped)}")
+        say(f"topics not checked because their packages are not installed: {quoted(skipped)}")

@@ -15,6 +15,7 @@ from abhv_mc.cli.outputs import output_file_or_stream, output_folder
 from abhv_mc.cli.printing import new_table, print_table, say, show_result
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.phrases import quoted
 from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
@@ -259,6 +260,6 @@ def _as_records(columns: list[str], rows: list[tuple[object, ...]]) -> list[dict
     """Return each row as a dictionary. Raise InputError if two columns share a name."""
     repeated = sorted({name for name in columns if columns.count(name) > 1})
     if repeated:
-        problem = f"several columns have the name {', '.join(repeated)}"
+        problem = f"several columns have the same name: {quoted(repeated)}"
         raise InputError("query", problem, "distinct names (select ... as ...), or --csv")
     return [dict(zip(columns, row, strict=True)) for row in rows]

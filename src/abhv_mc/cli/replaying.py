@@ -63,7 +63,7 @@ def replay(
         end = replay.outcome + (
             "" if isnan(block.end_time[0]) else f" after {block.end_time[0]:g} s"
         )
-        say(f"flight {flight} of '{controller}': {end}. {replay.sentence}")
+        say(f"flight {flight} of controller '{controller}': {end}. {replay.sentence}")
         for name, value in replay.samples.items():
             say(f"  {name:<40} {value:.10g}")
         for name, value in replay.metrics.items():

@@ -196,13 +196,14 @@ def compare(
     """Compare two campaigns, flight by flight if their samples are the same.
 
     If the samples differ, verdicts, failure shares and quantiles are compared. Without
-    --controllers, each controller of A is compared with the controller of the same name of B.
+    --controllers, each controller of A is compared with the controller of the same name in B.
 
     --fail-if-worse METRIC=5% accepts B only if it is shown to be at most 5 % worse on more than
     half of the flights. B also fails if its 95 % or 99.73 % quantile is shown to be worse by more
     than 5 %, its worst flight is twice as bad, more flights terminate early, or a requirement is
     missed more often.
     """
+    from abhv_mc.io.phrases import counted
     from abhv_mc.report.numbers.compare import Compared, parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
 
@@ -224,8 +225,10 @@ def compare(
     gates = [gate for pair in paired for gate in pair.not_worse.values()]
     newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
     for pair, lost in zip(paired, newly_lost, strict=False):
+        name_a, name_b = pair.controllers
         say(
-            f"{lost} flights terminate early with {pair.b} but not with {pair.a}",
+            f"{counted(lost, 'flight terminates/flights terminate')} early with controller "
+            f"'{name_b}' in {folder_b}, but not with controller '{name_a}' in {folder_a}",
             file=text_stream(json),
         )
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
@@ -317,6 +320,7 @@ def whatif(
 
 
 def _print_whatif(estimates: "Whatif") -> None:
+    from abhv_mc.io.phrases import counted, joined
     from abhv_mc.topics.formatting import bounds, estimate, percent, significant
     from abhv_mc.topics.names import controller_label
 
@@ -327,7 +331,7 @@ def _print_whatif(estimates: "Whatif") -> None:
             for key in dict.fromkeys((*before, *after))
             if before.get(key) != after.get(key)
         ]
-        say(f"{name}: {', '.join(changes)}")
+        say(f"{name}: {joined(changes)}")
     if estimates.stopped_when_proven:
         say(
             "The campaign stopped once its requirements were proven; the intervals do not account "
@@ -336,8 +340,8 @@ def _print_whatif(estimates: "Whatif") -> None:
     for name, controller in estimates.controllers.items():
         worth = significant(controller.effective_flights)
         title = (
-            f"{controller_label(name)}: {controller.flights} flights, equivalent to {worth} under "
-            "the changed dispersions"
+            f"{controller_label(name)}: {counted(controller.flights, 'flight')}, equivalent to "
+            f"{worth} under the changed dispersions"
         )
         table = new_table(("",), ("quantile", "stored", "changed"), title)
         required = dict.fromkeys(entry.metric for entry in controller.requirements)
@@ -397,12 +401,13 @@ def runs(
 
 def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
     from abhv_mc.folder.manifest import COMPLETE
+    from abhv_mc.io.phrases import counted
     from abhv_mc.report.pages.runs_page import verdict_counts
 
     width = min(shutil.get_terminal_size().columns, _TEXT_WIDTH)
     for run in runs:
         say(run.folder)
-        count = f"{run.flights} flights" if run.state == COMPLETE else run.state
+        count = counted(run.flights, "flight") if run.state == COMPLETE else run.state
         origin = f"version {run.version} {run.commit[:9]}".strip()
         facts = (run.started[:10], count, verdict_counts(run), origin, f"digest {run.digest[:12]}")
         texts = [", ".join(filter(None, facts)), run.question, run.answer or "There is no report."]
@@ -413,14 +418,18 @@ def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
 
 
 def _print_status(status: "Status", local: Path) -> None:
+    from abhv_mc.io.phrases import counted
+    from abhv_mc.topics.formatting import count_of
+
     manifest = status.manifest
     print_judgement(local, manifest, status.folder)
-    progress = f"{manifest.runs_done} of {manifest.runs_planned} flights"
+    progress = count_of(manifest.runs_done, manifest.runs_planned, "flight")
     say(f"{manifest.name}: {manifest.state}, {progress}")
     if status.holder:
         say(f"  running      {status.holder}")
     for name, count in manifest.controllers.items():
-        say(f"  {name:<12} {count.flights_done} flights: {describe_outcomes(count)}")
+        flights = counted(count.flights_done, "flight")
+        say(f"  {name:<12} {flights}: {describe_outcomes(count)}")
     print_requirements(manifest)
     if manifest.repeatable is not None:
         say(f"  repeatable   {manifest.repeatable}: {manifest.repeatable.sentence}")

@@ -34,6 +34,7 @@ from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.phrases import counted, grouped_digits, joined
 from abhv_mc.requests import Request
 from abhv_mc.shipped import find_input
 
@@ -136,7 +137,7 @@ def finish(
     if page:
         say(f"report    {folder_name}/{page}", file=stream)
     if failed_to_run := sum(counts.get("failed_to_run", 0) for counts in outcomes):
-        count = "1 flight" if failed_to_run == 1 else f"{failed_to_run} flights"
+        count = counted(failed_to_run, "flight")
         remedy = "; run the same command to try again" if can_rerun else ""
         say(f"{count} failed to run{remedy}", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
@@ -157,7 +158,8 @@ def _print_result(result: "RunResult", folder_name: str) -> None:
     say(f"folder    {folder_name}")
     is_common = not manifest.complete and len(manifest.controllers) > 1
     by_all = " with all controllers" if is_common else ""
-    say(f"flights   {manifest.runs_done} of {manifest.runs_planned}{by_all}, {manifest.state}")
+    done, planned = map(grouped_digits, (manifest.runs_done, manifest.runs_planned))
+    say(f"flights   {done} of {planned}{by_all}, {manifest.state}")
     for name, count in manifest.controllers.items():
         say(f"  {name:<12} {describe_outcomes(count)}")
     print_requirements(manifest)
@@ -177,7 +179,10 @@ def print_judgement(folder: Path, manifest: "Manifest", folder_name: str) -> Non
 
 def describe_outcomes(count: "ControllerCount") -> str:
     """Return the numbers of flights of one controller by outcome, as text."""
-    return ", ".join(f"{number} {outcome}" for outcome, number in count.outcomes.items()) or "none"
+    outcomes = count.outcomes.items()
+    return (
+        ", ".join(f"{grouped_digits(number)} {outcome}" for outcome, number in outcomes) or "none"
+    )
 
 
 def print_requirements(manifest: "Manifest") -> None:
@@ -194,9 +199,10 @@ def print_requirements(manifest: "Manifest") -> None:
     advice: list[str] = []
     for entry in entries:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
-        count = "" if len(flights) == 1 else f" of {entry.flights}"
-        row[entry.controller] = f"{entry.verdict} {entry.failures}{count}"
-        not_run = f"{entry.failures_not_computed} of {entry.failures} failures"
+        count = "" if len(flights) == 1 else f" of {grouped_digits(entry.flights)}"
+        row[entry.controller] = f"{entry.verdict} {grouped_digits(entry.failures)}{count}"
+        not_run = grouped_digits(entry.failures_not_computed)
+        not_run = f"{not_run} of {counted(entry.failures, 'failure')}"
         advice += (
             [f"{entry.verdict}: flights that failed to run account for {not_run}"]
             if entry.failures_not_computed
@@ -205,7 +211,7 @@ def print_requirements(manifest: "Manifest") -> None:
     common_count = next(iter(flights)) if len(flights) == 1 else None
     say(
         "\nVerdict and number of failures"
-        + (f" in {common_count} flights" if common_count else ""),
+        + (f" in {counted(common_count, 'flight')}" if common_count else ""),
         end="",
     )
     say(" (* determines the exit code)")
@@ -233,8 +239,7 @@ def print_requirements(manifest: "Manifest") -> None:
 def describe_verdicts(manifest: "Manifest") -> str:
     """Describe each controller's verdicts; name the controllers that set the exit code.
 
-    Example: 'tlc: 2 PASS, 1 FAIL; lqr: 3 NOT SHOWN. The exit code depends on 'tlc' (3
-    verdicts).'
+    Example: "'tlc': 2 PASS and 1 FAIL; 'lqr': 3 NOT SHOWN. 'tlc' (3 verdicts) sets the exit code."
     """
     binding, informative = manifest.requirements, manifest.requirements_shown
     summaries = []
@@ -243,13 +248,11 @@ def describe_verdicts(manifest: "Manifest") -> str:
             entry.verdict for entry in (*binding, *informative) if entry.controller == name
         )
         summaries.append(
-            f"{name}: {', '.join(f'{count} {status}' for status, count in counts.items())}"
+            f"'{name}': {joined([f'{count} {status}' for status, count in counts.items()])}"
         )
     binding_counts = Counter(entry.controller for entry in binding)
-    follows = " and ".join(
-        f"'{name}' ({n} verdict{'s' * (n > 1)})" for name, n in binding_counts.items()
-    )
-    return f"{'; '.join(summaries)}. The exit code depends on {follows}."
+    follows = joined([f"'{name}' ({counted(n, 'verdict')})" for name, n in binding_counts.items()])
+    return f"{'; '.join(summaries)}. {follows} set{'s' * (len(binding_counts) == 1)} the exit code."
 
 
 @imports.command()

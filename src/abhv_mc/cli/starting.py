@@ -17,6 +17,7 @@ from abhv_mc.cli.printing import (
     text_stream,
 )
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import counted, grouped_digits, joined
 from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def new(
     campaign, *further_files = write_new_campaign(
         folder, source, law_language, vehicle=vehicle, tune=tune
     )
-    say(f"Created {campaign} and {len(further_files)} further files. Next:")
+    say(f"Created {campaign} and {counted(len(further_files), 'further file')}. Next:")
     if law:
         file = "my_law.c" if law_language == "c" else "my_law.py"
         test = "abhv-mc fly level --controllers control/my_law.yaml"
@@ -99,7 +100,7 @@ def _begin_simulator(folder: Path, kind: str) -> None:
 
     campaign, *further_files = write_new_simulator(folder, kind)
     names = [file.name for file in further_files if file.suffix != ".json"]
-    say(f"Created {campaign} and {', '.join(names)}. Next:")
+    say(f"Created {joined([str(campaign), *names])}. Next:")
     if kind == "command" and "rocket" not in names:
         say(f"  cd {folder} && make   # install a C compiler first: cc was not found")
     say(f"  cd {folder} && abhv-mc run {campaign.name}")
@@ -162,7 +163,7 @@ def validate(
     if (samples or out) and len(paths) != 1:
         raise InputError(
             "--samples" if samples else "--output",
-            f"{len(paths)} files are given",
+            f"{counted(len(paths), 'file is/files are')} given",
             "only one campaign",
         )
     for file in paths:
@@ -198,7 +199,7 @@ def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
     from abhv_mc.folder.input_table import write_inputs
 
     flights = write_inputs(read_campaign(campaign, runs), out)
-    return f"{out}: inputs of {flights} flights"
+    return f"{out}: inputs of {counted(flights, 'flight')}"
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
@@ -250,16 +251,16 @@ def _print_cost(file: str, cost: "Estimate") -> None:
     systems = (
         f"each of {cost.controllers} {cost.kind}s" if cost.controllers > 1 else f"one {cost.kind}"
     )
-    say(f"{file}: {cost.flights} flights with {systems}, in blocks of {cost.batch}")
+    say(f"{file}: {counted(cost.flights, 'flight')} with {systems}, in blocks of {cost.batch}")
     if cost.searched:
         say(
-            f"  search  {cost.searched} flights of each {cost.kind} to find the worst values of "
-            "the unknown parameters (fewer if --runs is below 256), "
+            f"  search  {counted(cost.searched, 'flight')} of each {cost.kind} to find the worst "
+            "values of the unknown parameters (fewer if --runs is below 256), "
             f"{cost.search_s:.0f} s"
         )
     rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core"
-    say(f"  time    {cost.flying_s:.0f} s with {cost.workers} workers ({rate})")
-    histories = f"{cost.kept} histories {cost.histories_bytes / 1e6:.1f}"
+    say(f"  time    {cost.flying_s:.0f} s with {counted(cost.workers, 'worker')} ({rate})")
+    histories = f"{counted(cost.kept, 'history/histories')} {cost.histories_bytes / 1e6:.1f}"
     envelopes = f"envelopes during the run {cost.envelope_bytes / 1e6:.1f}"
     say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most:", end="")
     say(f" flights table {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
@@ -277,13 +278,13 @@ def _print_plan(planned: "Planned") -> None:
     def both(chance: "PassChance") -> str:
         return f"{percent(chance.at_some_flight[index], 1)} ({percent(chance.at_runs[index], 1)})"
 
-    chances = [f"PASS by {entry.runs} *" for entry in planned.together]
+    chances = [f"PASS by {grouped_digits(entry.runs)} *" for entry in planned.together]
     title = f"{planned.name}: flights needed for PASS with 0 to 3 failures, and chance of PASS"
     table = new_table(("requirement",), ("0", "1", "2", "3", *chances), title)
     for entry in planned.requirements:
         table.add_row(
             f"{entry.words} in {percent(entry.probability)}",
-            *map(str, entry.flights_for_failures.values()),
+            *map(grouped_digits, entry.flights_for_failures.values()),
             *map(both, entry.pass_chance),
         )
     print_table(table)
@@ -296,21 +297,21 @@ def _print_plan(planned: "Planned") -> None:
             percent(end[index], 2) for end in vars(planned.together[0].at_some_flight).values()
         )
         say(
-            "The chance that all requirements PASS within "
-            f"{planned.runs} flights is then {low if low == high else f'between {low} and {high}'}."
+            f"The chance that all requirements PASS within {counted(planned.runs, 'flight')} is "
+            f"then {low if low == high else f'between {low} and {high}'}."
         )
     if planned.most_points > 1:
         say(
-            f"Each controller is simulated in {planned.runs} flights at each of at most "
-            f"{planned.most_points} values of the unknown parameters, which makes "
-            f"{planned.runs * planned.most_points} flights in total. Before these flights, "
-            f"{planned.search_flights} flights of all controllers search for the worst values. "
-            "The chances apply to one value."
+            f"Each controller is simulated in {counted(planned.runs, 'flight')} at each of at most "
+            f"{counted(planned.most_points, 'value')} of the unknown parameters, which makes "
+            f"{counted(planned.runs * planned.most_points, 'flight')} in total. Before these "
+            f"flights, {counted(planned.search_flights, 'flight')} of all controllers are run to "
+            "search for the worst values. The chances apply to one value."
         )
     if planned.family_risk:
         say(
-            f"The chance of any false PASS among all {planned.verdicts} verdicts is at most "
-            f"{percent(planned.family_risk, 2)}."
+            f"The chance of any false PASS among all {counted(planned.verdicts, 'verdict')} is at "
+            f"most {percent(planned.family_risk, 2)}."
         )
     if not planned.independent_flights:
         say(

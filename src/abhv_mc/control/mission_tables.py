@@ -8,6 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.io.foreign_table import Column, read_foreign_table, read_numbers, take_numbers
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, KELVIN, LENGTH, PRESSURE, SPEED, TIME
 from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, atmosphere
 
@@ -26,7 +27,7 @@ def read_trajectory(path: str | Path, duration: float) -> Floats:
         problem = f"the speed is {samples[row, 2]:g} m/s"
         raise table.error(int(row), "speed", problem, "a positive speed")
     if len(samples) < 4:
-        raise InputError(path, f"found {len(samples)} samples", "at least 4 samples")
+        raise InputError(path, f"found {counted(len(samples), 'sample')}", "at least 4 samples")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
         problem = f"the times range from {first:g} to {last:g} s"
@@ -91,7 +92,9 @@ def read_air_table(
     numbers.check_rising("altitude", "m", or_falling=True)
     altitude, *values = numbers.values.T
     if not 2 <= len(altitude) <= _MAX_ROWS:
-        raise InputError(path, f"found {len(altitude)} rows", f"2 to {_MAX_ROWS} rows")
+        raise InputError(
+            path, f"found {counted(len(altitude), 'row')}", f"2 to {grouped_digits(_MAX_ROWS)} rows"
+        )
     standard = np.array([atmosphere(height) for height in altitude.tolist()])
     if "temperature" in names:
         kelvin = values[1] * factor + offset
@@ -124,7 +127,7 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
             hint = f"; are its altitudes in {unit}?"
             break
     return [
-        f"{path.name} has levels from {low:g} to {high:g} m, but the flight is at altitudes from "
+        f"'{path.name}' has levels from {low:g} to {high:g} m, but the flight is at altitudes from "
         f"{lowest:.0f} to {highest:.0f} m; outside the table, its nearest level is used{hint}"
     ]
 

@@ -85,7 +85,8 @@ class Attestation:
             ):
                 raise UnusableError(
                     f"the worker at {flyer.name} ({flyer.processor}) computes results that differ "
-                    f"from those of this machine ({name} of one flight of {plan.controller})"
+                    f"from those of this machine ('{name}' of one flight of controller "
+                    f"'{plan.controller}')"
                 )
         print(
             f"worker at {flyer.name}: one flight, computed again on this machine, is bit-identical",

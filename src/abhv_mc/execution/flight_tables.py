@@ -13,6 +13,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.io.foreign_table import Column, ForeignTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.phrases import counted, joined, quoted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,7 +84,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
             expected = f"{expected} in the campaign file ({one_of(dict.fromkeys(heads), name)})"
             raise results.table.error(None, None, f"the table has no column '{name}'", expected)
     if "system" not in results.columns and len(campaign.controllers) > 1:
-        expected = f"a column with the system of each flight: {', '.join(campaign.controllers)}"
+        expected = f"a column with the system of each flight ({quoted(campaign.controllers, 'or')})"
         raise results.table.error(None, None, "the column 'system' is missing", expected)
     frame = (
         _join(inputs, results, campaign)
@@ -93,7 +94,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     systems = {name: _select(results, frame, name) for name in campaign.controllers}
     counts = {name: len(own) for name, own in systems.items()}
     if len(set(counts.values())) > 1 or not counts[campaign.controllers[0]]:
-        numbers = ", ".join(f"{count} of '{name}'" for name, count in counts.items())
+        numbers = joined([f"{count} of '{name}'" for name, count in counts.items()])
         path = results.table.path
         raise InputError(
             path,
@@ -158,7 +159,7 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
         rows.frame.insert(0, name, texts)
     for name in (*campaign.inputs, "flight"):
         for row in np.flatnonzero(~np.isfinite(frame.get(name, np.empty(0))))[:1]:
-            raise rows.error(row, name, f"{name} is not a finite number", "a number in each cell")
+            raise rows.error(row, name, f"'{name}' is not a finite number", "a number in each cell")
     keys = [name for name in ("system", "flight") if name in rows.frame]
     for row in np.flatnonzero("flight" in keys and rows.frame.duplicated(keys))[:1]:
         problem = f"flight {frame.flight[row]:g} of '{rows.frame.system[row]}' appears twice"
@@ -180,8 +181,8 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
             raise rows.table.error(None, None, "the column 'flight' is missing", expected)
     if "flight" not in results.columns and len(inputs.frame) != len(results.frame):
         problem = (
-            f"the table has {len(results.frame)} rows, but {inputs.table.path.name} has "
-            f"{len(inputs.frame)}"
+            f"the table has {counted(len(results.frame), 'row')}, but "
+            f"'{inputs.table.path.name}' has {counted(len(inputs.frame), 'row')}"
         )
         raise InputError(
             results.table.path,
@@ -192,18 +193,18 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
     drawn = drawn.drop_duplicates("flight")
     name = inputs.table.path.name
     for row in np.flatnonzero(~results.frame.flight.isin(drawn.flight))[:1]:
-        problem = f"flight {results.frame.flight[row]:g} is not in {name}"
-        raise results.error(row, "flight", problem, f"flights of {name}")
-    joined = results.frame.merge(drawn, on="flight", how="left", suffixes=("_repeated", ""))
+        problem = f"flight {results.frame.flight[row]:g} is not in '{name}'"
+        raise results.error(row, "flight", problem, f"flights of '{name}'")
+    paired = results.frame.merge(drawn, on="flight", how="left", suffixes=("_repeated", ""))
     for quantity in campaign.inputs:
-        if (repeated := joined.get(f"{quantity}_repeated")) is not None:
-            errors = (repeated - joined[quantity]).abs()
-            for row in np.flatnonzero(errors > _ECHO * joined[quantity].abs().max())[:1]:
+        if (repeated := paired.get(f"{quantity}_repeated")) is not None:
+            errors = (repeated - paired[quantity]).abs()
+            for row in np.flatnonzero(errors > _ECHO * paired[quantity].abs().max())[:1]:
                 problem = (
-                    f"{quantity} is {repeated[row]:g}, but {joined[quantity][row]:g} in {name}"
+                    f"'{quantity}' is {repeated[row]:g}, but {paired[quantity][row]:g} in '{name}'"
                 )
                 raise results.error(row, quantity, problem, "the same inputs in both tables")
-    own = {system: joined[joined.system == system] for system in campaign.controllers}
+    own = {system: paired[paired.system == system] for system in campaign.controllers}
     without_results = [
         drawn[~drawn.flight.isin(rows.flight)].assign(
             system=system, outcome=_NOT_COMPUTED, **{_ROW: 0}
@@ -212,7 +213,7 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
     ]
     import pandas as pd
 
-    return pd.concat([joined, *(rows for rows in without_results if len(rows))], ignore_index=True)
+    return pd.concat([paired, *(rows for rows in without_results if len(rows))], ignore_index=True)
 
 
 def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":

@@ -7,6 +7,8 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
+from abhv_mc.io.phrases import grouped_digits
+
 # intervals in s between plain progress lines and between updates of the clock
 _PLAIN_INTERVAL, _CLOCK = 10.0, 1.0
 _printed = [time.monotonic()]  # time in s of the last plain line of any task
@@ -77,9 +79,8 @@ class Progress:
             f"{(self._total - self._done) / rate:.0f} s left" if rate > 0.0 else "time left unknown"
         )
         share = 100 * self._done // self._total
-        line = (
-            f"{self._label}: {self._done} of {self._total} ({share} %), {rate:.0f}/s, {remaining}"
-        )
+        done, total = grouped_digits(self._done), grouped_digits(self._total)
+        line = f"{self._label}: {done} of {total} ({share} %), {rate:.0f}/s, {remaining}"
         _print_plain(line, self._stream)
 
 

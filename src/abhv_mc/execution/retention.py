@@ -123,7 +123,7 @@ def write_kept_histories(
             # A flight that is lost now was completed earlier; only its repetition failed.
             lost = block.outcome == Outcome.FAILED_TO_RUN
             failed += [
-                f"no history of flight {file.flights[row]} of {file.controller}"
+                f"no history of flight {file.flights[row]} of controller '{file.controller}'"
                 f" ({block.reasons.get(row, 'it failed to run')})"
                 for row in np.flatnonzero(lost).tolist()
             ]

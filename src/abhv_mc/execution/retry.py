@@ -18,6 +18,7 @@ from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.flight.child_flights import make_failed_block
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
+from abhv_mc.io.phrases import counted
 from abhv_mc.vehicle_simulator.margin_plans import count_metrics
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
@@ -75,11 +76,11 @@ def fly_with_retries(
     if reasons:
         if len(parameters) >= PIECE and (block.outcome == Outcome.FAILED_TO_RUN).all():
             raise UnusableError(
-                f"none of {len(parameters)} flights could be computed ({reasons[-1]})"
+                f"none of {counted(len(parameters), 'flight')} could be computed ({reasons[-1]})"
             )
         for reason in reasons:
             print(
-                f"{plan.controller}: a flight could not be computed: {reason}",
+                f"controller '{plan.controller}': a flight could not be computed: {reason}",
                 file=sys.stderr,
                 flush=True,
             )
@@ -101,8 +102,9 @@ def _fly(
         if sizes is _PIECES and str(error) not in _reported:
             _reported.add(str(error))
             print(
-                f"{plan.controller}: {len(parameters)} flights were lost ({error}) and are"
-                " computed again in smaller blocks",
+                f"controller '{plan.controller}': a block of "
+                f"{counted(len(parameters), 'flight')} was lost ({error}) and is computed again "
+                "in smaller blocks",
                 file=sys.stderr,
                 flush=True,
             )

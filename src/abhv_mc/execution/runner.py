@@ -53,6 +53,7 @@ from abhv_mc.folder.manifest import (
 from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine, Fly
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.requests import Request
 
 _SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest
@@ -267,7 +268,8 @@ class _Run:
         saved = time.monotonic()
         with (
             Progress(
-                f"flights ({again} again for envelopes)" if again else "flights", total
+                f"flights ({grouped_digits(again)} again for envelopes)" if again else "flights",
+                total,
             ) as progress,
             closing(work_ahead(self.workers, self._fly_block, calls)) as landed,
         ):
@@ -313,7 +315,7 @@ class _Run:
             self._note_events(block, flown)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
                 print(
-                    f"flight {flight} of {block.controller} failed to run",
+                    f"flight {flight} of controller '{block.controller}' failed to run",
                     file=sys.stderr,
                     flush=True,
                 )
@@ -351,7 +353,7 @@ class _Run:
         if flown.standard_error:
             append_log(
                 self.folder.log,
-                f"flights {block.first} to {block.stop - 1} of {block.controller}",
+                f"flights {block.first} to {block.stop - 1} of controller '{block.controller}'",
                 flown.standard_error,
             )
 

@@ -42,6 +42,7 @@ from abhv_mc.identity import find_commit, find_compiler, find_machine, find_vers
 from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.requests import Request
 from abhv_mc.user_code.child import called_beside
 from abhv_mc.user_code.source import find_package_versions
@@ -163,7 +164,7 @@ def _check_shard(request: Request, campaign: Experiment) -> None:
         return
     i, n = request.shard
     if not 1 <= i <= n <= campaign.runs:
-        problem = f"a campaign of {campaign.runs} flights has no shard {i}/{n}"
+        problem = f"a campaign of {counted(campaign.runs, 'flight')} has no shard {i}/{n}"
         raise InputError("--shard", problem, f"a shard i/n with 1 <= i <= n <= {campaign.runs}")
     if campaign.model.stop:
         problem = "a campaign with 'stop' cannot be divided into shards"
@@ -184,9 +185,7 @@ def _resume(
     _check_same(flown, before, requested, inputs, request)
     added = [name for name in requested.controllers if name not in before.systems]
     if added and requested.unknowns.names:
-        problem = (
-            f"the values of the unknowns in this folder were selected without {', '.join(added)}"
-        )
+        problem = f"the values of the unknowns in this folder were selected without {quoted(added)}"
         raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
     merged = merge_inputs(before, inputs, selected=request.controllers is not None)

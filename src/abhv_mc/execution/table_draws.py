@@ -9,6 +9,7 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import Marginal, find_atoms, find_moments, outside
 from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.table_checks import Column, TableFindings, check_table, half_steps
 
 _ESTIMATES = "'independent: no' for estimates without verdicts"
@@ -33,7 +34,7 @@ def check_draws(
         is_outside = outside(marginal, values, rounding)
         if is_outside.any():
             row = int(np.argmax(is_outside))
-            problem = f"the value {values[row]:.10g} of {name} is outside its distribution"
+            problem = f"the value {values[row]:.10g} of '{name}' is outside its distribution"
             raise InputError(path, problem, "a draw from the stated distribution", int(lines[row]))
         if campaign.judged:
             columns.append(make_column(marginal, values, rounding))
@@ -49,13 +50,13 @@ def check_draws(
     names = list(campaign.marginals)
     return (
         *(
-            f"{names[j]} follows its stated distribution more closely than independent draws do, as"
-            " in a Latin hypercube: requirements get estimates instead of verdicts"
+            f"'{names[j]}' follows its stated distribution more closely than independent draws do, "
+            "as in a Latin hypercube: requirements get estimates instead of verdicts"
             for j in findings.too_close
         ),
         *(
-            f"{names[j]} is {columns[j].values[0]:.10g} in all rows, so the table does not show its"
-            " dispersion: requirements get estimates instead of verdicts"
+            f"'{names[j]}' is {columns[j].values[0]:.10g} in all rows, so the table does not show "
+            "its dispersion: requirements get estimates instead of verdicts"
             for j in findings.constant
         ),
     )
@@ -100,7 +101,8 @@ def _contradictions(
         )
         if j in levels:
             level = levels[j]
-            problem += f"; {level.value:.6g} in {level.count} of {len(values)} rows, stated "
+            problem += f"; the value {level.value:.6g} is in {level.count} of "
+            problem += f"{counted(len(values), 'row')}, but its stated probability is "
             problem += f"{100 * level.probability:.4g} %"
         yield problem, f"draws from the stated distributions ({_MISSING}), or {_ESTIMATES}", 1
     for pair in findings.correlations:
@@ -112,9 +114,10 @@ def _contradictions(
         yield problem, f"'correlations' that match the table ({_MISSING}), or {_ESTIMATES}", 1
     if equal := findings.equal:
         first, second = (int(lines[row]) for row in equal.example)
-        explained = f"{equal.explained:.2g}" if equal.explained > 0.01 else "none"
+        explained = f"about {equal.explained:.2g}" if equal.explained > 0.01 else "none"
+        pairs = counted(equal.pairs, "pair of rows has/pairs of rows have")
         problem = (
-            f"{equal.pairs} pairs of rows have the same inputs, such as lines {first} and {second};"
-            f" rounding explains {explained} of these pairs"
+            f"{pairs} the same inputs, such as lines {first} and {second}; rounding explains "
+            f"{explained} of them"
         )
         yield problem, f"different inputs in all flights, or {_ESTIMATES}", second

@@ -18,6 +18,7 @@ from abhv_mc.execution.simulation import make_ready, simulate
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.interfaces import Plan
+from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.unknowns import (
     SEARCH_QUANTILE,
     Trial,
@@ -51,7 +52,7 @@ def select_points(
             number, len(campaign.requirements), campaign.runs_at_point
         )
         print(
-            f"{total} flights search for the worst values of the unknowns",
+            f"searching for the worst values of the unknowns with {counted(total, 'flight')}",
             file=sys.stderr,
             flush=True,
         )

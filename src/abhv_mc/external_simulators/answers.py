@@ -9,6 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.external_simulators.user_plan import UserPlan
+from abhv_mc.io.phrases import quoted
 
 _NEAR = 1e-6  # tolerance of sample times relative to the sampling interval
 _LARGEST = 1 << 1023  # bound on integers that can be converted to float
@@ -35,7 +36,7 @@ def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
     if keys != plan.expected:
         for name in sorted(keys - plan.expected):
             raise ValueError(f"it returned '{name}', which the campaign does not declare")
-        raise ValueError(f"it did not return {', '.join(sorted(plan.expected - keys))}")
+        raise ValueError(f"it did not return {quoted(sorted(plan.expected - keys))}")
     values = [_read_number(reply[metric.name], metric.name) for metric in plan.metrics]
     end = _read_number(reply.get("end_time"), "end_time")
     ok = code == "ok"
@@ -45,7 +46,7 @@ def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
             for record, value in zip(plan.metrics, values, strict=True)
             if not math.isfinite(value)
         )
-        raise ValueError(f"{name} is not a finite number although the outcome is ok")
+        raise ValueError(f"'{name}' is not a finite number although the outcome is 'ok'")
     history = _read_history(reply["history"], plan, ok) if plan.channels else None
     return Answer(plan.outcomes[code], end if ok or math.isfinite(end) else 0.0, values, history)
 
@@ -71,10 +72,9 @@ def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
     """
     columns = ["time", *(channel.name for channel in plan.channels)]
     if not isinstance(reply, dict) or reply.keys() != set(columns):
-        contents = ", ".join(reply) if isinstance(reply, dict) else f"{reply!r:.80}"
+        contents = quoted(reply) if reply and isinstance(reply, dict) else f"{reply!r:.80}"
         raise ValueError(
-            f"its history contains {contents or 'nothing'}, but the campaign declares "
-            f"{', '.join(columns)}"
+            f"its history contains {contents}, but the campaign declares {quoted(columns)}"
         )
     try:
         lists = [np.array(reply[name]) for name in columns]
@@ -88,7 +88,9 @@ def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
         raise ValueError("the column 'time' of its history is not finite or does not ascend")
     if ok and not np.isfinite(history).all():
         name = columns[int(np.argmin(np.isfinite(history).all(axis=1)))]
-        raise ValueError(f"{name} in its history is not a finite number although the outcome is ok")
+        raise ValueError(
+            f"'{name}' in its history is not a finite number although the outcome is 'ok'"
+        )
     return history
 
 

@@ -72,7 +72,7 @@ def fly_in_child(
     except LostError as error:
         reason = f"{error.words}{describe_last_tick(error.process)}"
         print(
-            f"{plan.controller}: the control law failed in a flight: {reason}",
+            f"controller '{plan.controller}': the control law failed in a flight: {reason}",
             file=sys.stderr,
             flush=True,
         )

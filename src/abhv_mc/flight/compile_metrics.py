@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from abhv_mc.flight.channels import SOURCES, Source, effector_sources, state_channels
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.io.input_error import Refusal, describe, found_value, one_of
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import NUMBER
 from abhv_mc.kernel.flight.counting import (
     MAX_LEAN,
@@ -80,7 +81,8 @@ def source_rows(
     """
     if len(user_channels) > MAX_CHANNELS:
         raise ValueError(
-            f"the plan has {len(user_channels)} custom channels; at most {MAX_CHANNELS} are allowed"
+            f"the plan has {counted(len(user_channels), 'custom channel')}; at most {MAX_CHANNELS} "
+            "are allowed"
         )
     return _builtin_source_rows(effectors, states) | {
         name: SourceRow(unit, CHANNEL + i, 1.0)
@@ -95,7 +97,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
     ]
     program_indices = [index for index in range(len(metrics)) if index not in lean_indices]
     if len(program_indices) > MAX_PROGRAMS:
-        raise Refusal(f"there are {len(program_indices)} metrics", f"at most {MAX_PROGRAMS}")
+        raise Refusal(f"found {counted(len(program_indices), 'metric')}", f"at most {MAX_PROGRAMS}")
     rows = [sources[metrics[index].of] for index in lean_indices]
     lean_metrics = [metrics[index] for index in lean_indices]
     programs = [compile_expression(metrics[index].of, sources) for index in program_indices]

@@ -76,7 +76,7 @@ def find_invalid_sensor_time(parameters: Floats, tick: float) -> tuple[str, str]
             delay_range = (
                 f"0 to {1e3 * MAX_DELAY_TICKS * tick:g} ms ({MAX_DELAY_TICKS} control periods)"
             )
-            return f"{name} is {1e3 * value:g} ms", delay_range if limit < np.inf else "0 or more"
+            return f"'{name}' is {1e3 * value:g} ms", delay_range if limit < np.inf else "0 or more"
     return None
 
 

@@ -33,6 +33,7 @@ from abhv_mc.folder.manifest import (
 from abhv_mc.folder.plan_file import read_stored_arrays
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.phrases import counted, joined
 
 _SAME = ("source_hash", "inputs")
 
@@ -65,14 +66,20 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
         if number[1] != count or numbers.count(number) > 1:
-            is_repeated = " is given twice" if number[1] == count else f" is not one of {count}"
+            is_repeated = (
+                " is given twice"
+                if number[1] == count
+                else f" is not one of {counted(count, 'shard')}"
+            )
             problem = f"shard {number[0]}/{number[1]}{is_repeated}"
-            raise InputError(folder.root, problem, f"each of the {count} shards exactly once")
+            expected = f"each of the {counted(count, 'shard')} exactly once"
+            raise InputError(folder.root, problem, expected)
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
     if missing:
         raise InputError(
             "merge",
-            f"of {count} shards, the following are missing: {', '.join(missing)}",
+            f"{'shard' if len(missing) == 1 else 'shards'} {joined(missing)} of {count} "
+            f"{'is' if len(missing) == 1 else 'are'} missing",
             "all shards",
         )
     return [

@@ -29,6 +29,7 @@ from abhv_mc.folder.manifest import (
 from abhv_mc.folder.merge import begin_merged, is_merged, require_same_entries, require_same_plans
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.phrases import counted
 
 _SAME = ("source_hash",)  # manifest entries that must agree in pooled campaigns
 _ONE_QUESTION = "campaigns that differ only in their seed and number of flights"
@@ -64,7 +65,7 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
         if not seeds & list_seeds(other):
             counts = Counter(entry.verdict for entry in other.requirements)
             summary = ", ".join(f"{count} {status}" for status, count in counts.items())
-            descriptions.append(f"{folder.name} ({-flights} flights: {summary})")
+            descriptions.append(f"'{folder.name}' ({counted(-flights, 'flight')}: {summary})")
             folders.append(folder)
             seeds |= list_seeds(other)
     if not descriptions:

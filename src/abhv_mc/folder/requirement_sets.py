@@ -17,6 +17,7 @@ from abhv_mc.folder.inputs import read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest, RequirementSet, read_manifest, write_manifest
 from abhv_mc.io.documents import read_document, write_document
+from abhv_mc.io.phrases import counted
 
 _HEAD = "Requirements by which the flights of this folder were judged, until the next set."
 
@@ -53,7 +54,7 @@ def _write(
     path = folder.requirements / f"{number:03d}.yaml"
     content = {key: data[key] for key in JUDGING if key in data}
     content.setdefault("requirements", [])
-    head = f"{_HEAD}\nSet at {time}, after {flights} flights of each controller."
+    head = f"{_HEAD}\nSet at {time}, after {counted(flights, 'flight')} of each controller."
     write_whole(path, lambda temporary: write_document(temporary, content, head), durable=True)
     return RequirementSet(path.relative_to(folder.root).as_posix(), time, flights)
 

@@ -14,6 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
 from abhv_mc.io.input_error import InputError, describe, found_value, is_printable
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.io.units import NUMBER
 
 Place = tuple[int, int]
@@ -47,8 +48,8 @@ def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
     if len(raw) > MAX_BYTES:
         raise InputError(
             path,
-            f"the file has more than {MAX_BYTES} bytes",
-            f"a YAML file of at most {MAX_BYTES} bytes",
+            f"the file has more than {grouped_digits(MAX_BYTES)} bytes",
+            f"a YAML file of at most {grouped_digits(MAX_BYTES)} bytes",
         )
     try:
         text = raw.decode("utf-8-sig")
@@ -113,7 +114,7 @@ class _Builder:
         if len(self.values) > MAX_VALUES:
             self.refuse(
                 node,
-                f"the file has more than {MAX_VALUES} values",
+                f"the file has more than {grouped_digits(MAX_VALUES)} values",
                 "fewer values (tables can be stored in CSV files)",
             )
         tag = str(node.tag)

@@ -28,6 +28,7 @@ from pydantic_core import to_jsonable_python
 from abhv_mc.io.document_reader import Place, Plain, compose
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, found_value, one_of
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.phrases import counted
 
 __all__ = [
     "Document",
@@ -289,7 +290,9 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         ]
         return document.error(keys, found_value(value), one_of(choices, value))
     if kind == "too_short":
-        return document.error(keys, found_value(value), f"at least {context['min_length']} items")
+        return document.error(
+            keys, found_value(value), f"at least {counted(context['min_length'], 'item')}"
+        )
     return document.error(keys, found_value(value), _EXPECTED.get(kind) or _plain(detail["msg"]))
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError, Refusal, describe
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
 
 if TYPE_CHECKING:  # Workers read no tables and do not need to import pyarrow.
@@ -116,7 +117,7 @@ class ForeignTable:
             if name and name not in (heads or {}):
                 if name in columns:
                     expected = "only one column for each name, regardless of the unit"
-                    raise self.error(None, index, f"the table has 2 columns '{name}'", expected)
+                    raise self.error(None, index, f"the table has two columns '{name}'", expected)
                 columns[name] = Column(index, unit or self.units[index])
         for name, head in (heads or {}).items():
             if name in names and (column := self._find_head(head)):
@@ -131,7 +132,7 @@ class ForeignTable:
                 raise self.error(
                     None,
                     indices[1],
-                    f"the table has 2 columns '{text}'",
+                    f"the table has two columns '{text}'",
                     "only one column with this heading",
                 )
             for index in indices:
@@ -410,7 +411,10 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
             count = len(split_line(line, separator))
         if count != len(heads):
             raise InputError(
-                path, f"found {count} cells", f"{len(heads)} cells, as in the heading", number
+                path,
+                f"found {counted(count, 'cell')}",
+                f"{counted(len(heads), 'cell')}, as in the heading",
+                number,
             )
     body, delimiter = "\n".join(texts), separator
     if '"' in text or separator == _BLANKS:
@@ -467,7 +471,7 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
         elif len(cells) != len(heads) + 1:
             raise InputError(
                 path,
-                f"found {len(cells)} cells",
+                f"found {counted(len(cells), 'cell')}",
                 f"{len(heads) + 1} cells, as in the heading",
                 number,
             )
@@ -588,8 +592,8 @@ def take_numbers(
     factors = []
     for name, dimension in dimensions.items():
         if name not in columns:
-            expected = f"one column for each of {', '.join(dimensions)}"
-            raise table.error(None, None, f"the table has no column {name}", expected)
+            expected = f"one column for each of {quoted(dimensions)}"
+            raise table.error(None, None, f"the table has no column '{name}'", expected)
         column = columns[name]
         if dimension.unit != "-" and not column.unit:
             problem = f"'{table.heads[column.position]}' has no unit"
@@ -600,6 +604,6 @@ def take_numbers(
     numbers = NumberTable(table, {name: columns[name] for name in dimensions}, values)
     for i, (name, dimension) in enumerate(dimensions.items()):
         for row in np.flatnonzero(np.abs(values[:, i]) > dimension.largest)[:1]:
-            problem = f"{name} is {values[row, i]:g} {dimension.unit}"
+            problem = f"'{name}' is {values[row, i]:g} {dimension.unit}"
             raise numbers.error(int(row), name, problem, f"at most {dimension.largest:g}")
     return numbers

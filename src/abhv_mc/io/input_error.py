@@ -10,6 +10,8 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from abhv_mc.io.phrases import joined, quoted
+
 # Names used by other programs, mapped to the names used by abhv-mc.
 _SYNONYMS = {
     **dict.fromkeys(("gauss", "gaussian"), "normal"),
@@ -139,9 +141,7 @@ def one_of(names: Iterable[object], misspelt: object = None) -> str:
         near = difflib.get_close_matches(str(misspelt), options, n=1)
     if near and len(options) > 30:
         return f"did you mean '{near[0]}'?"
-    # "of" is the name of a key; quotes avoid "one of of".
-    choices = ", ".join("'of'" if option == "of" else option for option in options)
-    choices = f"one of {choices}" if len(options) != 1 else f"'{options[0]}'"
+    choices = quoted(options, "or")
     return f"{choices} (did you mean '{near[0]}'?)" if near and len(options) > 1 else choices
 
 
@@ -154,8 +154,9 @@ def describe(value: object) -> str:
     if isinstance(value, dict):
         if not value:
             return "an empty mapping"
-        names = f"{', '.join(map(str, list(value)[:3]))}{', ...' if len(value) > 3 else ''}"
-        return f"a mapping with the key{'s' if len(value) > 1 else ''} {names}"
+        keys = [f"'{key}'" for key in list(value)[:3]]
+        keys += [f"{len(value) - 3} more"] if len(value) > 3 else []
+        return f"a mapping with the key{'s' if len(value) > 1 else ''} {joined(keys)}"
     if isinstance(value, (list, tuple)):
         return f"a list of length {len(value)}" if value else "an empty list"
     text = str(value) if isinstance(value, (int, float)) else f"'{value}'"

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import quoted
 from abhv_mc.one_flight.given import Input, Quantity, make_flight_plan, make_parameters
 from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE
@@ -147,9 +148,9 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
         block = fly(plan, rows)
         indices = [i for k, i in enumerate(indices, 1) if not differs(block, 0, k)]
     if indices:
-        named = ", ".join(f"'{table.records[i].name}'" for i in indices)
+        named = quoted([table.records[i].name for i in indices])
         raise InputError(
             "dispersions",
-            f"{named} has no effect on this flight",
+            f"{named} {'has' if len(indices) == 1 else 'have'} no effect on this flight",
             "a parameter that affects this vehicle and flight",
         )

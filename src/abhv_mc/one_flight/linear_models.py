@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.phrases import joined, quoted
 from abhv_mc.io.units import ANGLE, TIME
 from abhv_mc.one_flight.given import (
     Input,
@@ -230,11 +231,11 @@ def analyse_place(
             elif pole.imag >= 0.0:
                 turning = f" +- {pole.imag:.2g}j" if pole.imag > 0.0 else ""
                 removed.append(f"{pole.real:+.2g}{turning}")
-        text = f"{name}: {', '.join(hold)} held constant"
+        text = f"{name}: {quoted(hold)} held constant"
         return (
             linear,
             stability,
-            [f"{text}, which removes the poles at {', '.join(removed)} 1/s"],
+            [f"{text}, which removes the poles at {joined(removed)} 1/s"],
         )
     growing = stability.poles[0][stability.poles[0].real >= GROWTH]
     if growing.size and np.abs(growing).max() < _SLOW:
@@ -245,7 +246,7 @@ def analyse_place(
         return (
             linear,
             stability,
-            [f"{slow}: hold {', '.join(HELD)} to compute the margins of the remaining dynamics"],
+            [f"{slow}: hold {quoted(HELD)} to compute the margins of the remaining dynamics"],
         )
     return linear, stability, []
 

@@ -6,6 +6,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from abhv_mc.io.documents import InputError, found_value
+from abhv_mc.io.phrases import joined
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, format_quantity
 from abhv_mc.one_flight.given import Input, Quantity, make_document, to_si
 from abhv_mc.shipped import DEFAULT_VEHICLE
@@ -183,7 +184,7 @@ def _find_range_warnings(
     if not outside:
         return []
     return [
-        f"a trimmed point lies outside the vehicle's tables in {', '.join(outside)}; values at "
+        f"a trimmed point lies outside the vehicle's tables in {joined(outside)}; values at "
         "the edge are used"
     ]
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.io.phrases import joined
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.kernel.world.surroundings import find_surroundings, standard_air
@@ -146,7 +147,7 @@ def _balance(
     engine = constants.equivalence_ratio_max > 0.0
     names = ("throttle" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
-    fault = f"no {' or '.join(lacking)} within limits trims the vehicle" if lacking else ""
+    fault = f"no {joined(lacking, 'or')} within limits trims the vehicle" if lacking else ""
     return _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)._replace(
         fault=fault
     ), left[0]

@@ -14,6 +14,7 @@ from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.evaluation import LANES, make_generator
@@ -70,7 +71,9 @@ class RareFound:
         return (
             "all others"
             if stratum.on is None
-            else " and ".join(switches[i] for i in stratum.on) or "none of them"
+            else quoted(switches[i] for i in stratum.on)
+            if stratum.on
+            else "none of them"
         )
 
     @property
@@ -82,7 +85,7 @@ class RareFound:
         if self.includes_unwarned and self.estimate.high <= high:
             return (
                 "; the upper bound of the interval is the bound on failures without warning, which "
-                f"follows from the {flights:,} plain flights alone"
+                f"follows from the {counted(flights, 'plain flight')} alone"
             )
         if self.includes_unwarned:
             return (
@@ -93,7 +96,7 @@ class RareFound:
             return ""
         return (
             ". Failures without warning are not included; their probability is below "
-            f"{high:.1e} according to the {flights:,} plain flights"
+            f"{high:.1e} according to the {counted(flights, 'plain flight')}"
         )
 
     @property
@@ -268,7 +271,7 @@ def _check_smooth(space: Space, is_noisy: bool) -> None:
         problem = f"'{atoms[0]}' has discrete values"
         remedy = "continuous distributions, or `rare` without --surrogate"
     elif len(space.names) > MOST_DIMENSIONS:
-        problem = f"the campaign has {len(space.names)} dispersions"
+        problem = f"the campaign has {counted(len(space.names), 'dispersion')}"
         remedy = f"at most {MOST_DIMENSIONS}, or `rare` without --surrogate"
     else:
         return

@@ -18,6 +18,7 @@ from abhv_mc.campaign.sampling.marginals import (
 )
 from abhv_mc.campaign.sampling.samples import draw_seeds, full_rows
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.plant.parameters import OURS, Parameters
 
 _SMALLEST = 2.0**-53
@@ -131,8 +132,9 @@ class Space:
             )
             accepted, tried = np.concatenate([accepted, drawn[inside]]), tried + len(drawn)
             if tried >= _TRIED and len(accepted) < _FEWEST_INSIDE:
-                share = f"{len(accepted)} of {tried} random flights"
-                problem = f"the box of the {len(self.names)} dispersions contains only {share}"
+                share = f"{len(accepted)} of {counted(tried, 'random flight')}"
+                box = f"the box of the {counted(len(self.names), 'dispersion')}"
+                problem = f"{box} contains only {share}"
                 raise InputError("--box", problem, "a larger box")
         return accepted[:number]
 

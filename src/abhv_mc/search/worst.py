@@ -20,6 +20,7 @@ from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
@@ -165,8 +166,8 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
     if request.flights < least:
         raise InputError(
             "--flights",
-            f"found {request.flights}",
-            f"at least {least} for {len(space.names)} dispersions",
+            f"found {grouped_digits(request.flights)}",
+            f"at least {grouped_digits(least)} for {counted(len(space.names), 'dispersion')}",
         )
     random = space.draw_in_box(bounds, campaign.model.seed, request.flights)
     settings = {"kind": "worst", **request.settings}

@@ -18,6 +18,7 @@ from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import measured_count
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.stability.point_slopes import Points, Slopes, law_slopes, measured_steps
@@ -113,7 +114,7 @@ def _find_period(plan: FlightPlan) -> Period:
             "a periodic controller, which margins require",
         )
     if plan.period % repeat:
-        problem = f"the controller repeats after {repeat} ticks, not {plan.period}"
+        problem = f"the controller repeats after {counted(repeat, 'tick')}, not {plan.period}"
         raise InputError(
             file, problem, f"'period: {repeat}', or a multiple of it, in the controller file"
         )

@@ -12,6 +12,7 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import measured_count
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX, SCALED_SENSORS
 from abhv_mc.stability.linear_model import Linear
@@ -60,7 +61,7 @@ def repeats_after(ticks: Ints, law: int) -> int:
     """
     count = math.lcm(law, *ticks.tolist())
     if count > LONGEST:
-        problem = f"the common period of the sensors and the controller is {count} ticks"
+        problem = f"the common period of the sensors and the controller is {counted(count, 'tick')}"
         raise InputError(
             "sensor intervals",
             problem,

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import Verdict
 
@@ -58,7 +59,7 @@ def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     rejected = holm([verdict.p_value for verdict in verdicts], risk)
     joint_verdicts = []
     note = f"PASS on its own, but not jointly (chance of any false PASS at most {100.0 * risk:g} %"
-    note += f" among {len(verdicts)} verdicts)"
+    note += f" among {counted(len(verdicts), 'verdict')})"
     for verdict, is_rejected in zip(verdicts, rejected, strict=True):
         share = min(verdict.consumer_risk, risk / len(verdicts))
         if verdict.status == "PASS" and not is_rejected:

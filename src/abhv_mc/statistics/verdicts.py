@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import betaln, gammaln
 
 from abhv_mc.array_types import Floats
+from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.statistics.evidence import (
     flights_to_pass,
     log_fail_evidence,
@@ -174,13 +175,13 @@ def tolerance_limit(
 def verdict_words(verdict: Verdict, flies: bool = True) -> str:
     """Return a verdict as text, such as 'NOT SHOWN: 1 failure in 1000 flights'."""
     counts = (
-        f"{verdict.status}: {_count(verdict.failures, 'failure')} in "
-        f"{_count(verdict.flights, 'flight')}"
+        f"{verdict.status}: {counted(verdict.failures, 'failure')} in "
+        f"{counted(verdict.flights, 'flight')}"
     )
     if verdict.uncomputed:
         counts += (
-            f", {verdict.uncomputed} of them not computed (counted as failures for a PASS, as "
-            "successes for a FAIL)"
+            f", {grouped_digits(verdict.uncomputed)} of them not computed (counted as failures "
+            "for a PASS, as successes for a FAIL)"
         )
     phrases = [counts, verdict.note]
     if verdict.status == "NOT SHOWN":
@@ -194,25 +195,22 @@ def advice_words(verdict: Verdict, flies: bool = True) -> str:
         return ""
     least = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
     if extension := advise([verdict]):
-        action = f"with {extension.flights} flights (--runs {extension.flights})"
-        action = action if flies else f"with a table of {extension.flights} flights"
+        flights = counted(extension.flights, "flight")
+        action = f"with {flights} (--runs {extension.flights})"
+        action = action if flies else f"with a table of {flights}"
         return f"{action}, the chance of PASS is {about(extension.chance)}"
     if verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
         return "more flights failed than the requirement allows"
     chance = about(predict_pass(verdict, least))
     most = MOST_TIMES * verdict.flights
     return (
-        f"at least {least} flights are needed (the chance of PASS is then {chance})"
+        f"at least {counted(least, 'flight')} are needed (the chance of PASS is then {chance})"
         if least > most
-        else f"a PASS is unlikely with at most {most} flights (with at least {least} flights, its "
-        f"chance is {chance})"
+        else f"a PASS is unlikely with at most {counted(most, 'flight')} (the chance of PASS with "
+        f"{counted(least, 'flight')}, the fewest that permit one, is {chance})"
     )
 
 
 def about(chance: float) -> str:
     """Format a predicted chance as 'about 53 %', never as 0 or 100 %."""
     return f"about {min(max(round(100.0 * chance), 1), 99)} %"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

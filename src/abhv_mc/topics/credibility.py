@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from abhv_mc.topics.formatting import count_of, fixed, joined, percent
+from abhv_mc.io.phrases import counted, joined
+from abhv_mc.topics.formatting import count_of, percent
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
 
@@ -39,16 +40,17 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     )
     drawn, unknown = len(names.results.dispersed), len(campaign.unknowns.names)
     files = len(manifest.inputs)
-    pedigree = f"{drawn} dispersed input{'' if drawn == 1 else 's'}"
+    pedigree = counted(drawn, "dispersed input")
     if unknown:
-        pedigree += f", {unknown} unknown, judged at {len(campaign.unknowns.points)} points"
+        points = counted(len(campaign.unknowns.points), "point")
+        pedigree += f", {counted(unknown, 'unknown')} judged at {points}"
     yield (
         "Input pedigree",
-        f"{pedigree}; {files} input file{'' if files == 1 else 's'} with SHA-256. Sources of the "
+        f"{pedigree}; {counted(files, 'input file')} with SHA-256. Sources of the "
         "distributions are not recorded.",
     )
     required = names.requirements
-    sampled = f"{fixed(manifest.runs_done, 0)} flights ({campaign.sampling})"
+    sampled = f"{counted(manifest.runs_done, 'flight')} ({campaign.sampling})"
     risks = sorted({item.consumer_risk for item in required})
     if required and campaign.judged:
         risk = joined([percent(risk, 2) for risk in risks])
@@ -64,6 +66,6 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     traced = sum(bool(item.traced) for item in required)
     management = f"Commit {manifest.commit or 'not known'}; campaign {manifest.campaign_hash[:12]}"
     if required:
-        management += f"; {count_of(traced, len(required))} requirements traced to a source"
+        management += f"; {count_of(traced, len(required), 'requirement')} traced to a source"
     yield "M&S management", f"{management}. The manifest contains the SHA-256 of every file."
     yield "People qualifications", "Not recorded."

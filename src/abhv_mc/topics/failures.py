@@ -8,6 +8,7 @@ import numpy as np
 from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, read_map
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.failure_rules import (
     FALSE_DISCOVERY_RATE,
@@ -18,7 +19,7 @@ from abhv_mc.statistics.failure_rules import (
     find_rules,
     rule_mask,
 )
-from abhv_mc.topics.formatting import count_of, fixed, joined, percent, shown_value, spoken_name
+from abhv_mc.topics.formatting import count_of, percent, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
@@ -255,13 +256,25 @@ def _rest(failure_map: ControllerFailures) -> str:
 
     For example, '3 of 50 failed flights are not explained by any tested set'.
     """
-    total = failure_map.looked_at
-    tried = " by any tested set" if failure_map.unexplained else ""
-    clauses = [f"{len(failure_map.unexplained)} of {total} failed flights are not explained{tried}"]
+    total, unexplained = failure_map.looked_at, len(failure_map.unexplained)
+    flights = counted(total, "failed flight is/failed flights are")
+    clauses = [f"{unexplained} of {flights} not explained by any tested set"]
+    if not unexplained:
+        explained = "both" if total == 2 else f"all {total}"
+        clauses = [
+            "the failed flight is explained"
+            if total == 1
+            else f"{explained} failed flights are explained"
+        ]
     if failure_map.nominal:
-        clauses.append(f"{len(failure_map.nominal)} also fail without dispersions")
+        also = counted(len(failure_map.nominal), "flight also fails/flights also fail")
+        clauses.append(f"{also} without dispersions")
     if failure_map.failed > total:
-        clauses.append(f"the {total} worst of {failure_map.failed} failed flights were analysed")
+        analysed = counted(total, "worst/worst")
+        clauses.append(
+            f"only the {analysed} of {counted(failure_map.failed, 'failed flight')} "
+            f"{'was' if total == 1 else 'were'} analysed"
+        )
     return "; ".join(clauses)
 
 
@@ -292,10 +305,7 @@ def _rules_section(failures: Failures, names: Names) -> Section:
 
 
 def _sentence(kind: FailureKind, fewest: int) -> str:
-    head = (
-        f"{kind.kind[0].upper()}{kind.kind[1:]} "
-        f"({fixed(kind.failures, 0)} flight{'s' if kind.failures != 1 else ''})"
-    )
+    head = f"{kind.kind[0].upper()}{kind.kind[1:]} ({counted(kind.failures, 'flight')})"
     if kind.rules:
         return f"{head}: {'; '.join(rule.rule for rule in kind.rules[:_LISTED])}"
     if kind.failures == kind.flights:

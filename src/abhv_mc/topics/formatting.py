@@ -1,13 +1,12 @@
 """Formatting of numbers to the precision of Monte Carlo estimates, and of parameters."""
 
 import math
-from collections.abc import Sequence
 
+from abhv_mc.io.phrases import THIN, counted, grouped_digits
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Interval
 
 MINUS = "\N{MINUS SIGN}"
-THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 def _decimals(error: float) -> int:
@@ -18,7 +17,7 @@ def _decimals(error: float) -> int:
 
 def fixed(value: float, decimals: int) -> str:
     """Format a number with a true minus sign; `decimals` of -1 rounds to tens."""
-    text = f"{round(value, decimals):,.{max(decimals, 0)}f}".replace(",", THIN)
+    text = grouped_digits(round(value, decimals), max(decimals, 0))
     return (
         text.replace("-", MINUS) if float(round(value, decimals)) != 0.0 else text.replace("-", "")
     )
@@ -100,9 +99,8 @@ def percent(share: float | None, digits: int = 3) -> str:
 
 
 def count_of(count: int, total: int, noun: str = "") -> str:
-    """Format a count such as '3 of 1000 flights', with grouped digits."""
-    text = f"{count:,} of {total:,}".replace(",", THIN)
-    return f"{text} {noun}".rstrip()
+    """Format a count such as '3 of 1000 flights'."""
+    return f"{grouped_digits(count)} of {counted(total, noun) if noun else grouped_digits(total)}"
 
 
 def p_value(value: float) -> str:
@@ -110,11 +108,9 @@ def p_value(value: float) -> str:
     return "< 0.0001" if value < 1e-4 else significant(value, 2)
 
 
-def joined(items: Sequence[str]) -> str:
-    """Join items as 'a', 'a and b' or 'a, b and c'."""
-    return (
-        items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}" if items else ""
-    )
+def p_equation(value: float) -> str:
+    """Format a p-value as 'p = 0.03' or 'p < 0.0001'."""
+    return f"p {p_value(value)}" if value < 1e-4 else f"p = {p_value(value)}"
 
 
 # prefixes of parameter names that sentences omit

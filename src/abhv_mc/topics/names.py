@@ -55,11 +55,7 @@ class Names:
     def subject(self, controller: str) -> str:
         """Return a controller's name for use in a sentence; lower-case names are quoted."""
         label = self.label(controller)
-        return (
-            f"\N{LEFT DOUBLE QUOTATION MARK}{label}\N{RIGHT DOUBLE QUOTATION MARK}"
-            if label[:1].islower()
-            else label
-        )
+        return f"'{label}'" if label[:1].islower() else label
 
 
 def names_of(results: FlownCampaign, page: Path | None = None) -> Names:

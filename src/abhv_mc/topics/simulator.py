@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.io.phrases import quoted
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Text
@@ -97,7 +98,7 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
         items.append(
             Text(
                 "The simulator consists of these files, whose hashes are stored: "
-                f"{', '.join(facts.files)}."
+                f"{quoted(facts.files)}."
             )
         )
     if facts.reasons:

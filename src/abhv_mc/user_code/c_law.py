@@ -16,6 +16,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.kernel.jit_pointer import address_of
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
@@ -143,7 +144,9 @@ def find_c_memory(source: UserSource, settings: Floats, first: Floats) -> dict[s
     count = read(state.ctypes.data, None)
     if not 0 <= count <= MAX_MEMORY:
         raise InputError(
-            source.file, f"the memory of the law has {count} numbers", f"0 to {MAX_MEMORY}"
+            source.file,
+            f"the memory of the law has {counted(count, 'number')}",
+            f"0 to {MAX_MEMORY}",
         )
     values = np.zeros(count + 1)
     read(state.ctypes.data, values.ctypes.data)

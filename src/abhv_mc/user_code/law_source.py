@@ -14,6 +14,7 @@ from abhv_mc.control.law_file import (
 from abhv_mc.io.documents import Document
 from abhv_mc.io.input_error import InputErrors, one_of
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.phrases import quoted
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.c_source import describe_platform, find_compiler, interface, with_library
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
@@ -100,7 +101,7 @@ def check_wiring(document: Document, controller: FmuController) -> None:
             errors.append(document.error(("inputs", name), problem, expected))
     missing = [name for name in _NEEDED if name not in controller.outputs]
     if missing:
-        problem = f"no output is assigned to {', '.join(missing)}"
+        problem = f"no output is assigned to {quoted(missing, 'or')}"
         errors.append(document.key_error(("outputs",), problem, "outputs for all four controls"))
     if errors:
         raise InputErrors(errors)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.laws.user import MAX_MEMORY
 from abhv_mc.user_code.effector_commands import parse_law
@@ -53,7 +54,7 @@ def load_law(source: UserSource) -> Law:
         controllers = module.marked(CONTROLLER)
         if len(controllers) != 1:
             problem = (
-                f"the file has {len(controllers)} functions with @controller"
+                f"the file has {counted(len(controllers), 'function')} with @controller"
                 if controllers
                 else "the file has no function with @controller or @measurement_filter"
             )
@@ -125,7 +126,7 @@ def _check_classes(law: Law, line: int) -> None:
         if class_name == "Memory" and len(fields._fields) > MAX_MEMORY:
             raise InputError(
                 file,
-                f"the class Memory has {len(fields._fields)} numbers",
+                f"the class Memory has {counted(len(fields._fields), 'number')}",
                 f"at most {MAX_MEMORY}",
                 class_line,
             )

@@ -8,6 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.control.law_file import PythonController
 from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of
+from abhv_mc.io.phrases import joined
 from abhv_mc.io.units import TIME, parse_in_unit, parse_quantity
 from abhv_mc.user_code.compiled import COMMANDS
 from abhv_mc.user_code.module import Law
@@ -107,7 +108,7 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
         ]
         if not start_times or start_times[0] != 0.0 or sorted(set(start_times)) != start_times:
             raise Refusal(
-                f"the command has the times {', '.join(map(str, by_time))}",
+                f"the command has the times {joined(list(map(str, by_time)))}",
                 "times that start at 0 s and increase",
             )
         if not np.isfinite(step_values).all():

@@ -54,7 +54,8 @@ class Table(LookUp):
         *grids, values = (np.ascontiguousarray(array, dtype=np.float64) for array in arrays)
         if not grids or values.shape != tuple(grid.size for grid in grids):
             raise Refusal(
-                f"{len(grids)} grids do not match values of shape {values.shape}",
+                f"grids of the sizes {tuple(grid.size for grid in grids)} do not match values of "
+                f"the shape {values.shape}",
                 "values with one axis for each grid",
             )
         if not all(

@@ -5,6 +5,7 @@ from collections import namedtuple
 from typing import Any
 
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS, MEMORY
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
@@ -55,7 +56,7 @@ def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
         functions = module.marked(MARK)
         if not 1 <= len(functions) <= MAX_CHANNELS:
             raise InputError(
-                source.file, f"found {len(functions)} channels", f"1 to {MAX_CHANNELS}"
+                source.file, f"found {counted(len(functions), 'channel')}", f"1 to {MAX_CHANNELS}"
             )
         signatures = {name: module.check_arguments(name, _ARGUMENTS) for name in functions}
         kinds = {"actual": _Actual, "measured": _Seen} | ({"memory": memory} if memory else {})

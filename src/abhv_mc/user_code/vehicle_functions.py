@@ -12,6 +12,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.input_files import made_once
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.plant import state as s
@@ -70,8 +71,8 @@ def load_vehicle(path: str | Path) -> Vehicle:
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
         problem = (
-            f"the tables fill {rows} rows (eight tables on equal axes share a row; derivatives "
-            "with respect to deflections also count)"
+            f"the tables fill {counted(rows, 'row')} (eight tables on equal axes share a row; "
+            "derivatives with respect to deflections also count)"
         )
         raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
@@ -166,7 +167,11 @@ def _find_marked(module: Module) -> str:
     """Return the name of the only function with the decorator @dynamics, or raise InputError."""
     marked = module.marked(DYNAMICS)
     if len(marked) != 1:
-        problem = f"the file has {len(marked) or 'no'} functions with @dynamics"
+        problem = (
+            f"the file has {counted(len(marked), 'function')} with @dynamics"
+            if marked
+            else "the file has no function with @dynamics"
+        )
         raise InputError(
             module.source.file,
             problem,
@@ -219,7 +224,7 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
 def _check_count(module: Module, code: VehicleCode, count: int, line: int) -> None:
     """Raise InputError unless ``count`` equals the number of states."""
     if count != len(code.states):
-        problem = f"found {count} rate{'s' if count != 1 else ''} for {len(code.states)} states"
+        problem = f"found {counted(count, 'rate')} for {counted(len(code.states), 'state')}"
         raise InputError(module.source.file, problem, _rates_of(code), line)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel
+from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import (
     Acceleration,
     Angle,
@@ -76,8 +77,8 @@ class Actuator(StrictModel):
 
 def _list_keys(keys: Iterable[str]) -> str:
     """Return the names of keys as text, with "and" before the last name."""
-    *names, last = keys
-    return f"the keys {', '.join(names)} and {last}" if names else f"the key {last}"
+    names = list(keys)
+    return f"the key{'s' if len(names) > 1 else ''} {quoted(names)}"
 
 
 def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table, read_head, split_head
 from abhv_mc.io.input_error import Refusal, one_of
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_DIMENSIONS, VARIABLES
 from abhv_mc.vehicle.pack import Axis, Table
@@ -201,7 +202,12 @@ def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str]
         raise rows.error(None, None, "the column 'value' is missing", expected)
     value = roles.pop(VALUE)[0]
     if not 1 <= len(roles) <= MAX_DIMENSIONS:
-        raise rows.error(None, None, f"the table has {len(roles)} axes", f"1 to {MAX_DIMENSIONS}")
+        raise rows.error(
+            None,
+            None,
+            f"the table has {counted(len(roles), 'axis/axes')}",
+            f"1 to {MAX_DIMENSIONS}",
+        )
     factors = [_unit_factor(rows, i, role) for i, role in roles.values()]
     axis_columns = [i for i, _ in roles.values()]
     values, *points = rows.numbers([value, *axis_columns]).T

@@ -18,6 +18,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.documents import Document
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import dimension_of, parse_any, parse_quantity, si_unit_of, unit_of
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_NAMES
 from abhv_mc.kernel.plant.state import MAX_SETTINGS
@@ -210,7 +211,10 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         problem = f"'{duplicate}' is the name of a built-in parameter"
         raise document.error((section,), problem, "another name")
     if len(code.settings) + len(states) > MAX_SETTINGS:
-        problem = f"the functions have {len(code.settings)} settings and {len(states)} states"
+        problem = (
+            f"the functions have {counted(len(code.settings), 'setting')} and "
+            f"{counted(len(states), 'state')}"
+        )
         raise document.error((), problem, f"at most {MAX_SETTINGS} in total")
     return code
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc.vehicle.actuators import deflection_range, slack_warnings
 from abhv_mc.vehicle.evaluate import (
@@ -136,8 +137,9 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     if (drag <= 0.0).any():
         worst = np.unravel_index(np.argmin(drag), drag.shape)
         warnings.append(
-            f"drag is not positive at {np.sum(drag <= 0.0)} of {drag.size} nodes inside the "
-            f"limits: CD is {drag[worst]:.3g} {describe_point(mach[worst], alpha[worst])}"
+            f"drag is not positive at {grouped_digits(np.sum(drag <= 0.0))} of "
+            f"{counted(drag.size, 'node')} inside the limits: CD is {drag[worst]:.3g} "
+            f"{describe_point(mach[worst], alpha[worst])}"
         )
     for number, curve in zip(machs, drag, strict=True):
         # Height of each node above the lowest node on either side.
@@ -162,8 +164,10 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
         same = sign * coefficients(middle)["pitching_moment"] > 0.0
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     balanced = coefficients(0.5 * (low + high))
-    counted = trimmed & (balanced["drag"] > 0.0) & (mach > 2.0)
-    ratio = np.where(counted, balanced["lift"] / np.where(counted, balanced["drag"], 1.0), 0.0)
+    considered = trimmed & (balanced["drag"] > 0.0) & (mach > 2.0)
+    ratio = np.where(
+        considered, balanced["lift"] / np.where(considered, balanced["drag"], 1.0), 0.0
+    )
     excess = ratio / (6.0 * (mach + 2.0) / mach)
     if (excess > 1.0).any():
         worst = np.unravel_index(np.argmax(excess), excess.shape)

@@ -120,7 +120,10 @@ def code_of(plan: FlightPlan) -> Code:
 
 
 def rebuild_sent(arrays: Arrays, code: Code) -> FlightPlan:
-    """Rebuild a plan from code and arrays (:func:`abhv_mc.flight.plan_arrays.flatten`)."""
+    """Rebuild a plan that was sent to a worker as code and arrays.
+
+    The functions :func:`code_of` and :func:`abhv_mc.flight.plan_arrays.flatten` make them.
+    """
     plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
     if isinstance(plan, MarginPlan):
         code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}

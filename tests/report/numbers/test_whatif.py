@@ -172,7 +172,7 @@ def test_each_part_of_a_mixture_lies_within_one_that_was_flown(tmp_path):
     for changed, message in (
         (
             parts.replace("high: 0.95", "high: 1.1"),
-            "aero.lift from 0.9 to 1.1",
+            "'aero.lift' from 0.9 to 1.1",
         ),
         (choice, "mixture with a discrete choice"),
     ):

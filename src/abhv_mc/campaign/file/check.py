@@ -52,6 +52,7 @@ from abhv_mc.io.documents import (
     read_document,
     validate,
 )
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import parse_in_any_unit
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
@@ -201,12 +202,13 @@ def _check(document: Document, model: Campaign) -> Experiment:
     check_stop(document, model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
     if model.pooled and (not joined or sum(pool.runs for pool in model.pooled) > number):
-        problem = f"found {sum(pool.runs for pool in model.pooled)} pooled flights"
+        pooled_flights = sum(pool.runs for pool in model.pooled)
+        problem = f"found {counted(pooled_flights, 'pooled flight')}"
         errors.append(
             document.key_error(
                 ("pooled",),
                 problem,
-                f"at most {number} flights, as in 'runs', and 'sampling: {INDEPENDENT}'",
+                f"at most {counted(number, 'flight')}, as in 'runs', and 'sampling: {INDEPENDENT}'",
             )
         )
     check_margins(document, model, number, errors)
@@ -381,7 +383,7 @@ def _make_copula(
             errors.append(
                 document.error(
                     ("correlations", i),
-                    f"{' and '.join(pair)} are listed twice",
+                    f"{quoted(pair)} are listed twice",
                     "each pair only once",
                 )
             )

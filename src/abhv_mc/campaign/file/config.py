@@ -170,7 +170,7 @@ class MarginsOfFlights(StrictModel):
     at: Points = Field(
         ("trim",),
         description=(
-            "points at which margins are computed: trim, a time of the flight such as 30 s, or a "
+            "points at which margins are computed: 'trim', a time of the flight such as 30 s, or a "
             "list of these"
         ),
     )

@@ -12,6 +12,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.evidence import flights_to_pass
 
 # Parameters that must be positive. Factors on coefficients need not be positive, because components
@@ -93,10 +94,10 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
         if needed <= campaign.runs_at_point:
             continue
         problem = (
-            f"{campaign.runs_at_point} flights cannot demonstrate a probability of "
+            f"{counted(campaign.runs_at_point, 'flight')} cannot demonstrate a probability of "
             f"{entry.probability:g} at a risk of {risk:g}"
         )
-        expected = f"at least {needed} flights, or a lower probability"
+        expected = f"at least {counted(needed, 'flight')}, or a lower probability"
         yield document.error(("requirements", i, "probability"), problem, expected)
 
 

@@ -40,7 +40,7 @@ def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
             where = (i,) if len(value) > 1 else ()
             raise Refusal(
                 found_value(item),
-                "all, none, failed, 'worst 20', 'every 100' or a flight number",
+                "'all', 'none', 'failed', 'worst 20', 'every 100' or a flight number",
                 where,
             )
     return value
@@ -56,7 +56,7 @@ class KeepHistories(StrictModel):
     ] = Field(
         ("worst 20",),
         description=(
-            "all, none, failed, 'worst 20', 'every 100', a flight number, or a list of these"
+            "'all', 'none', 'failed', 'worst 20', 'every 100', a flight number, or a list of these"
         ),
     )
     by: str = Field(
@@ -80,7 +80,7 @@ class KeepHistories(StrictModel):
 class KeepEnvelopes(StrictModel):
     """Channels and rate of the time-history envelopes over all flights."""
 
-    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or all")
+    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or 'all'")
     rate: Rate = Field(5.0, description="time bins per second of flight")
 
 

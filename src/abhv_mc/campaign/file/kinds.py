@@ -18,6 +18,7 @@ from abhv_mc.io.documents import (
     found_value,
     read_document,
 )
+from abhv_mc.io.phrases import quoted
 from abhv_mc.vehicle.document import VehicleDocument
 
 MODELS: dict[str, type[BaseModel]] = {
@@ -44,7 +45,9 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
     kind = max(shared, key=lambda name: (shared[name] + (name == expected), name == expected))
     if not shared[kind] and expected is None:
         raise document.error(
-            (), found_value(document.data), f"the keys of one of these files: {', '.join(MODELS)}"
+            (),
+            found_value(document.data),
+            f"the keys of one of these files: {quoted(MODELS, 'or')}",
         )
     return kind
 

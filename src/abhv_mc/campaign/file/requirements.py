@@ -21,6 +21,7 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, validate
 from abhv_mc.io.foreign_table import read_foreign_table
+from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.io.units import dimension_of, parse_in_any_unit, parse_quantity, parse_unit
 
 _MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
@@ -279,8 +280,8 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
     if needed and model.margins.of(runs) < runs:
         metric = model.requirements[needed[0]].metric
         problem = (
-            f"margins are computed for only {model.margins.of(runs)} of {runs} flights, but "
-            f"{metric} is required"
+            f"margins are computed for only {grouped_digits(model.margins.of(runs))} of "
+            f"{counted(runs, 'flight')}, but '{metric}' is required"
         )
         expected = "'flights: all', because a verdict needs the metric of every flight"
         errors.append(document.error(("margins", "flights"), problem, expected))
@@ -291,6 +292,8 @@ def check_margins(document: Document, model: Campaign, runs: int, errors: list[I
             where = ("margins", "at", i)
             errors.append(
                 document.error(
-                    where, f"found {time:g} s", f"trim, or a mission time from 0 to {duration:g} s"
+                    where,
+                    f"found {time:g} s",
+                    f"'trim', or a mission time from 0 to {duration:g} s",
                 )
             )

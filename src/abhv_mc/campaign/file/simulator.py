@@ -14,6 +14,7 @@ from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
+from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import Time
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
@@ -280,7 +281,7 @@ class SimulatorCampaign(Campaign):
         for key, names in taken.items():
             for name in getattr(self, key):
                 if name in names:
-                    expected = f"a name other than {', '.join(sorted(names))}"
+                    expected = f"a name other than {quoted(sorted(names))}"
                     raise Refusal(f"the name '{name}' is already in use", expected, (key, name))
         column_names = (*self.inputs, *self.metrics, "system", "outcome", "end_time", "flight")
         for name in self.columns:

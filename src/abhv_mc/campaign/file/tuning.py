@@ -6,6 +6,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.flight.metrics import ELEVATOR_TRAVEL, MARGIN_NAMES
 from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import TIME, Fraction, parse_quantity
 from abhv_mc.statistics.quantile_pairs import flights_to_bound
 
@@ -68,19 +69,19 @@ class Limit(StrictModel):
         ]
         if len(bounds) != 1:
             raise Refusal(
-                f"found the limits {', '.join(bounds)}" if bounds else "no limit is set",
-                "exactly one of below, above, below_start_times",
+                f"found the limits {quoted(bounds)}" if bounds else "no limit is set",
+                "exactly one of the keys 'below', 'above' and 'below_start_times'",
             )
         if self.is_margin and (
             "quantile" in self.model_fields_set or self.above is None or self.above <= 0.0
         ):
             raise Refusal(
-                f"the limit on the stability margin {self.metric} is invalid",
+                f"the limit on the stability margin '{self.metric}' is invalid",
                 "the key 'above' with a positive number, and no quantile",
             )
         if self.vehicles is not None and not self.is_margin:
             raise Refusal(
-                f"'vehicles' does not apply to {self.metric}",
+                f"'vehicles' does not apply to '{self.metric}'",
                 "no such key, because it applies only to limits on stability margins",
             )
         return self
@@ -97,7 +98,7 @@ def _free(value: Any) -> Any:
 def _points(value: Any) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not entries:
-        raise Refusal("the list of points is empty", "trim, or times of the flight such as 30 s")
+        raise Refusal("the list of points is empty", "'trim', or times of the flight such as 30 s")
     return ["trim" if entry == "trim" else parse_quantity(entry, TIME) for entry in entries]
 
 
@@ -119,7 +120,7 @@ class Tune(StrictModel):
     limits: tuple[Limit, ...] = Field((), description="limits that the tuned controller must meet")
     margins_at: Points = Field(
         ("trim",),
-        description="points at which stability margins are computed: trim, or times of the "
+        description="points at which stability margins are computed: 'trim', or times of the "
         "flight such as 30 s",
     )
     usage: Aim = Field(
@@ -142,7 +143,7 @@ class Tune(StrictModel):
         least = flights_to_bound(quantile)
         if self.validation < least:
             problem = (
-                f"{self.validation} validation flights are too few for the {100.0 * quantile:g} % "
+                f"'validation: {self.validation}' is too small for the {100.0 * quantile:g} % "
                 "quantile"
             )
             key = "validation" if "validation" in self.model_fields_set else "minimise"

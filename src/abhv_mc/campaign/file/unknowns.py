@@ -11,6 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
+from abhv_mc.io.phrases import counted, grouped_digits, joined, quoted
 from abhv_mc.plant.parameters import OURS, Parameter, Parameters
 from abhv_mc.statistics.unknowns import (
     MOST_UNKNOWNS,
@@ -45,9 +46,10 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
     ]
     if not drawn:
         return ""
-    tail = f" and {len(drawn) - _HINTED} more" if len(drawn) > _HINTED else ""
+    named = [f"'{name}'" for name in drawn[:_HINTED]]
+    named += [f"{len(drawn) - _HINTED} more"] if len(drawn) > _HINTED else []
     return (
-        f"New values of {', '.join(drawn[:_HINTED])}{tail} are drawn for each flight. If a "
+        f"New values of {joined(named)} are drawn for each flight. If a "
         "parameter has one value for the whole programme, list it under `unknowns`: requirements "
         "are then judged at its worst value."
     )
@@ -146,31 +148,40 @@ class Unknowns:
         PASS.
         """
         number = len(self.judged(requirement))
-        text = f"at each of {number} values of the unknowns"
+        text = f"at each of {counted(number, 'value')} of the unknowns"
         if verdicts[worst].failures:
-            text = f"at the worst of {number} values of the unknowns ({self.words(worst)})"
+            text = (
+                f"at the worst of {counted(number, 'value')} of the unknowns ({self.words(worst)})"
+            )
         pair = controller, requirement
         for entry in self.most_failures:
             if (entry.controller, entry.requirement) == pair:
                 return f"{text}; {self._most_words(entry, verdicts[entry.point])}"
-        return f"{text}; {self.tried} tried" if self.tried else text
+        tried = f"; the search tried {counted(self.tried, 'value')}"
+        return f"{text}{tried}" if self.tried else text
 
     def _most_words(self, entry: MostFailures, verdict: Verdict) -> str:
-        text = f"among {entry.tried} values tried, "
+        tried, flights = counted(entry.tried, "value"), counted(entry.flights, "flight")
+        point = self.words(entry.point)
         if entry.failures:
-            text += f"the most failures were {entry.failures} of {entry.flights}, at "
+            text = (
+                f"of the {tried} that the search tried, the one with the most failures "
+                f"({grouped_digits(entry.failures)} in {flights}) is {point}"
+            )
         else:
-            text += f"none caused a failure in {entry.flights} flights; nearest to the limit was "
-        text += (
-            f"{self.words(entry.point)}, where {verdict.failures:,} of {verdict.flights:,} judged "
-            "flights failed"
-        )
+            text = (
+                f"none of the {tried} that the search tried caused a failure in {flights}, and "
+                f"the one nearest to the limit is {point}"
+            )
+        judged = counted(verdict.flights, "judged flight")
+        text += f" ({grouped_digits(verdict.failures)} of {judged} failed there)"
         factor = showing_factor(verdict.probability, entry.flights)
         if factor <= 1.0:
             return text
         return (
-            f"{text}; a value at which flights fail {float(f'{factor:.1g}'):,.0f} times too "
-            "often is detected in about half of the campaigns"
+            f"{text}; the search finds a value at which flights fail "
+            f"{grouped_digits(float(f'{factor:.1g}'))} times too often in about half of the "
+            "campaigns"
         )
 
 
@@ -288,7 +299,7 @@ def check_unknowns(
         problem = f"the design '{design}' does not permit unknowns"
         errors.append(document.key_error(("unknowns",), problem, f"'sampling: {INDEPENDENT}'"))
     if len(unknowns) > MOST_UNKNOWNS:
-        problem = f"found {len(unknowns)} unknowns"
+        problem = f"found {counted(len(unknowns), 'unknown')}"
         errors.append(document.key_error(("unknowns",), problem, f"at most {MOST_UNKNOWNS}"))
     if points is not None:
         lengths = {len(values) for values in points.at.values()}
@@ -297,13 +308,16 @@ def check_unknowns(
             errors.append(
                 document.key_error(
                     ("points",),
-                    f"'points' has values of {', '.join(points.at) or 'nothing'}",
+                    f"'points' has values of {quoted(points.at)}",
                     expected,
                 )
             )
         number = min(lengths, default=0)
         if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
-            problem = f"'shared' or 'most_failures' refers to more than the {number} points of 'at'"
+            problem = (
+                "'shared' or 'most_failures' refers to more than the "
+                f"{counted(number, 'point')} of 'at'"
+            )
             errors.append(
                 document.key_error(("points",), problem, "indices of points, counted from 0")
             )

@@ -35,6 +35,7 @@ from abhv_mc.io.documents import (
     read_document,
     validate,
 )
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import Fraction, Time
 from abhv_mc.kernel.flight.counting import MAX_DECLARED, Statistic
 from abhv_mc.user_code.source import compile_text, read_source
@@ -126,7 +127,7 @@ class MetricEntry(StrictModel):
         if self.limit is not None and self.statistic not in TAKES_LIMIT:
             raise Refusal(
                 f"the statistic '{self.statistic.word}' does not use a limit",
-                f"'limit' only with {', '.join(statistic.word for statistic in TAKES_LIMIT)}",
+                f"'limit' only with {quoted([statistic.word for statistic in TAKES_LIMIT], 'or')}",
                 ("limit",),
             )
         if (self.share is None) == (self.statistic == Statistic.QUANTILE):
@@ -181,7 +182,9 @@ def declare_metrics(
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
     if len(entries) > MAX_DECLARED:
         errors.append(
-            document.key_error(where, f"found {len(entries)} metrics", f"at most {MAX_DECLARED}")
+            document.key_error(
+                where, f"found {counted(len(entries), 'metric')}", f"at most {MAX_DECLARED}"
+            )
         )
     records = []
     for name, entry in entries.items():

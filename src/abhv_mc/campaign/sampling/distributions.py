@@ -21,6 +21,7 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.io.documents import Refusal, StrictModel, one_of
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import Fraction
 from abhv_mc.plant.parameters import Parameter
 
@@ -251,8 +252,11 @@ class Scipy(_Distribution):
             name.strip() for name in (law.shapes or "").split(",") if name.strip()
         ]  # shape parameters, in the order that scipy expects
         if sorted(self.shapes) != sorted(shapes):
-            problem = f"found shapes {', '.join(self.shapes) or 'none'}"
-            raise Refusal(problem, f"shapes {', '.join(shapes) or 'none'} for '{self.law}'")
+            problem = (
+                f"found the shapes {quoted(self.shapes)}" if self.shapes else "found no shapes"
+            )
+            named = f"the shapes {quoted(shapes)}" if shapes else "no shapes"
+            raise Refusal(problem, f"{named} for '{self.law}'")
         scale = 1.0 if self.scale is None else self._positive("scale", parameter)
         loc = self._read("loc", parameter) or 0.0
         marginal = ContinuousMarginal(
@@ -327,7 +331,9 @@ def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
     """Return normalized weights, which are equal if ``weights`` is None."""
     shares = np.array([1.0] * number if weights is None else weights)
     if len(shares) != number:
-        raise Refusal(f"found {len(shares)} weights", f"{number} weights", ("weights",))
+        raise Refusal(
+            f"found {counted(len(shares), 'weight')}", counted(number, "weight"), ("weights",)
+        )
     return shares / shares.sum()
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.laws.trim_search import (
     BANK_LIMIT,
@@ -106,7 +107,7 @@ def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
         points = np.flatnonzero(trim.status & flag)
         if points.size:
             faults.append(
-                f"{sentence} at {points.size} of {times.size} points, first at "
-                f"{times[points[0]]:.2f} s"
+                f"{sentence} at {grouped_digits(points.size)} of {counted(times.size, 'point')}, "
+                f"first at {times[points[0]]:.2f} s"
             )
     return faults

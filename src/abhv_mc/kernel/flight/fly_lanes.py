@@ -105,9 +105,9 @@ COMPACTION = 500  # number of ticks after which lanes of ended flights are reass
 class Active(NamedTuple):
     """Effects that are active in any lane; inactive effects are not computed.
 
-    If ``active`` is None, the flight has calm air, a vehicle defined by tables whose effectors have
-    no actuators, no failures, no sensor errors other than biases, and a built-in control law. Code
-    for other effects is then not compiled.
+    Callers pass None for flights in calm air without failures, without sensor errors other than
+    biases, with a built-in control law, and with a vehicle that is defined by tables and whose
+    effectors have no actuators. Code for the effects is then not compiled.
     """
 
     disturbances: Disturbances

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import quoted
 
 _SAME = 1e-9  # relative tolerance within which points count as equal
 
@@ -23,10 +24,12 @@ def restrict_to_common_points(
     """
     unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns
     if unknowns_a.names != unknowns_b.names:
-        problem = f"the unknowns are {', '.join(unknowns_b.names) or 'none'}"
-        raise InputError(
-            b.folder, problem, f"{', '.join(unknowns_a.names) or 'none'}, as in {a.folder}"
+        problem = (
+            f"the unknowns are {quoted(unknowns_b.names)}"
+            if unknowns_b.names
+            else "the campaign has no unknowns"
         )
+        raise InputError(b.folder, problem, f"{quoted(unknowns_a.names)}, as in {a.folder}")
     pairs = np.array(
         [
             (i, j)

@@ -13,6 +13,7 @@ from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, di
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, Refusal, one_of
+from abhv_mc.io.phrases import counted, grouped_digits, quoted
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.common_points import restrict_to_common_points
 from abhv_mc.statistics.gate import RISK, Gate, judge_change
@@ -70,7 +71,7 @@ def require_same_samples(
         differ = np.flatnonzero(values[:count] != values_b[:count])
         if differ.size:
             k = int(differ[0])
-            problem = f"{name} is {float(values_b[k])!r} in flight {k}"
+            problem = f"'{name}' is {float(values_b[k])!r} in flight {k}"
             raise InputError(path, problem, f"{float(values[k])!r}, as in {folder}")
 
 
@@ -79,7 +80,7 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     results = read_flown(baseline)
     source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
-        expected = f"{', '.join(unknowns.names) or 'none'}, as in {baseline}"
+        expected = f"{quoted(unknowns.names)}, as in {baseline}"
         raise campaign.document.key_error(
             ("unknowns",), "the unknowns differ from those of the baseline", expected
         )
@@ -92,7 +93,7 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     }
     require_same_samples(expected_samples, columns, baseline, campaign.document.path)
     if not set(campaign.controllers) & set(results.flights):
-        expected = f"one of {', '.join(results.controllers)}, as in {baseline}"
+        expected = f"{quoted(results.controllers, 'or')}, as in {baseline}"
         raise campaign.document.error(
             ("controllers",), "none of the controllers is in the baseline", expected
         )
@@ -221,16 +222,27 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
     return Baseline(**vars(comparison), folder=baseline.as_posix(), digest=earlier.manifest.digest)
 
 
-def gate_words(pair: CampaignPair, metric: str, label: str, requirements: Sequence[str]) -> str:
-    """Describe the result of the non-inferiority test of a metric in the campaign ``label``."""
+def gate_words(
+    pair: CampaignPair, metric: str, sides: tuple[str, str], requirements: Sequence[str]
+) -> str:
+    """Describe the result of the non-inferiority test of a metric.
+
+    ``sides`` are the names of the first controller, which is the reference, and of the second.
+    """
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
-    point = f"at {gate.at}, " if gate.at else ""
+    reference, tested = sides
+    result = (
+        f"passes the test against {reference}"
+        if gate.shown
+        else f"is rejected by the test against {reference}"
+    )
+    at_point = f" at the worst values of the unknowns ({gate.at})" if gate.at else ""
     text = (
-        f"{point}{label} {'passes' if gate.shown else 'is rejected'}: "
+        f"{tested} {result}{at_point}: "
         f"it is {'' if gate.within_low > 0.5 else 'NOT '}shown to be at most "
-        f"{100.0 * gate.margin:g} % worse on more than half of the flights ({gate.within} of "
-        f"{gate.pairs} flights; with 95 % confidence, at least {percent(gate.within_low, 2)} of "
-        "all)"
+        f"{100.0 * gate.margin:g} % worse on more than half of the flights (on "
+        f"{grouped_digits(gate.within)} of {counted(gate.pairs, 'flight')}; with 95 % confidence, "
+        f"on at least {percent(gate.within_low, 2)} of all flights)"
     )
     reasons = [
         f"its {100.0 * level:.4g} % quantile is shown to be worse by more than this margin"
@@ -288,16 +300,16 @@ def pair_controllers(
     """Yield the pairs of controllers to compare: the named pair, or all common controllers."""
     if controllers:
         if len(controllers) != 2:
-            problem = f"found {len(controllers)} controllers"
+            problem = f"found {counted(len(controllers), 'controller')}"
             raise InputError("--controllers", problem, "two names, one from each folder")
         for name, results in zip(controllers, (a, b), strict=True):
             if name not in results.flights:
-                expected = " or ".join(results.controllers)
+                expected = quoted(results.controllers, "or")
                 raise InputError(results.folder, f"the folder has no flights of '{name}'", expected)
         yield controllers[0], controllers[1]
         return
     common = [name for name in a.controllers if name in b.flights]
     if not common:
-        problem = f"the only controllers are {', '.join(b.controllers)}"
-        raise InputError(b.folder, problem, f"one of {', '.join(a.controllers)}")
+        problem = f"the folder has only flights of {quoted(b.controllers)}"
+        raise InputError(b.folder, problem, f"flights of {quoted(a.controllers, 'or')}")
     yield from ((name, name) for name in common)

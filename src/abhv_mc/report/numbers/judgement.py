@@ -6,6 +6,7 @@ from itertools import product
 
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import GAIN_MARGIN
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.numbers.judgement_record import Judgement, Met, NextStep
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import (
@@ -26,7 +27,6 @@ from abhv_mc.topics.flights.model import ended_words
 from abhv_mc.topics.formatting import (
     count_of,
     fixed,
-    joined,
     percent,
     shown_value,
     significant,
@@ -78,8 +78,8 @@ def _changed_words(models: Models) -> str:
     for change in models.results.requirement_changes[-1:]:
         changes = shorten_list(list(change.changes), "; ")
         return (
-            f"Requirements were changed after the results of {change.flights} flights were known: "
-            f"{changes}."
+            "Requirements were changed after the results of "
+            f"{counted(change.flights, 'flight')} were known: {changes}."
         )
     return ""
 
@@ -94,10 +94,11 @@ def _count_words(*texts: str | NextStep | None) -> int:
 
 
 def _runs_words(models: Models) -> str:
-    """Return text such as '64 of 2100 flights run.' if flights are missing, else ''."""
+    """Return text such as '64 of 2100 flights have been run.' if flights are missing, else ''."""
     missing = _missing_runs(models)
     runs = models.results.campaign.runs_at_point
-    return f"{count_of(runs, missing, 'flights')} run." if missing else ""
+    verb = "has" if missing == 1 else "have"
+    return f"{count_of(runs, missing, 'flight')} {verb} been run." if missing else ""
 
 
 def _missing_runs(models: Models) -> int:
@@ -142,7 +143,8 @@ def _worst_words(models: Models) -> str:
         f"{spoken_name(item.parameter)} {shown_value(item.parameter, item.value, parameters)}"
         for item in worst.largest
     )
-    return f"The worst flight of {names.subject(name)}, {worst.flight}, {text} ({dispersions})."
+    subject = f"The worst flight of {names.subject(name)}, flight {worst.flight},"
+    return f"{subject} {text} ({dispersions})."
 
 
 def _met_words(models: Models, detail: int, *, leads: bool) -> str:
@@ -190,18 +192,23 @@ def _met_words(models: Models, detail: int, *, leads: bool) -> str:
     parts = [*short, meet] if bound.keys() & falling else [meet, *short]
     text = "; ".join(filter(None, parts))
     if meeting or len(own) == 1 or (len(own) == len(falling) and not leads):
-        return f"{text}."
+        return f"{text[:1].upper()}{text[1:]}."
     all_miss = all(_has_failed(entries) for entries in own.values())
     verb = "meets" if all_miss else "is shown to meet"
     return f"No {names.campaign.kind} {verb} {requirements}: {text}."
 
 
 def _subject_words(controllers: list[str], words: str) -> str:
-    """Return a clause on one or several controllers; `words` starts with a singular verb."""
+    """Return a clause on one or several controllers.
+
+    `words` starts with a singular verb, or contains {} in place of the controllers' names.
+    """
+    if " of {} are " in words:
+        return words.replace("{}", joined(controllers), 1)
     also = "also " * words.startswith("also ")
     verb, _, rest = words.removeprefix("also ").partition(" ")
     if len(controllers) > 1:
-        verb = {"has": "have", "is": "are", "misses": "miss"}[verb]
+        verb = {"is": "are", "misses": "miss"}[verb]
     return f"{joined(controllers)} {also}{verb} {rest}"
 
 
@@ -261,15 +268,15 @@ def _short_words(
     """Describe the missed requirements of one controller.
 
     For example, 'misses the speed error requirement (101 of 1000 flights, 10 %; 1 % allowed)'. Two
-    missed requirements are named, as in 'misses 2 of 5: speed error and sideslip'; if there are
-    more, they are only counted. If `is_named`, the preceding clause makes the same statement on
-    another controller; the requirement is then called 'it', as in 'also misses it'.
+    missed requirements are named, as in 'misses 2 of 5 requirements: speed error and sideslip'; if
+    there are more, they are only counted. Undecided requirements are the subject, as in '2 of 5
+    requirements of {} are undecided'. If `is_named`, the preceding clause makes the same statement
+    on another controller; the requirement is then called 'it', as in 'also misses it'.
     """
     listed = _listed_entries(own)
     missed = _has_failed(listed)
     also = "also " * is_named
     verb = f"{also}misses" if missed else f"is {also}not shown to meet"
-    open_end = "" if missed else " undecided"
     passed = sum(verdict is not None and verdict.status == "PASS" for _, verdict in own)
     others = len(own) - len(listed) - passed
     suffix = f", with {others} other requirement{'s' * (others > 1)} undecided" if others else ""
@@ -283,20 +290,21 @@ def _short_words(
     number = f"{len(listed)} of {len(own)}"
     if len(listed) == len(own):
         number = _all_of(len(own))
-    verb = "misses" if missed else "has"
+    head = f"misses {number} requirements"
+    if not missed:
+        head = f"{number} requirements of {{}} are undecided"
     if len(listed) > _NAMED or not detail:
-        return f"{verb} {number} requirements{open_end}{suffix}"
+        return f"{head}{suffix}"
     if detail > 2:
         phrases = [phrase + count for phrase, count in zip(phrases, counts, strict=True)]
-    noun = " requirements" if len(listed) == len(own) or detail > 2 else ""
-    return f"{verb} {number}{noun}{open_end}: {joined(phrases)}{suffix}"
+    return f"{head}: {joined(phrases)}{suffix}"
 
 
 def _failure_words(item: Requirement, verdict: Verdict, with_allowed: bool) -> str:
     """Return the failures and their share and, if `with_allowed`, the allowed share."""
-    text = f"no failures in {fixed(verdict.flights, 0)} flights"
+    text = f"no failures in {counted(verdict.flights, 'flight')}"
     if verdict.failures:
-        count = count_of(verdict.failures, verdict.flights, "flights")
+        count = count_of(verdict.failures, verdict.flights, "flight")
         text = f"{count}, {percent(verdict.failures / verdict.flights, 2)}"
     return f"{text}; {percent(1.0 - item.probability)} allowed" if with_allowed else text
 
@@ -331,9 +339,11 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
         pair, lost = pairs[0], pairs[0].ended_early
         counts = {pair.a: lost.both + lost.only_a, pair.b: lost.both + lost.only_b}
         (rival,) = counts.keys() - {better}
-        compared = f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs)}"
+        compared = (
+            f"{fixed(counts[better], 0)} against {count_of(counts[rival], pair.pairs, 'flight')}"
+        )
         winner, loser = names.subject(better), names.subject(rival)
-        return f"{winner} is better than {loser}: {compared} flights terminated early."
+        return f"{winner} is better than {loser}: {compared} terminated early."
     rivals: dict[str, list[str]] = {}  # reason -> rival controllers to which it applies
     for pair in pairs:
         reason = "with fewer early terminations"
@@ -342,7 +352,9 @@ def _better_than(better: str, pairs: Sequence[ControllerPair], names: Names) -> 
             won = standings["better" if better == pair.a else "worse"]
             total = sum(map(len, standings.values()))
             listed = joined(won) if len(won) <= _NAMED else ""
-            reason = f"on {len(won)} of {total} metrics" + (f" ({listed})" if listed else "")
+            reason = f"on {count_of(len(won), total, 'metric')}" + (
+                f" ({listed})" if listed else ""
+            )
             reason = f"{reason} and worse on none" if total > 1 else f"on {listed}"
         rivals.setdefault(reason, []).append(names.subject(pair.b if better == pair.a else pair.a))
     if len(rivals) > _NAMED:
@@ -388,7 +400,7 @@ def _better_controller(models: Models) -> str:
 def _reasons(models: Models, better: str) -> Iterator[str]:
     names, verdicts, flights = models.names, models[VERDICTS], models[FLIGHTS].counts
     lost = [
-        f"{count_of(count.failed, count.flown, 'flights')} with {names.subject(name)}"
+        f"{count_of(count.failed, count.flown, 'flight')} with {names.subject(name)}"
         for name, count in flights.items()
         if count.failed
     ]
@@ -418,7 +430,7 @@ def _reasons(models: Models, better: str) -> Iterator[str]:
     ]
     if several:
         # The answer names up to two violated requirements; of more, it states only the number.
-        yield f"Missed: {'; '.join(several)}."
+        yield f"Missed requirements: {'; '.join(several)}."
     if names.campaign.judged:
         ranked = [pair for pair in by_strength(models[COMPARISON], names) if pair in pairs]
         angles = [*filter(None, (_angle_words(pair, names) for pair in ranked))]
@@ -516,7 +528,8 @@ def _confidence_words(models: Models, better: str) -> str:
             jointly = _all_of(passed) if joint.stand == passed else f"{joint.stand} of {passed}"
             text += f"; {jointly} PASS verdicts also hold{'s' * (joint.stand == 1)} jointly"
         elif passed > 1:
-            text += f"; jointly, none of the {passed} PASS verdicts holds"
+            none = "neither" if passed == 2 else "none"
+            text += f"; after the joint correction, {none} of the {passed} PASS verdicts holds"
         sentences.append(f"{text}.")
     if better in models.names.controllers:
         sentences.append(
@@ -561,11 +574,11 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
         for verdict in item.controllers.values()
     )
     if missing and (unshown or "FAIL" not in statuses):
-        remaining = fixed(missing - models.results.campaign.runs_at_point, 0)
-        why = f"run the remaining {remaining} flights of the campaign file"
+        remaining = counted(missing - models.results.campaign.runs_at_point, "remaining flight")
+        why = f"run the {remaining} of the campaign file"
         if unshown:
-            why = f"run the remaining {remaining} flights, because {undecided} verdict"
-            why += "s are undecided" if undecided > 1 else " is undecided"
+            verdicts_open = counted(undecided, "verdict is/verdicts are")
+            why = f"run the {remaining}, because {verdicts_open} undecided"
         elif "PASS" in statuses:
             why += "; no verdict is undecided"
         if "FAIL" in statuses:
@@ -603,7 +616,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     if jointly:
         return _longer_run(
             jointly,
-            f"all PASS verdicts hold jointly with {fixed(jointly, 0)} flights if no more fail",
+            f"all PASS verdicts hold jointly with {counted(jointly, 'flight')} if no more fail",
             flies,
         )
     if met != "yes":
@@ -644,7 +657,7 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
         at_worst = f" at the worst point{'s' * several}" * has_unknowns
         chance = f"{subject} PASS{at_worst} with a chance of {about(advice.chance)}{condition}"
         return _longer_run(
-            advice.flights, f"with {fixed(advice.flights, 0)} flights{each} {chance}", flies
+            advice.flights, f"with {counted(advice.flights, 'flight')}{each} {chance}", flies
         )
     separate = [single for verdict in open_ones if (single := advise([verdict]))]
     flights = max(verdict.flights for verdict in open_ones)
@@ -656,7 +669,7 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
         least_chance = min(predict_pass(verdict, least) for verdict in open_ones)
         subject = "each verdict then has" if several else "the verdict then has"
         text = (
-            f"at least {fixed(least, 0)} flights{each} are needed; {subject} a chance of PASS of "
+            f"at least {counted(least, 'flight')}{each} are needed; {subject} a chance of PASS of "
             f"{about(least_chance)}{' or more' if several else ''}"
         )
         if least > _MOST_LONGER * flights:
@@ -665,11 +678,11 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
     goal = "a PASS of all verdicts" if several else "a PASS"
     text = f"no number of flights{each} up to {fixed(MOST_TIMES * flights, 0)} makes {goal} likely"
     if separate:
-        need = fixed(max(single.flights for single in separate), 0)
-        number = f"{len(separate)} of the {len(open_ones)} undecided verdicts"
-        text += f"; individually, PASS is likely for {number} with up to {need} flights"
+        need = counted(max(single.flights for single in separate), "flight")
+        number = f"{len(separate)} of the {counted(len(open_ones), 'undecided verdict')}"
+        text += f"; individually, PASS is likely for {number} with up to {need}"
     else:
-        text += f"; at least {fixed(least, 0)} flights are needed"
+        text += f"; at least {counted(least, 'flight')} are needed"
     return NextStep(text)
 
 

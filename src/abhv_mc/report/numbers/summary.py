@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.pooled_campaigns import suggest_merge
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.numbers.report_numbers import warnings_of
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.flights import FLIGHTS, flight_sentences
-from abhv_mc.topics.formatting import fixed, joined, percent
+from abhv_mc.topics.formatting import fixed, percent
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
@@ -46,8 +47,8 @@ def _judged_words(unknowns: Unknowns) -> str:
     if shared is None or shared == len(unknowns.points):
         return "Each verdict covers all of these values"
     return (
-        f"Each verdict covers the first {shared} values and those at which the search found the "
-        "most failures of its requirement"
+        f"Each verdict covers the first {counted(shared, 'value')} and those at which the search "
+        "found the most failures of its requirement"
     )
 
 
@@ -58,21 +59,18 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
         models.names,
         models[VERDICTS].requirements,
     )
-    flights = joined(
-        [
-            fixed(count, 0)
-            for count in sorted({counts.flown for counts in models[FLIGHTS].counts.values()})
-        ]
-    )
+    numbers = sorted({counts.flown for counts in models[FLIGHTS].counts.values()})
+    flights = joined([fixed(number, 0) for number in numbers], "or")
+    noun = "flight" if numbers == [1] else "flights"
     text = (
-        f"The results are based on {flights} flights of each {names.campaign.kind}, with the same "
+        f"The results are based on {flights} {noun} of each {names.campaign.kind}, with the same "
         "dispersions for all"
     )
     text += "; intervals have 95 % confidence." if campaign.independent else "."
     if campaign.unknowns.names:
         text += (
-            f" These are {fixed(campaign.runs_at_point, 0)} flights at each of "
-            f"{len(campaign.unknowns.points)} values of the unknowns. "
+            f" These are {counted(campaign.runs_at_point, 'flight')} at each of "
+            f"{counted(len(campaign.unknowns.points), 'value')} of the unknowns. "
             f"{_judged_words(campaign.unknowns)}; values in between were searched, but nothing is "
             "proven for them. Quantiles, envelopes and differences combine all values; a "
             f"{names.campaign.kind} is named better only if it is better at every value."
@@ -93,7 +91,7 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
         if campaign.model.stop:
             text += (
                 " The campaign stops when every verdict is PASS or FAIL, after at most "
-                f"{fixed(campaign.runs, 0)} flights."
+                f"{counted(campaign.runs, 'flight')}."
             )
     for warning in (*warnings_of(models), *warnings):
         text += f" Note: {warning}."

@@ -16,6 +16,7 @@ from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
+from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
@@ -114,12 +115,12 @@ def _check_coverage(
     if most > MOST_UNSEEN:
         problem = (
             f"{100.0 * most:.2g} % of the changed distribution lies outside the range of the "
-            f"{total} flights"
+            f"{counted(total, 'flight')}"
         )
         raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign")
     least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
     if effective < least:
-        problem = f"the effective number of flights is {effective:.0f} out of {total}"
+        problem = f"the effective number of flights is {effective:.0f} of {total}"
         remedy = "use a smaller change, more flights, or a new campaign"
         raise InputError(root, problem, f"at least {least:g} ({remedy})")
 

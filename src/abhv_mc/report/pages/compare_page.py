@@ -13,6 +13,7 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.numbers.compare import (
     CampaignPair,
     Compared,
@@ -31,7 +32,7 @@ from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.comparison.sentences import pair_words, standing, verdict_of
 from abhv_mc.topics.figure_style import controller_colors
-from abhv_mc.topics.formatting import ends_of, fixed, joined, p_value
+from abhv_mc.topics.formatting import ends_of, fixed, p_equation
 from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.names import Names, full_labels, names_of
 from abhv_mc.topics.section import Bullets, FigureText, Fold, Item, Lead, Picture, Section, Table
@@ -40,6 +41,8 @@ from abhv_mc.topics.topic import Drawn
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+_AGAINST = " against "  # separates the two sides in the title of a pair
 
 
 @dataclass(frozen=True)
@@ -215,8 +218,8 @@ def _section(
     if unknowns.names:
         count = len(unknowns.points)
         answers.append(
-            f"The campaigns are compared at the {count} values of the unknowns that both ran; "
-            f"flight {count} k + p is sample k at value p."
+            f"The campaigns are compared at the {counted(count, 'value')} of the unknowns that "
+            f"both ran; flight {count} k + p is sample k at value p."
         )
     folders = dict.fromkeys(str(results.folder) for results in (a, b) if results.campaign.can_rerun)
     commands = (
@@ -240,12 +243,12 @@ def _label_pairs(
             full_labels(results.folder, [name])[name]
             for results, name in zip((a, b), pair.controllers, strict=True)
         )
-        title, labels = f"{label_a} against {label_b}", (label_a, label_b)
+        title, labels = f"{label_a}{_AGAINST}{label_b}", (label_a, label_b)
         if first != second and label_a == label_b:
             title, labels = label_a, (first, second)
         elif first != second:
             labels = f"{first} ({label_a})", f"{second} ({label_b})"
-            title = " against ".join(labels)
+            title = _AGAINST.join(labels)
         pairs.append(
             (
                 title,
@@ -295,7 +298,7 @@ def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) ->
                 for direction, metrics in directions
                 if metrics
             ]
-            because += [f"{title}: {second} {joined(differences)}."] if differences else []
+            because += [f"{_spoken(title)}: {second} {joined(differences)}."] if differences else []
         answers.setdefault(answer, []).append(title)
     text = "; ".join(f"{answer} ({joined(titles)})" if len(answers) > 1 else answer
                          for answer, titles in answers.items())  # fmt: skip
@@ -341,34 +344,50 @@ def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder
     return make_table("Compared campaigns", caption, heads, rows)
 
 
+def _spoken(title: str) -> str:
+    """Return a pair's title for use in a sentence; lower-case names are quoted."""
+    return _AGAINST.join(
+        f"'{name}'" if name[:1].islower() else name for name in title.split(_AGAINST)
+    )
+
+
+def _sides(title: str, pair: CampaignPair, names: Names) -> tuple[str, str]:
+    """Return names of both sides; the title is the controller if the labels are folders."""
+    a, b = names.subject(pair.a), names.subject(pair.b)
+    if _AGAINST in title:
+        return a, b
+    controller = _spoken(title)
+    return f"{controller} of campaign {a}", f"{controller} of campaign {b}"
+
+
 def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> list[str]:
-    a, b = names.label(pair.a), names.label(pair.b)
+    a, b = names.subject(pair.a), names.subject(pair.b)
+    sides, title = _sides(title, pair, names), _spoken(title)
     sentences = [
-        f"{title}, {names.metrics[metric].phrase}: "
-        f"{gate_words(pair, metric, b, comparison.requirements)}."
+        f"In {names.metrics[metric].phrase}, "
+        f"{gate_words(pair, metric, sides, comparison.requirements)}."
         for metric in pair.not_worse
     ]
+    flights = counted(pair.pairs, "flight")
     if _is_identical(pair):
-        return [
-            *sentences,
-            f"{title}: all {fixed(pair.pairs, 0)} flights agree in every metric.",
-        ]
+        agree = "the only flight agrees" if pair.pairs == 1 else f"all {flights} agree"
+        return [*sentences, f"{title}: {agree} in every metric."]
     judged = names.campaign.judged
     verdict = (
         pair_words(pair, names) if judged else "no winner is named: the flights are not independent"
     )
-    sentences.append(f"{title}, on the same {fixed(pair.pairs, 0)} flights: {verdict}.")
+    sentences.append(f"{title}, on the same {flights}: {verdict}.")
     failed = pair.any_failure
     if failed.only_a or failed.only_b:
         sentences.append(
-            f"{title}: {fixed(failed.only_a, 0)} flights fail with {a} only, "
+            f"{title}: {counted(failed.only_a, 'flight fails/flights fail')} with {a} only, "
             f"{fixed(failed.only_b, 0)} with {b} only, {fixed(failed.both, 0)} with both "
-            f"(McNemar's test, p {p_value(failed.p_value)})."
+            f"(McNemar's test, {p_equation(failed.p_value)})."
         )
     else:
         sentences.append(
-            f"{title}: no flight fails with only one of the two, and {fixed(failed.both, 0)} fail "
-            "with both."
+            f"{title}: no flight fails with only one of the two, and "
+            f"{counted(failed.both, 'flight fails/flights fail')} with both."
         )
     return sentences
 

@@ -11,6 +11,7 @@ from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.numbers.compare import select_flights
 from abhv_mc.report.numbers.contrast import (
     Contrast,
@@ -30,7 +31,7 @@ from abhv_mc.topics.figure_style import (
     new_panels,
     styled,
 )
-from abhv_mc.topics.formatting import count_of, estimate, fixed, joined, percent
+from abhv_mc.topics.formatting import count_of, estimate, fixed, percent
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import (
     Bullets,
@@ -124,7 +125,7 @@ def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]
             yield f"{label} {'; '.join(texts)}."
         elif label not in undecided:
             passed = sum(item.after.status == "PASS" for item in controller.requirements)
-            equal[label] = f"{passed} of {len(controller.requirements)}"
+            equal[label] = f"{passed} of {len(controller.requirements)} are PASS"
     if undecided:
         counts = joined([f"{count} of {label}" for label, count in undecided.items()])
         yield (
@@ -133,9 +134,7 @@ def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]
         )
     for passed_count in dict.fromkeys(equal.values()):
         labels_of = [label for label, count in equal.items() if count == passed_count]
-        yield (
-            f"{joined(labels_of)}: verdicts are equal in both campaigns ({passed_count} are PASS)."
-        )
+        yield f"{joined(labels_of)}: verdicts are equal in both campaigns ({passed_count})."
 
 
 def _change_verb(item: ContrastRequirement) -> str:
@@ -174,8 +173,8 @@ def _verdict_table(
         )
     counts = ""
     if len(flights) == 1:
-        first, second = (fixed(count, 0) for count in flights.pop())
-        counts = f", in {first} and {second} flights"
+        first, second = flights.pop()
+        counts = f", in {fixed(first, 0)} and {counted(second, 'flight')}"
     return Table(
         "Verdicts",
         ("Requirement", a.campaign.kind.capitalize(), *titles, "Difference"),

@@ -5,11 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from abhv_mc.flight.metrics import SURFACE_USAGE
+from abhv_mc.io.phrases import THIN, counted, joined
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.comparison.sentences import standing
 from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.formatting import THIN, count_of, fixed, joined, significant
+from abhv_mc.topics.formatting import count_of, fixed, significant
 from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.margins.model import corners_unstable, least_margins
 from abhv_mc.topics.metrics import METRICS
@@ -150,7 +151,7 @@ def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
         f"{significant(value, 3)} {unit}".strip() if math.isfinite(value) else "(terminated early)"
         for value in (cell.low, cell.median, cell.high)
     )
-    words = f"{label}: median {median}, 5 to 95 % {low} to {high}"
+    words = f"{label}: median {median}, 5 % and 95 % quantiles {low} and {high}"
     if cell.tolerance is None:
         return words
     return f"{words}, tolerance limit {significant(cell.tolerance, 3)} {unit}".strip()
@@ -164,7 +165,9 @@ def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
     cycling = max(findings.cycling.values(), default=0)
     corners, steady = corners_unstable(models[MARGINS], name)
     notes = [
-        f"unstable at {corners} of {steady} corners" if corners and margin != "unstable" else "",
+        f"unstable at {count_of(corners, steady, 'corner')}"
+        if corners and margin != "unstable"
+        else "",
         f"{count_of(findings.saturated, findings.flown)} saturate" if findings.saturated else "",
         f"{count_of(cycling, findings.flown)} "
         f"{'oscillate' if findings.disturbed else 'in a limit cycle'}"
@@ -240,18 +243,19 @@ def baseline_line(baseline: Baseline | None, names: Names) -> str:
             joined([f"{side} in {count}" for side, count in counts if count]),
             sum(counts_by_side.values()),
         )
-        change = f"{changes} of" if changes else "no difference shown in"
-        text = f"{names.subject(pair.controllers[0])} {change} {total} metric{'s' * (total != 1)}"
+        change = f"is {changes} of" if changes else "shows no difference in"
+        text = f"{names.subject(pair.controllers[0])} {change} {counted(total, 'metric')}"
         if failed.only_a or failed.only_b:
             text += (
-                f", flights newly failed: {fixed(failed.only_a, 0)}, no longer failed: "
-                f"{fixed(failed.only_b, 0)}"
+                f", with {counted(failed.only_a, 'flight')} newly failed and "
+                f"{fixed(failed.only_b, 0)} no longer failed"
             )
         parts.append(text)
     unlisted = len(baseline.paired) - len(parts)
     folder = baseline.folder.rstrip("/").rpartition("/")[2]
-    remainder = f"; and {unlisted} more" if unlisted > 0 else ""
+    more = counted(unlisted, names.campaign.kind)
+    remainder = f"; {more} not listed here" if unlisted > 0 else ""
     return (
-        f"Compared with {folder} ({fixed(baseline.paired[0].pairs, 0)} paired flights): "
+        f"Compared with '{folder}' ({counted(baseline.paired[0].pairs, 'paired flight')}): "
         f"{'; '.join(parts)}{remainder}."
     )

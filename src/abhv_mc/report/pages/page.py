@@ -15,6 +15,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
 from abhv_mc.folder.layout import write_text
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.judgement import judge_campaign
 from abhv_mc.report.numbers.judgement_record import judgement_lead
@@ -36,7 +37,6 @@ from abhv_mc.report.pages.flights_view import (
 )
 from abhv_mc.topics.figure_style import controller_colors, write_png
 from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.registry import all_topics
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Section, Table
 from abhv_mc.topics.topic import Drawn, Models
@@ -174,21 +174,21 @@ def make_page(
     layout, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
     seeds = (
-        f"seeds {', '.join(map(str, campaign.pooled_seeds))}"
+        f"seeds {joined(list(map(str, campaign.pooled_seeds)))}"
         if campaign.pooled_seeds
         else f"seed {campaign.seed}"
     )
     origin = campaign.simulator.origin
     drawn = f"imported from {origin}" if origin else seeds
     chart = chart_rows(verdicts.glance, names.controllers, colors)
-    flown = fixed(next(iter(models[FLIGHTS].counts.values())).flown, 0)
+    flown = counted(next(iter(models[FLIGHTS].counts.values())).flown, "flight")
     return (
         make_environment()
         .get_template("page.html.j2")
         .render(
             title=campaign.name,
             kicker=" \N{MIDDLE DOT} ".join(
-                filter(None, (campaign.name, *_facts(models, f"{flown} flights each, {drawn}")))
+                filter(None, (campaign.name, *_facts(models, f"{flown} each, {drawn}")))
             ),
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import quoted
 
 NAMES = (
     "chromium",
@@ -25,7 +26,7 @@ def find_browser() -> str:
         raise InputError(
             "--pdf",
             "no Chromium-based browser was found",
-            f"one of {', '.join(NAMES)} on PATH (any other browser can print report.html)",
+            f"{quoted(NAMES, 'or')} on PATH (any other browser can print report.html)",
         )
     return program
 

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
+from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.report.pages.page import Answer
 from abhv_mc.topics.figure_style import (
     BLUE,
@@ -17,7 +18,7 @@ from abhv_mc.topics.figure_style import (
     styled,
     title_panel,
 )
-from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
+from abhv_mc.topics.formatting import fixed, p_equation, p_value, percent, significant
 from abhv_mc.topics.names import controller_label
 from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table
 from abhv_mc.topics.topic import Drawn
@@ -31,8 +32,9 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
     risk = 1.0 - CONFIDENCE
     outside = [flight for flight in placement.flights if _is_outside(flight, risk)]
     names = joined([flight.name for flight in outside])
-    lead = "The simulated flights cover the test flight." if len(placement.flights) == 1 else ""
-    lead = lead or f"The simulated flights cover each of the {len(placement.flights)} test flights."
+    number = len(placement.flights)
+    tested = "the test flight" if number == 1 else f"each of the {fixed(number, 0)} test flights"
+    lead = f"The simulated flights cover {tested}."
     if outside:
         lead = f"The simulated flights do not cover {names}."
     because = []
@@ -40,7 +42,7 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
         verb = "are" if placement.together_p_value <= risk else "are not shown to be"
         because.append(
             f"Together, the test flights {verb} different from the simulated flights "
-            f"(p {p_value(placement.together_p_value)})."
+            f"({p_equation(placement.together_p_value)})."
         )
     items: tuple[Item, ...] = (
         Lead(lead, tuple(because)),
@@ -64,28 +66,28 @@ def _sentences(placement: Placement) -> Iterator[str]:
     for flight in placement.flights:
         first = flight.metrics[0]
         text = (
-            f"{flight.name}: the joint p-value of {len(flight.metrics)} metrics is "
+            f"{flight.name}: the joint p-value of {counted(len(flight.metrics), 'metric')} is "
             f"{p_value(flight.joint_p_value)}; the most unusual metric is '{first.metric}', "
-            f"with rank {first.rank} of {placement.simulated + 1}"
+            f"with rank {fixed(first.rank, 0)} of {fixed(placement.simulated + 1, 0)}"
         )
         if flight.joint_p_value <= 1.0 - CONFIDENCE < first.p_value:
             text += "; only the combination of the metrics is unusual"
         if flight.leaves:
             text += (
-                f"; {flight.leaves.channel} is the first channel to leave the simultaneous band, "
+                f"; '{flight.leaves.channel}' is the first channel to leave the simultaneous band, "
                 f"at {flight.leaves.time_s:g} s"
             )
         elif flight.band_p_value is not None:
             text += "; the time histories stay within the simultaneous band"
         if flight.band_p_value is not None:
-            text += f" (p {p_value(flight.band_p_value)})"
+            text += f" ({p_equation(flight.band_p_value)})"
         yield f"{text}."
 
 
 def _remarks(placement: Placement) -> Iterator[str]:
     yield (
-        f"The test flights are compared with {fixed(placement.simulated, 0)} random flights. If a "
-        "test flight is a draw from the model, the probability that a p-value is at most "
+        f"The test flights are compared with {counted(placement.simulated, 'random flight')}. If "
+        "a test flight is a draw from the model, the probability that a p-value is at most "
         f"{percent(1.0 - CONFIDENCE)} does not exceed {percent(1.0 - CONFIDENCE)}, and the "
         "probability that the whole history stays within the simultaneous band is "
         f"{percent(CONFIDENCE)}."
@@ -93,7 +95,7 @@ def _remarks(placement: Placement) -> Iterator[str]:
     if placement.sensed:
         yield (
             "Bias, scale and noise of the campaign's sensors were added to simulated channels: "
-            f"{joined(placement.sensed)}."
+            f"{quoted(placement.sensed)}."
         )
     if placement.bands and not (placement.noise or placement.sensed):
         yield (
@@ -102,12 +104,12 @@ def _remarks(placement: Placement) -> Iterator[str]:
             "campaign or with `--measured CHANNEL=SIGMA`."
         )
     elif placement.noise:
-        noise = joined([f"{sigma:g} in {channel}" for channel, sigma in placement.noise.items()])
+        noise = joined([f"{sigma:g} in '{channel}'" for channel, sigma in placement.noise.items()])
         yield f"White noise was added to the simulated histories (standard deviation: {noise})."
     if placement.ignored:
         yield (
             "These columns are not compared, because the campaign lacks them: "
-            f"{joined(list(placement.ignored))}."
+            f"{quoted(placement.ignored)}."
         )
 
 

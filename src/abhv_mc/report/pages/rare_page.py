@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from abhv_mc.io.phrases import counted
 from abhv_mc.report.figures.searches import plot_failures, plot_learning, plot_levels, plot_mixing
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
@@ -66,21 +67,23 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
     estimate = result.estimate
     if estimate.refusal is None:
         repeated = (
-            "" if result.strata else f" in {len(estimate.repetitions)} independent repetitions"
+            ""
+            if result.strata
+            else f" in {counted(len(estimate.repetitions), 'independent repetition')}"
         )
         if isinstance(estimate, SurrogateEstimate):
             repeated = f" ({result.failures} failed) and two Gaussian processes fitted to them"
         answers = [
             f"The probability that {controller_label(result.controller)} violates "
             f"'{requirement}' is about {estimate.probability:.1e} (95 % interval "
-            f"{estimate.low:.1e} to {estimate.high:.1e}), as estimated from {estimate.flights} "
-            f"flights{repeated}{result.unwarned}.",
+            f"{estimate.low:.1e} to {estimate.high:.1e}), as estimated from "
+            f"{counted(estimate.flights, 'flight')}{repeated}{result.unwarned}.",
         ]
         if not (result.includes_unwarned and estimate.high == estimate.unwarned_high):
-            plain = f"{_plain_flights(result):,}"
+            plain = counted(_plain_flights(result), "flight")
             answers.append(
-                f"Plain Monte Carlo sampling would need about {plain} flights for an equally "
-                "narrow interval."
+                f"Plain Monte Carlo sampling would need about {plain} for an equally narrow "
+                "interval."
             )
     else:
         answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
@@ -111,7 +114,8 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
     )
     if result.failed_to_run:
         answers.append(
-            f"{result.failed_to_run} flights could not be computed and count as failures."
+            f"{counted(result.failed_to_run, 'flight')} could not be computed and "
+            f"{'counts as a failure' if result.failed_to_run == 1 else 'count as failures'}."
         )
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 

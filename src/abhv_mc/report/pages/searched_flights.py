@@ -11,6 +11,7 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.io.phrases import counted
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.page import make_table
@@ -71,9 +72,9 @@ def limit_sentence(
     limits = requirement.limits
     label = limit_words(metric, limits)
     if failures:
-        text = f"The requirement '{label}' is violated in {count_of(failures, flights, 'flights')}"
+        text = f"The requirement '{label}' is violated in {count_of(failures, flights, 'flight')}"
     else:
-        text = f"The requirement '{label}' is met in all {flights} flights"
+        text = f"The requirement '{label}' is met in all {counted(flights, 'flight')}"
     beyond = float(limits.worse(np.array([worst]))[0]) - limits.limit
     if not limits.size or not np.isfinite(beyond):
         return f"{text}."

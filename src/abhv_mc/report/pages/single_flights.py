@@ -16,6 +16,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.io.parquet_columns import column_values
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.topics.envelopes.figures import plot_flown
 from abhv_mc.topics.figure_style import write_png
@@ -61,15 +62,17 @@ def explanation_words(explanation: Explanation) -> list[str]:
     """Return the explanation of a failed flight as lines of text."""
     total, number = len(explanation.samples), len(explanation.causes)
     lines = [
-        f"flight {explanation.flight} of {explanation.controller} {explanation.failure.words}. "
+        f"Flight {explanation.flight} of controller '{explanation.controller}' "
+        f"{explanation.failure.sentence}. "
         f"{explanation.ended}"
     ]
     if not number:
         return [*lines, "The nominal flight also fails: no dispersion is needed."]
     proof = "no smaller set suffices" if explanation.smallest else "all of these are needed"
     lines.append(
-        f"The flight fails with {number} of its {total} dispersions alone ({proof}; "
-        f"{explanation.tried} flights tried):"
+        f"The flight also fails if only {number} of its "
+        f"{counted(total, 'dispersion differs/dispersions differ')} from the nominal value "
+        f"({proof}; {counted(explanation.tried, 'flight')} tried):"
     )
     lines += [
         f"  {name:<36} {shown_value(name, explanation.samples[name], explanation.known):>12}"
@@ -77,10 +80,10 @@ def explanation_words(explanation: Explanation) -> list[str]:
     ]
     if explanation.others:
         lines.append(
-            f"The flight also fails with {len(explanation.others)} other sets of {number} "
-            "dispersions:"
+            f"The flight also fails with {counted(len(explanation.others), 'other set')} of "
+            f"{counted(number, 'dispersion')}:"
         )
-        lines += [f"  {' and '.join(names)}" for names in explanation.others[:10]]
+        lines += [f"  {joined(names)}" for names in explanation.others[:10]]
         lines += ["  ..."] if len(explanation.others) > 10 else []
     return lines
 
@@ -109,7 +112,7 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     listed = ", ".join(names) + (f" and {unlisted} more" if unlisted else "") or "no dispersions"
     heading = (
         f"Flight {explanation.flight} of {controller_label(explanation.controller)} "
-        f"{explanation.failure.words}"
+        f"{explanation.failure.sentence}"
     )
     title = f"{heading}\n{textwrap.fill(listed, _TITLE_WIDTH, break_long_words=False)}"
     ends = explanation.block.end_time[1:]
@@ -120,7 +123,8 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     panels = {
         label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS
     }
-    label = f"only {len(explanation.causes)} of {len(explanation.samples)} dispersions"
+    total = counted(len(explanation.samples), "dispersion")
+    label = f"only {len(explanation.causes)} of {total}"
     return plot_flights(
         explanation.block.times[mask], panels, ("nominal", label, "all dispersions"), title
     )

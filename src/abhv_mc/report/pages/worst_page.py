@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.report.figures.searches import plot_convergence, plot_worst_point
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
@@ -45,14 +46,14 @@ def _draw(result: WorstFound) -> Iterator[Drawn]:
 def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
     metric = result.metric
     worst, random = (_words(result, flight) for flight in (result.worst, result.random_worst))
-    counted = f"{result.searched} flights of the search"
+    searched = f"{counted(result.searched, 'flight')} of the search"
     if _ended_early(result, result.worst):
         first = (
-            f"The worst of {counted} {worst}. An early termination is worse than any value of "
+            f"The worst of {searched} {worst}. An early termination is worse than any value of "
             f"{metric.phrase}."
         )
     else:
-        first = f"The {result.side} value of {metric.phrase} in {counted} is {worst}."
+        first = f"The {result.side} value of {metric.phrase} in {searched} is {worst}."
     for item in result.requirements:
         value = result.value(result.worst)
         failures = result.failures(item)
@@ -60,18 +61,18 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
     random_ended = _ended_early(result, result.random_worst)
     answers = [
         first,
-        f"In {result.random} random flights in the same box, drawn from the campaign's "
+        f"In {counted(result.random, 'random flight')} in the same box, drawn from the campaign's "
         "distributions, the worst "
         f"{'flight' if random_ended else f'value of {result.metric.phrase} is'} {random}.",
-        f"Parameters at a bound of their range: {', '.join(result.at_bounds) or 'none'}."
+        f"Parameters at a bound of their range: {quoted(result.at_bounds)}."
         + (" A wider box would probably contain a worse case." if result.at_bounds else ""),
         "A search shows what can happen in the box, not how often: all points of the box have "
         "equal weight, correlations are ignored, and a worse case far from all flights may remain "
         "undetected.",
     ]
     if result.probabilities:
-        occurrences = ", ".join(
-            f"{name} ({percent(share, 3)})" for name, share in result.probabilities.items()
+        occurrences = joined(
+            [f"'{name}' ({percent(share, 3)})" for name, share in result.probabilities.items()]
         )
         answers.append(
             "Every flight of the search contains these events, which have a probability below 1 in "
@@ -85,7 +86,9 @@ def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
         )
         answers += _other_seeds(result)
     if result.failed_to_run:
-        answers.append(f"{result.failed_to_run} flights failed to run and are not counted.")
+        flights = counted(result.failed_to_run, "flight")
+        verb = "is" if result.failed_to_run == 1 else "are"
+        answers.append(f"{flights} failed to run and {verb} not counted.")
     return Lead(answers[0]), Bullets(tuple(answers[1:]))
 
 
@@ -99,8 +102,8 @@ def _other_seeds(result: WorstFound) -> Iterator[str]:
         low, median, high = (result.metric.with_unit(f"{value:.5g}") for value in ends)
         outcomes.append(f"{result.metric.phrase} from {low} to {high}, median {median}")
     yield (
-        f"Outcomes of {flights} flights at the worst point with other turbulence and noise: "
-        f"{'; '.join(outcomes)}."
+        f"Outcomes of {counted(flights, 'flight')} at the worst point with other turbulence and "
+        f"noise: {'; '.join(outcomes)}."
     )
 
 

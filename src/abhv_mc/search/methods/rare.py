@@ -235,7 +235,8 @@ def _judge(repetitions: list[Repetition]) -> str | None:
             "plateau of the severity"
         )
     if missed:
-        return f"{missed} of {number} repetitions do not reach the event"
+        verb = "does" if missed == 1 else "do"
+        return f"{missed} of {number} repetitions {verb} not reach the event"
     logs = np.log([repetition.probability for repetition in repetitions])
     _, low, high, _ = _interval(repetitions)
     if high > _WIDEST * low:

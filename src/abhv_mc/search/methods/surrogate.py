@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from abhv_mc.array_types import Floats
+from abhv_mc.io.phrases import counted
 from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 from abhv_mc.search.methods.gaussian_process import (
     GaussianProcess,
@@ -148,11 +149,11 @@ def estimate_by_surrogate(
         severities = np.r_[severities, evaluate(batch) - plan.threshold]
     refusal = None
     if not step.failures:
-        refusal = f"none of the {step.runs} flights failed"
+        refusal = f"none of the {counted(step.runs, 'flight')} failed"
     elif narrow_steps < 2:
         refusal = (
-            f"not converged after {step.runs} flights: the last fits range from {step.low:.1g} to "
-            f"{step.high:.1g}"
+            f"not converged after {counted(step.runs, 'flight')}: the last fits range from "
+            f"{step.low:.1g} to {step.high:.1g}"
         )
     middle = float(np.mean(step.probabilities))
     cov = float(np.log(step.high / step.low) / (2.0 * _SIGMAS)) if step.low > 0.0 else np.inf

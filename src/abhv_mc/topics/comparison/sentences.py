@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from math import inf
 
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.topics.comparison.model import ComparedMetric, Comparison, ControllerPair
-from abhv_mc.topics.formatting import fixed, joined, p_value, percent, significant
+from abhv_mc.topics.formatting import fixed, p_equation, percent, significant
 from abhv_mc.topics.names import Names
 
 # maximum number of sentences on rivals whose early terminations do not differ significantly
@@ -90,7 +91,8 @@ def _contradiction(pair: ControllerPair, entry: ComparedMetric, names: Names) ->
         sides = zip((pair.a, pair.b), wins, strict=True)
         win_counts = [f"{names.subject(side)} at {count}" for side, count in sides if count]
         return (
-            f"better on more flights: {joined(win_counts)} of the {values} values of the unknowns"
+            "better on more flights at different values of the unknowns: "
+            f"{joined(win_counts)} of the {values} values"
         )
     better = names.subject(entry.closer) if entry.closer else "one"
     reasons = [f"a worse {100.0 * level:.4g} % quantile" for level in entry.worse_tails[:1]]
@@ -145,7 +147,7 @@ def _pair_sentences(comparison: Comparison, names: Names) -> list[str]:
         "open": "No difference is shown: ",
     }
     sentences = [
-        f"against {names.subject(pair.b)}, on the same {fixed(pair.pairs, 0)} flights, "
+        f"against {names.subject(pair.b)}, on the same {counted(pair.pairs, 'flight')}, "
         f"{pair_words(pair, names)}."
         for pair in pairs
     ]
@@ -162,7 +164,7 @@ def pair_words(pair: ControllerPair, names: Names) -> str:
     openings = {
         "better": "it is better on more flights in",
         "worse": "it is worse on more flights in",
-        "mixed": "undecided in",
+        "mixed": "the result is undecided in",
         "open": "no difference is shown in",
     }
     parts = [f"{openings[side]} {joined(standings[side])}" for side in openings if standings[side]]
@@ -211,9 +213,9 @@ def survival_sentences(comparison: Comparison, names: Names) -> list[str]:
             continue
         lost = [fixed(failures.both + count, 0) for count in alone]
         counts_text = (
-            f"{lost[0]} of {fixed(pair.pairs, 0)} flights, compared with {lost[1]} "
+            f"{lost[0]} of {counted(pair.pairs, 'flight')}, compared with {lost[1]} "
             f"({fixed(alone[0], 0)} with {a} only, {fixed(alone[1], 0)} with {b} only; McNemar's "
-            f"test, p {p_value(failures.p_value)})."
+            f"test, {p_equation(failures.p_value)})."
         )
         if pair.losing:
             sentences.append(

@@ -9,6 +9,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.controller_flights import distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.io.phrases import joined
 from abhv_mc.statistics.drivers import (
     FALSE_DISCOVERY_RATE,
     LEAST_COEFFICIENT,
@@ -17,7 +18,7 @@ from abhv_mc.statistics.drivers import (
 )
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.given_data import LEAST_SHARE, given_data_indices
-from abhv_mc.topics.formatting import joined, parameter_doc, percent, spoken_name
+from abhv_mc.topics.formatting import parameter_doc, percent, spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
     Cell,

@@ -8,6 +8,7 @@ import numpy as np
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.io.phrases import counted
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
@@ -147,9 +148,10 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
                 Text(
                     "Each unknown has one value in all flights of the real vehicle. Each band "
                     f"therefore extends from the smallest to the largest quantile over {points} "
-                    f"points of the unknowns, with {model.flights // points:,} flights at each. "
-                    "The true median lies between the two median lines; a command is drawn midway "
-                    "between its two median lines."
+                    "points of the unknowns, with "
+                    f"{counted(model.flights // points, 'flight')} at each. The true median lies "
+                    "between the two median lines; a command is drawn midway between its two "
+                    "median lines."
                 )
             )
     of_paper = campaign.model.figures == "paper"

@@ -17,6 +17,7 @@ from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.io.phrases import joined
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
@@ -163,7 +164,7 @@ def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequenc
                 f"{names.subject(name)} {count_of(cell.flights - cell.lost, cell.flights)}"
                 for name, cell in entry.controllers.items()
             ]
-            clauses.append(f"{entry.case}: {', '.join(counts)}")
+            clauses.append(f"{entry.case}: {joined(counts)}")
     return [f"Flights that survived a single failure: {'; '.join(clauses)}."] if clauses else []
 
 
@@ -210,10 +211,10 @@ def _row(label: str, cell: CaseFlights) -> Row:
         for clauses, verdict in cell.requirements.items()
     ]
     if cell.margins is not None:
-        unstable = count_of(cell.margins.unstable, cell.margins.flights)
+        unstable = count_of(cell.margins.unstable, cell.margins.flights, "flight")
         clauses.append(
             f"median smallest gain margin {cell.margins.median_db:.1f} dB, unstable at some point "
-            f"in {unstable} flights"
+            f"in {unstable}"
         )
     cells = (
         Cell(percent(share.value, 1), bounds),

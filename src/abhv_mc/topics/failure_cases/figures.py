@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE
 from abhv_mc.folder.flown_campaign import read_histories
+from abhv_mc.io.phrases import counted
 from abhv_mc.topics.failure_cases import FailureCases, cases_by_frequency, drawn_cases
 from abhv_mc.topics.figure_bands import off_reference
 from abhv_mc.topics.figure_style import (
@@ -112,7 +113,7 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
     times = np.linspace(0.0, float(results.reference["time"][-1]), 400)
     panels: dict[str, dict[str, Floats]] = {}
     for case in frequent_cases:
-        curves = panels[f"{case} ({int(np.sum(cases == case))} flights)"] = {}
+        curves = panels[f"{case} ({counted(int(np.sum(cases == case)), 'flight')})"] = {}
         for name in results.controllers:
             flights = results.flights[name]
             after = flights.end_time - first[flights.flight]

@@ -6,6 +6,7 @@ from typing import Any
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.folder.flown_campaign import flights_with_history
+from abhv_mc.io.phrases import counted, joined
 from abhv_mc.topics.flights.model import (
     FlightCounts,
     Flights,
@@ -18,7 +19,6 @@ from abhv_mc.topics.flights.model import (
 from abhv_mc.topics.formatting import (
     count_of,
     fixed,
-    joined,
     parameter_doc,
     shown_value,
     significant,
@@ -35,8 +35,8 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
     If ``off_cards``, the sentences omit the facts that the cards at the top of the page show.
     """
     sentences = [
-        f"{name} is not in this report and meets no requirement, because none of its {count} "
-        "flights could be computed."
+        f"{name} is not in this report and meets no requirement, because none of its "
+        f"{counted(count, 'flight')} could be computed."
         for name, count in flights.left_out.items()
     ]
     for name, entry in flights.findings.items():
@@ -62,9 +62,9 @@ def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) ->
                 *rows,
             ]
         clauses = [
-            f"{text} {count_of(count, flown, 'flights')}" for text, count, flown in rows if count
+            f"{text} {count_of(count, flown, 'flight')}" for text, count, flown in rows if count
         ]
-        sentences += [f"{names.label(name)}: {'; '.join(clauses)}."] if clauses else []
+        sentences += [f"{names.subject(name)}: {'; '.join(clauses)}."] if clauses else []
     return sentences
 
 
@@ -170,21 +170,22 @@ def _kept_words(names: Names) -> str:
     if count_kept == total:
         return ""
     return (
-        f" {count_kept} of the {total} worst flights by these limits have histories; `abhv-mc run` "
-        "stores the others."
+        f" {count_kept} of the {counted(total, 'worst flight')} by these limits "
+        f"{'has a history' if count_kept == 1 else 'have histories'}; `abhv-mc run` stores the "
+        "others."
     )
 
 
 def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
-    flown = fixed(next(iter(flights_model.counts.values())).flown, 0)
-    text = f"{flown} dispersed flights of {joined(list(names.controllers.values()))}"
+    flown = counted(next(iter(flights_model.counts.values())).flown, "dispersed flight")
+    text = f"{flown} of {joined(list(map(names.subject, names.controllers)))}"
     text += ", on the same samples" * (len(names.controllers) > 1)
     if campaign.model.stop:
         text += (
             f" (at most {fixed(campaign.runs, 0)}; the campaign stops when every verdict is "
             "PASS or FAIL)"
         )
-    seeds = f"seeds {', '.join(map(str, campaign.pooled_seeds))} in sequence"
+    seeds = f"seeds {joined(list(map(str, campaign.pooled_seeds)))} in sequence"
     if origin := campaign.simulator.origin:
         claim = (
             "No test contradicts the assumption that they are"
@@ -203,11 +204,11 @@ def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
         )
         if unknowns.names:
             text += (
-                f"Each sample was run at each of {len(unknowns.points)} values of the unknowns. "
+                "Each sample was run at each of "
+                f"{counted(len(unknowns.points), 'value')} of the unknowns. "
             )
         text += (
-            f"Each flight has {count} dispersed parameter{'s' if count != 1 else ''}, listed here; "
-            "all others are "
+            f"Each flight has {counted(count, 'dispersed parameter')}, listed here; all others are "
         )
         text += "nominal. "
         hint = unknowns_hint(

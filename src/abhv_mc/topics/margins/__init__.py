@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
+from abhv_mc.io.phrases import counted
 from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.margins.model import (
     LISTED,
@@ -33,7 +34,7 @@ from abhv_mc.topics.topic import Topic, figures_of
 def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
     """Return a sentence on the margins of each controller whose control loops are known."""
     margin_texts = {name: margin_words(margins, name) for name in names.controllers}
-    return [f"{names.label(name)}: {text}." for name, text in margin_texts.items() if text]
+    return [f"{names.subject(name)}: {text}." for name, text in margin_texts.items() if text]
 
 
 def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
@@ -42,8 +43,8 @@ def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
     for name, flights in margins.missing.items():
         listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
         clauses.append(
-            f"margins of {names.label(name)} could not be computed in {len(flights)} flights "
-            f"({listed})"
+            f"margins of {names.subject(name)} could not be computed in "
+            f"{counted(len(flights), 'flight')} ({listed})"
         )
     return clauses
 
@@ -67,11 +68,9 @@ def margin_words(margins: Margins, controller: str) -> str:
     else:
         text = f"smallest margins in steady, level flight: {text}"
     if entry.corners_unstable:
-        tried = "corners" if margins.steady.all_corners else "randomly drawn corners"
-        text += (
-            f"; unstable at {entry.corners_unstable} of {margins.steady.corners} {tried} of the "
-            "dispersions"
-        )
+        noun = "corner" if margins.steady.all_corners else "randomly drawn corner"
+        corners = count_of(entry.corners_unstable, margins.steady.corners, noun)
+        text += f"; unstable at {corners} of the dispersions"
     return text
 
 
@@ -126,7 +125,7 @@ def _steady_group(label: str, entry: ControllerMargins, corners: int, why: str) 
     if not entry.nominal or not entry.nominal[-1].stable:
         return ((Cell(label, head=True), Cell(why, columns=7)),)
     note = (
-        f"unstable at {entry.corners_unstable} of {corners} corners"
+        f"unstable at {count_of(entry.corners_unstable, corners, 'corner')}"
         if entry.corners_unstable
         else ""
     )

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.topics.formatting import count_of, joined, percent, significant
+from abhv_mc.io.phrases import counted, joined
+from abhv_mc.topics.formatting import count_of, percent, significant
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic
@@ -56,7 +57,8 @@ def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
             if word in statuses
         ]
         if "ESTIMATE" in statuses:
-            counts = [f"{count_of(verdicts.kept(name), len(statuses))} met in every flight"]
+            kept = count_of(verdicts.kept(name), len(statuses), "requirement")
+            counts = [f"{kept} met in every flight"]
         parts.append(f"{names.subject(name)} {joined(counts)}")
     return [f"Requirements: {'; '.join(parts)}.{_together_words(verdicts, names)}"]
 
@@ -66,23 +68,25 @@ def _together_words(verdicts: Verdicts, names: Names) -> str:
     joint = verdicts.held_together
     if joint is None or joint.stand + len(joint.dropped) < 2:
         return ""
-    risk = (
-        f"a chance of at most {percent(joint.risk, 2)} of any false PASS among {joint.verdicts} "
-        "verdicts (Holm)"
-    )
+    judged = counted(joint.verdicts, "verdict")
     if verdicts.family_risk or not joint.dropped:
         return (
-            f" {'They hold' if verdicts.family_risk else 'All PASS verdicts also hold'} jointly, "
-            f"with {risk}."
+            f" {'They hold' if verdicts.family_risk else 'All PASS verdicts also hold'} jointly: "
+            f"the chance of any false PASS among {judged} is at most {percent(joint.risk, 2)} "
+            "(Holm)."
         )
     dropped = [
         f"{verdicts.requirements[i].words} ({names.subject(name)})" for i, name in joint.dropped
     ]
     passed = joint.stand + len(dropped)
-    named = f", but not {joined(dropped)}" if joint.stand and len(dropped) <= _DROPPED else ""
+    none = "neither" if passed == 2 else "none"
+    verb = "hold" if joint.stand > 1 else "holds"
+    exception = "The exception is" if len(dropped) == 1 else "The exceptions are"
+    named = f" {exception} {joined(dropped)}." if joint.stand and len(dropped) <= _DROPPED else ""
     return (
-        f" Jointly, with {risk}, {joint.stand or 'none'} of the {passed} PASS verdicts would "
-        f"hold{named}."
+        f" After the joint correction (Holm), {joint.stand or none} of the {passed} PASS verdicts "
+        f"{verb}: the correction limits the chance of any false PASS among {judged} to "
+        f"{percent(joint.risk, 2)}.{named}"
     )
 
 

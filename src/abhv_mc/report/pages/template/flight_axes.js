@@ -136,7 +136,7 @@ const flightAxes = (() => {
     const top = 13;
     pen.font = `11px ${style.font}`;
     pen.strokeStyle = pen.fillStyle = style.ink();
-    pen.fillText(`highest bar: ${most(chosen)} flights`, 0, top - 3);
+    pen.fillText(`highest bar: ${most(chosen)} ${most(chosen) === 1 ? "flight" : "flights"}`, 0, top - 3);
     pen.strokeRect(0, high, wide, 0);
     for (const value of ticks(...ends, wide / 60)) {
       const at = (wide * (value - ends[0])) / (ends[1] - ends[0] || 1);

@@ -13,7 +13,8 @@ const flightsView = async (source, style) => {
   let [found, all, box, opened, turn] = [null, null, null, [], 0];
   const asked = () => ({ x: state.x, y: state.y, controllers: state.who, outcome: state.show, brushes: state.brushes,
     fit: state.fit, sort: state.sort, down: state.down });
-  const grouped = (number) => number.toLocaleString("en").replaceAll(",", "\u202f"); // same format as in the tables of the page
+  const grouped = (number) => // same format as in the tables of the page
+    number < 10000 ? String(number) : number.toLocaleString("en").replaceAll(",", "\u202f");
   const nameOf = (k, flight) => `${controllers[k].label}, flight ${flight}`;
 
   // The address fragment that stores the selection, and the selection that a fragment describes.
@@ -86,7 +87,7 @@ const flightsView = async (source, style) => {
     const focused = body.contains(document.activeElement);
     body.replaceChildren();
     const order = state.sort === "rank" ? "worst" : "first";
-    at("flight-count").textContent = `${grouped(found.count)} of ${grouped(view.total)} flights` +
+    at("flight-count").textContent = `${grouped(found.count)} of ${grouped(view.total)} ${view.total === 1 ? "flight" : "flights"}` +
       `${found.count > view.listed ? `; the ${order} ${view.listed} are listed` : ""}${found.points.length || !found.count ? "" : "; shades count flights"}${view.left ? `. ${view.left}` : ""}.`;
     heads.forEach(([name], i) => {
       const cell = at("flight-heads").cells[i];

@@ -24,7 +24,7 @@
       const held = row.textContent.toLowerCase();
       row.hidden = !parts.every((part) => held.includes(part));
     }
-    count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} campaigns`;
+    count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} ${rows.length === 1 ? "campaign" : "campaigns"}`;
   }
 
   function compare() {
