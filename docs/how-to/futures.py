@@ -12,7 +12,8 @@ from abhv_mc.io.input_error import InputError
 class PoolExecutor:
     """Implementation of :class:`abhv_mc.interfaces.Executor` with futures.
 
-    The executor does not end flights that hang.
+    Unlike the executors of abhv-mc, this example does not end flights that hang, waits for the
+    flights in progress when the program ends, and stops the run if a process dies.
     """
 
     def __init__(self, pool, workers, engine):

@@ -204,11 +204,14 @@ class Executor(Protocol):
     - **Crashes and hangs.** If flights raise an exception, end their process or exceed the time
       limit, :meth:`fly` raises ``FlightLostError``. The run then computes the block again in
       smaller pieces, and records each flight that is lost even when computed alone as
-      ``failed_to_run``. The executor starts a new worker in place of a lost one. An external
-      simulator records its lost flights itself; if a block is lost, the run computes the block once
-      more, and then stops.
-    - **Failure of the machine.** If no flight can be computed, ``UnusableError`` is raised: the run
-      stops, and completed flights are kept. Both errors are in :mod:`abhv_mc.execution.retry`.
+      ``failed_to_run``. If the error states that the process of a flight alone ended
+      (``process=True``) or hung (``hung=True``), a flight with a control law in C or an FMU gets
+      the outcome ``law_crashed`` or ``law_hung``. The executor starts a new worker in place of a
+      lost one. An external simulator records its lost flights itself; if a block is lost, the run
+      computes the block once more, and then stops.
+    - **Failure of the machine.** If no worker can be started, :meth:`fly` raises ``UnusableError``:
+      the run stops, and completed flights are kept. The run raises the same error if no flight of a
+      large block can be computed. Both errors are in :mod:`abhv_mc.execution.retry`.
     - **Interrupts.** :meth:`close` does not wait for flights, leaves no process behind, and may be
       called while other threads are in :meth:`fly`, which then raises an exception.
     - **Memory.** A returned block belongs to the caller; the run holds at most two blocks for each
@@ -228,7 +231,8 @@ class Executor(Protocol):
         """End all workers."""
 
 
-# Function that opens an executor for an engine and a time limit for 16 flights (s, or None).
+# Function that opens an executor for an engine and a time limit for 16 flights (s). If the limit is
+# None, the executor chooses one.
 OpenExecutor = Callable[[Engine, float | None], Executor]
 # Function that connects to the scheduler at an address before any file is written; it raises
 # InputError if the connection fails.
@@ -251,7 +255,8 @@ class Store(Protocol):
       not by the store. A process whose claim was taken over is interrupted and writes nothing more.
     - **No loss.** :meth:`writing` begins with the content of the store, so that an interrupted run
       can resume. When the context ends, even by an error or an interrupt, the content of the local
-      folder is copied to the store, or kept in a local folder that ``StorageFullError`` names.
+      folder is copied to the store, or kept in a local folder that ``StorageFullError``
+      (:mod:`abhv_mc.folder.layout`) names.
       During a run, new files are copied every few seconds.
     - **Safety.** File names that point outside the folder are rejected. No content of a folder is
       executed or unpickled.
@@ -270,10 +275,17 @@ class Store(Protocol):
         """Local folder of the campaign, or None if the store is remote."""
 
     def reading(self, pattern: str = "*") -> AbstractContextManager[Path]:
-        """Provide a local folder with the files that match ``pattern``, or raise InputError."""
+        """Provide a local folder with the files that match ``pattern``, in which '*' matches '/'.
+
+        Raise InputError if a remote store cannot be read.
+        """
 
     def writing(self, staging: Path | None = None) -> AbstractContextManager[Path]:
-        """Provide a local folder that is saved to the store; ``staging`` may name the folder."""
+        """Provide a local folder that is saved to the store.
+
+        ``staging`` is the parent of the local folder of a remote store, by default the temporary
+        folder of the system. Content without ``manifest.json`` is not saved.
+        """
 
     def describe(self, name: str = "") -> tuple[str | None, int]:
         """Return the process that writes to the folder ``name``, if any, and the size in bytes."""

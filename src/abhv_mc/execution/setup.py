@@ -274,9 +274,11 @@ def _check_same(
     if changes:
         more = f" and {len(changes) - 3} more" if len(changes) > 3 else ""
         problem = f"the folder was computed with other inputs ({'; '.join(changes[:3])}{more})"
+        same = "the same campaign"
         if flown.manifest.source_hash != requested.simulator.engine.source:
             problem += " and with another version of the program"
-        expected = "the same campaign, another folder (-o DIR), or --fresh to delete the flights"
+            same += " and version"
+        expected = f"{same}, another folder (-o DIR), or --fresh to delete the flights"
         raise InputError(root, problem, expected)
     if shard and requested.runs_at_point > before.data["runs"]:
         raise InputError(

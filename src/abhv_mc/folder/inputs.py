@@ -168,10 +168,12 @@ def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: 
         *(f"controllers/{name}" for name in shared),
     ):
         for name in sorted(stored.hashes.keys() | requested.hashes.keys()):
-            if name.startswith(f"inputs/{kind}/") and stored.hashes.get(
-                name
-            ) != requested.hashes.get(name):
-                changes.append(f"{name}: different content")
+            before, after = stored.hashes.get(name), requested.hashes.get(name)
+            if name.startswith(f"inputs/{kind}/") and before != after:
+                change = (
+                    "different content" if before and after else "added" if after else "removed"
+                )
+                changes.append(f"{name}: {change}")
     return changes
 
 
