@@ -276,7 +276,7 @@ def ends_words(judged: dict[str, Any]) -> str:
         return inside
     numbers = join([str(figure) for figure in sorted({figure for figure, _ in outside})])
     return (
-        f"{inside} The other members have {len(outside)} extremes outside their intervals, by up to "
+        f"{inside} The other members have {len(outside)} extremes in all outside their intervals, by up to "
         f"{100.0 * max(miss for _, miss in outside):.0f} % of the axis, in Figures {numbers}."
     )
 
@@ -294,10 +294,11 @@ def predicted_words(result: dict[str, Any]) -> str:
             near.append(label)
         else:
             percents = between([100.0 * miss for miss in misses])
-            far.append(f"{label} (outside by {percents} %)")
+            far.append(f"{label} ({percents} %)")
     return (
-        f"The fitted vehicles predict {join(near)} within {100.0 * NEAR:.0f} % of the axis, "
-        f"but not {join(far)}, so a member's agreement with these figures is not an independent test."
+        f"The fitted vehicles predict {join(near)} with errors of at most {100.0 * NEAR:.0f} % of the "
+        f"paper's axis. The errors of at least one vehicle are larger for {join(far)}. Agreement with "
+        "these figures is therefore not an independent test of a vehicle."
     )
 
 

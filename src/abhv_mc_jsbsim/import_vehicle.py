@@ -178,7 +178,9 @@ def _left_out(root: Node, mass: Mass, center: Floats) -> list[str]:
                 notes.append(f"{description}: {items}" if items else description)
     propulsion = root.first("propulsion")
     engines = Counter(map(_engine, propulsion.all("engine") if propulsion else ()))
-    notes += [f"{count} x {engine}" for engine, count in engines.items()]
+    notes += [
+        f"{engine} ({count} times)" if count > 1 else engine for engine, count in engines.items()
+    ]
     if abs(center[1]) > 1e-6:
         notes.append(f"centre of gravity {center[1]:.4g} m to the right of the plane of symmetry")
     for axis, (i, k) in {"xy": (0, 1), "yz": (1, 2)}.items():

@@ -28,7 +28,7 @@ from abhv_mc.vehicle.actuators import drive
 if TYPE_CHECKING:
     import pandas as pd
 
-_EVEN = 0.02  # relative tolerance of evenly spaced times, because printed times are rounded
+_EVEN = 0.02  # relative tolerance for even spacing, because printed times are rounded
 _INF = math.inf
 _NO_LIMITS = Limits(-_INF, _INF, -_INF, _INF, _INF)
 

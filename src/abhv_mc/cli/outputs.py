@@ -92,8 +92,8 @@ def _check(path: Path, folder: Path, campaign: bool = False) -> Path:
     if location is not None and not (campaign and location == Path()):
         raise InputError(
             path,
-            "the path belongs to the files of a campaign",
-            "a path outside the folder of a campaign",
+            "the path is inside the folder of a campaign",
+            "a path outside campaign folders",
         )
     existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):

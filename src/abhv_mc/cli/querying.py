@@ -114,7 +114,7 @@ def metrics(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List the metrics of a flight with unit, worse direction, group, definition and meaning.
+    """List the metrics of a flight, with unit, worse values (high or low), group and meaning.
 
     Stability margins, which are computed only if a campaign requests them, are listed last. The
     definition states the source or expression, statistic, limit and window that would declare the

@@ -176,8 +176,8 @@ def compare(
         typer.Option(
             metavar="METRIC=5%",
             help=(
-                "Exit with code 1 unless B is shown to be worse than A by at most this percentage "
-                "in the metric; repeatable."
+                "Exit with code 1 unless B is shown to be no more than this percentage worse than "
+                "A in the metric; repeatable."
             ),
         ),
     ] = None,
@@ -195,7 +195,7 @@ def compare(
 ) -> None:
     """Compare two campaigns, flight by flight if their samples are the same.
 
-    If the samples differ, verdicts, failure shares and quantiles are compared. Without
+    If the samples differ, verdicts, failure rates and quantiles are compared. Without
     --controllers, each controller of A is compared with the controller of the same name in B.
 
     --fail-if-worse METRIC=5% accepts B only if it is shown to be at most 5 % worse on more than
@@ -203,7 +203,7 @@ def compare(
     than 5 %, its worst flight is twice as bad, more flights terminate early, or a requirement is
     missed more often.
     """
-    from abhv_mc.io.phrases import counted
+    from abhv_mc.io.phrases import grouped_digits
     from abhv_mc.report.numbers.compare import Compared, parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
 
@@ -227,8 +227,8 @@ def compare(
     for pair, lost in zip(paired, newly_lost, strict=False):
         name_a, name_b = pair.controllers
         say(
-            f"{counted(lost, 'flight terminates/flights terminate')} early with controller "
-            f"'{name_b}' in {folder_b}, but not with controller '{name_a}' in {folder_a}",
+            f"flights that terminate early with controller '{name_b}' in {folder_b}, but not with "
+            f"controller '{name_a}' in {folder_a}: {grouped_digits(lost)}",
             file=text_stream(json),
         )
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):

@@ -157,7 +157,7 @@ def _print_result(result: "RunResult", folder_name: str) -> None:
     print_judgement(result.folder, manifest, folder_name)
     say(f"folder    {folder_name}")
     is_common = not manifest.complete and len(manifest.controllers) > 1
-    by_all = " with all controllers" if is_common else ""
+    by_all = " simulated with every controller" if is_common else ""
     done, planned = map(grouped_digits, (manifest.runs_done, manifest.runs_planned))
     say(f"flights   {done} of {planned}{by_all}, {manifest.state}")
     for name, count in manifest.controllers.items():
@@ -237,9 +237,9 @@ def print_requirements(manifest: "Manifest") -> None:
 
 
 def describe_verdicts(manifest: "Manifest") -> str:
-    """Describe each controller's verdicts; name the controllers that set the exit code.
+    """Describe each controller's verdicts; name the verdicts that determine the exit code.
 
-    Example: "'tlc': 2 PASS and 1 FAIL; 'lqr': 3 NOT SHOWN. 'tlc' (3 verdicts) sets the exit code."
+    Example: "'a': 2 PASS and 1 FAIL; 'b': 3 FAIL. The exit code depends on 3 verdicts of 'a'."
     """
     binding, informative = manifest.requirements, manifest.requirements_shown
     summaries = []
@@ -251,8 +251,8 @@ def describe_verdicts(manifest: "Manifest") -> str:
             f"'{name}': {joined([f'{count} {status}' for status, count in counts.items()])}"
         )
     binding_counts = Counter(entry.controller for entry in binding)
-    follows = joined([f"'{name}' ({counted(n, 'verdict')})" for name, n in binding_counts.items()])
-    return f"{'; '.join(summaries)}. {follows} set{'s' * (len(binding_counts) == 1)} the exit code."
+    basis = joined([f"{counted(n, 'verdict')} of '{name}'" for name, n in binding_counts.items()])
+    return f"{'; '.join(summaries)}. The exit code depends on {basis}."
 
 
 @imports.command()
@@ -289,9 +289,9 @@ def flights(
     TABLE has one row per flight, one column for each dispersed input and metric, and optional
     columns system, outcome and flight. Headers may give units, as in 'altitude_min [ft]'. Inputs
     (see 'validate --samples') and results may be in two tables, which are paired by flight number;
-    flights without results count as failed to run. Verdicts require 'independent: true' in FILE,
-    and inputs that pass statistical tests for independent draws. After an interruption, run the
-    same command to resume. The exit codes are those of 'run'.
+    flights without results count as flights that failed to run. Verdicts require 'independent:
+    true' in FILE, and inputs that pass statistical tests for independent draws. After an
+    interruption, run the same command to resume. The exit codes are those of 'run'.
     """
     from abhv_mc.execution.table_import import import_tables
 

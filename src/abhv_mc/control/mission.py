@@ -376,7 +376,7 @@ class Mission(StrictModel):
                 if lateral_speed > 0.5 * speed:
                     raise Refusal(
                         f"the S manoeuvre has a lateral speed of {lateral_speed:.0f} m/s",
-                        f"at most half the speed, {0.5 * speed:.0f} m/s",
+                        f"at most half the flight speed, {0.5 * speed:.0f} m/s",
                         (*key, "offset"),
                     )
             if isinstance(manoeuvre, Climb):

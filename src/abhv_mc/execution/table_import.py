@@ -101,7 +101,7 @@ def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> No
     elif not changes:
         stored = SampleReader(flown.folder.samples)
         if not np.array_equal(stored.rows(0, stored.flights), samples):
-            changes = ["samples: the inputs of another table"]
+            changes = ["samples: imported from a table with other inputs"]
     if changes:
         problem = "the folder contains another campaign:\n  " + "\n  ".join(changes)
         raise InputError(flown.folder.root, problem, "another folder (-o DIR), or --fresh")

@@ -230,7 +230,7 @@ class _Flights:
     def _start(self) -> float:
         """Return the time (s) allowed for the start of a program, besides the time of a flight."""
         if self.plan.python:
-            return 0.0  # Python simulators report when they are loaded.
+            return 0.0  # Python simulators send a message once they are loaded.
         if self.record.is_stuck:
             return 0.0  # Waiting for the time limit in each flight would take hours.
         before, limit = self.record.start, self.plan.start_limit

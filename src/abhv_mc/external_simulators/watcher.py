@@ -45,7 +45,7 @@ def _tell(line: str) -> None:
 
 @functools.cache
 def _pipe(_: int) -> int:
-    """Return the pipe to the watcher of this process, which is started on first use."""
+    """Return the pipe to this process's watcher; start the watcher on first use."""
     theirs, ours = os.pipe()
     ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
     os.posix_spawn(

@@ -17,7 +17,7 @@ from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50
-_SLOW_TICKS = 200  # number of ticks, long enough for the effect of hidden memory to grow
+_SLOW_TICKS = 200  # number of ticks, large enough for the effect of hidden memory to grow
 # Relative tolerance if states are set, because this restarts the integrators of some FMUs.
 _ALIKE = 1e-6
 _LONGEST = 600.0  # time limit including compilation, s

@@ -114,7 +114,7 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     if plan.law in NATIVE:
         check_native(plan)
     else:
-        with open_law(plan, LANES):  # Errors of compilation occur before any file is written.
+        with open_law(plan, LANES):  # Compilation errors occur before any file is written.
             pass
     if plan.law in USER_LAWS:
         check_first_ticks(plan)

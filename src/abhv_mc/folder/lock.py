@@ -24,12 +24,13 @@ _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 _PATIENCE = 0.5  # waiting time in s: the command `runs` tests a lock by holding it briefly
 _POLL = 0.01  # time in s between attempts
 _SETTLE = 0.2  # time in s for another process to restore a lease that it moved by mistake
+_REPEAT = "the same command after the process has ended"
 
 
 class _HeldError(Exception):
     """Error raised if another process holds the lock; it names the holder and a remedy."""
 
-    def __init__(self, holder: str, remedy: str = "the same command after its end") -> None:
+    def __init__(self, holder: str, remedy: str = _REPEAT) -> None:
         super().__init__(holder, remedy)
         self.holder, self.remedy = holder, remedy
 
@@ -209,7 +210,7 @@ def _held_error(lease: Path, text: str) -> _HeldError:
     is_here = holder is not None and holder[0] == platform.node()
     if is_here:
         return _HeldError(_describe(text))
-    remedy = f"the same command after its end (if the process was killed: rm '{lease}')"
+    remedy = f"{_REPEAT} (if it was killed: rm '{lease}')"
     return _HeldError(_describe(text), remedy)
 
 

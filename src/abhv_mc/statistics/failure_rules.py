@@ -259,7 +259,8 @@ def _along(
 ) -> list[_Candidate]:
     """Return the best half-lines below and above a threshold, and both ends if significant.
 
-    `inputs` is one input, or a pair whose difference is one of `differences` candidates.
+    `inputs` is one input, or a pair of inputs whose difference is considered; `differences` is the
+    number of such pairs.
     """
     inside = _sides(np.bincount(bins, minlength=_BINS), 0)
     bad = _sides(np.bincount(bins[failed], minlength=_BINS), 0)

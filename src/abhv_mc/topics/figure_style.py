@@ -182,7 +182,7 @@ def title_panel(axes: Axes, title: str, **look: Any) -> None:
 
 
 def wrap(axes: Axes, text: str, beyond: float = 0.0) -> str:
-    """Wrap text to the width of axes plus ``beyond`` inches; units are not split."""
+    """Wrap text to the width of the axes plus ``beyond`` inches, without breaks inside a unit."""
     figure = axes.get_figure(root=True)
     width = axes.get_position().width * (figure.get_figwidth() if figure else WIDTH) + beyond
     whole = text.replace(" (", "\N{NO-BREAK SPACE}(")

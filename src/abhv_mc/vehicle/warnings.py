@@ -1,7 +1,7 @@
 """Warnings about implausible vehicle data: fuel, drag, and units and signs of derivatives.
 
 A derivative per degree instead of per radian is 57.3 times too small. The accepted ranges are wider
-than the values of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B;
+than the ranges of aircraft and hypersonic vehicles (Roskam, "Airplane Flight Dynamics", appendix B;
 GHAME; NASA's winged cone). The derivatives are medians over the nodes of the tables.
 """
 
@@ -142,7 +142,7 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
             f"{describe_point(mach[worst], alpha[worst])}"
         )
     for number, curve in zip(machs, drag, strict=True):
-        # Height of each node above the lowest node on either side.
+        # Height of each node above the higher of the lowest nodes to its left and right.
         left = np.minimum.accumulate(curve)
         right = np.minimum.accumulate(curve[::-1])[::-1]
         rise = curve - np.maximum(left, right)

@@ -175,7 +175,7 @@ class Experiment:
             return "the simulator is not repeatable, and there is no evidence of independent noise"
         if not self.can_rerun:
             return "the imported flights are not declared to be independent draws"
-        return f"the flights of a {self.sampling} design are not independent draws"
+        return f"the flights of the design '{self.sampling}' are not independent draws"
 
     @property
     def independent(self) -> bool:

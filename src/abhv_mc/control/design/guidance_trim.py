@@ -98,8 +98,8 @@ def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
     """Return a sentence for each equation that has no solution within the limits."""
     sentences = {
         NO_EQUIVALENCE_RATIO: "no throttle within the engine's limits maintains the speed",
-        NO_ANGLE_OF_ATTACK: "no angle of attack in the trim tables balances the weight",
-        NO_BANK: f"no bank within {np.rad2deg(BANK_LIMIT):.0f} deg turns the velocity",
+        NO_ANGLE_OF_ATTACK: "no angle of attack in the trim tables gives the required lift",
+        NO_BANK: f"no bank angle up to {np.rad2deg(BANK_LIMIT):.0f} deg gives the turn rate",
         NO_ELEVATOR: "no elevator deflection within its limits balances the pitching moment",
     }
     faults = []
@@ -107,7 +107,7 @@ def trim_faults(trim: GuidanceTrim, times: Floats) -> list[str]:
         points = np.flatnonzero(trim.status & flag)
         if points.size:
             faults.append(
-                f"{sentence} at {grouped_digits(points.size)} of {counted(times.size, 'point')}, "
-                f"first at {times[points[0]]:.2f} s"
+                f"at {grouped_digits(points.size)} of {counted(times.size, 'point')} of the "
+                f"reference, from {times[points[0]]:.2f} s, {sentence}"
             )
     return faults

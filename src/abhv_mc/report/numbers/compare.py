@@ -72,7 +72,7 @@ def require_same_samples(
         if differ.size:
             k = int(differ[0])
             problem = f"'{name}' is {float(values_b[k])!r} in flight {k}"
-            raise InputError(path, problem, f"{float(values[k])!r}, as in {folder}")
+            raise InputError(path, problem, f"{float(values[k])!r}, as in '{folder}'")
 
 
 def check_baseline(campaign: Experiment, baseline: Path) -> None:
@@ -80,7 +80,7 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     results = read_flown(baseline)
     source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
-        expected = f"{quoted(unknowns.names)}, as in {baseline}"
+        expected = f"{quoted(unknowns.names)}, as in '{baseline}'"
         raise campaign.document.key_error(
             ("unknowns",), "the unknowns differ from those of the baseline", expected
         )
@@ -234,7 +234,7 @@ def gate_words(
     result = (
         f"passes the test against {reference}"
         if gate.shown
-        else f"is rejected by the test against {reference}"
+        else f"fails the test against {reference}"
     )
     at_point = f" at the worst values of the unknowns ({gate.at})" if gate.at else ""
     text = (
@@ -253,7 +253,9 @@ def gate_words(
             f"its worst value is {significant(worst[1])}, compared with {significant(worst[0])}"
         )
     reasons += ["more of its flights terminate early"] if gate.loses_more else []
-    reasons += [f"it misses {requirements[k]} more often" for k in gate.misses_more]
+    reasons += [
+        f"it misses the requirement '{requirements[k]}' more often" for k in gate.misses_more
+    ]
     return "; ".join([text, *reasons])
 
 

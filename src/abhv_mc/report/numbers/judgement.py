@@ -682,7 +682,7 @@ def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool)
         number = f"{len(separate)} of the {counted(len(open_ones), 'undecided verdict')}"
         text += f"; individually, PASS is likely for {number} with up to {need}"
     else:
-        text += f"; at least {counted(least, 'flight')} are needed"
+        text += f"; {goal} needs at least {counted(least, 'flight')}"
     return NextStep(text)
 
 

@@ -143,7 +143,7 @@ def plan_campaign(campaign: Experiment) -> Planned:
 
 
 def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the maximum number of points of the unknowns, and of flights to find them."""
+    """Return the largest numbers of points of the unknowns and of flights that search for them."""
     unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
     if not unknowns or campaign.model.points is not None:
         return len(campaign.unknowns.points), 0

@@ -386,8 +386,8 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
         )
     else:
         sentences.append(
-            f"{title}: no flight fails with only one of the two, and "
-            f"{counted(failed.both, 'flight fails/flights fail')} with both."
+            f"{title}: the same flights fail with both controllers "
+            f"({counted(failed.both, 'flight')})."
         )
     return sentences
 

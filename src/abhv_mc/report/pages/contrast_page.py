@@ -76,9 +76,10 @@ def contrast_section(
     changes = [change for change in contrast.changes if not change.startswith("name: ")]
     if len(changes) > _MOST_CHANGES:
         changes = [*changes[:_MOST_CHANGES], f"and {len(changes) - _MOST_CHANGES} more"]
-    sentences = (
-        [f"Differences between {a.folder} and {b.folder}: {'; '.join(changes)}."] if changes else []
-    )
+    sentences = []
+    if changes:
+        folders = f"the campaigns '{a.folder}' and '{b.folder}'"
+        sentences.append(f"Differences between {folders}: {'; '.join(changes)}.")
     sentences.append(
         "The samples differ, so flights are not paired. Differences are values of the second "
         "campaign minus those of the first, with 95 % intervals (Newcombe's for shares, bootstrap "

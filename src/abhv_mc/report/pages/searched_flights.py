@@ -85,7 +85,7 @@ def limit_sentence(
         side = "outside" if beyond >= 0.0 else "inside"
     else:
         side = "above" if (beyond >= 0.0) == ("below" in limits.as_entry()) else "below"
-    return f"{text}: the worst value is {share} {side} the limit."
+    return f"{text}: that value is {share} {side} the limit."
 
 
 def flights_table(
