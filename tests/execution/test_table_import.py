@@ -430,6 +430,27 @@ def test_rows_of_two_tables_are_paired_in_order_on_request(tmp_path: Path) -> No
         import_tables([inputs, table], campaign, tmp_path / "other")
 
 
+def test_rows_with_indices_in_different_orders_are_not_paired_in_order(tmp_path: Path) -> None:
+    """Regression: results got the inputs of other flights, because simulations end in any order."""
+    campaign, inputs, results = written_inputs(tmp_path)
+    rows = list(csv.DictReader(inputs.read_text().splitlines()))
+    lines = [{name.split()[0]: float(row[name]) for name in list(row)[1:]} for row in rows]
+    inputs.write_text("".join(json.dumps({"index": i} | row) + "\n" for i, row in enumerate(lines)))
+    table = tmp_path / "results.txt"
+    ended = [{"index": i, "miss": float(miss)} for i, (_, miss) in enumerate(results)][::-1]
+    table.write_text("".join(json.dumps(row) + "\n" for row in ended))
+    with pytest.raises(InputError, match="flight: index"):
+        import_tables([inputs, table], campaign, tmp_path / "out")
+    content = json.loads(campaign.read_text())
+    campaign.write_text(json.dumps({**content, "columns": {"flight": "line"}}))
+    with pytest.raises(InputError, match="flight: index"):
+        import_tables([inputs, table], campaign, tmp_path / "out")
+    campaign.write_text(json.dumps({**content, "columns": {"flight": "index"}}))
+    import_tables([inputs, table], campaign, tmp_path / "out")
+    metrics = read_flown(tmp_path / "out").flights["system"].metrics
+    assert metrics["miss"].tolist() == [float(miss) for _, miss in results]
+
+
 FOREIGN = {
     "units row": "a,b,miss\nm,m,km\n{rows}",
     "brackets": "a (m),b {{m}},miss [km],x[0],x[1]\n{rows}",

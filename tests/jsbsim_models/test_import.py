@@ -121,7 +121,7 @@ def test_a_function_that_is_not_a_product_is_divided(tmp_path: Path) -> None:
 def test_parts_that_are_left_out_are_listed(tmp_path: Path) -> None:
     rate = "<property>aero/alphadot-rad_sec</property><value>3</value>"
     _, imported = written(tmp_path, "<alphalimits/>" + lift(rate))
-    named = (r"\bSkid$", r"^1 x .*\brocket\b.*\bnozzle$", r"\bangle of attack$")
+    named = (r"\bSkid$", r"^engine .*\brocket\b.*\bnozzle$", r"\bangle of attack$")
     named += (r"^aero/alphadot-rad_sec\b.*\baero/CL\b.*\b0$",)
     named += (r"\baileron\b", r"\brudder\b", r"\belevator\b")
     for pattern, note in zip(named, imported.left_out, strict=True):
@@ -136,7 +136,7 @@ def test_the_command_lists_left_out_parts_and_rejects_other_files(tmp_path: Path
     command = ["import", "jsbsim", str(path), "-o", str(tmp_path / "made")]
     result = CliRunner().invoke(app, command)
     assert "fcs/flap-pos-deg" in result.stdout
-    assert re.search(r": 1 x .*\brocket\b.*\bnozzle$", result.stdout, re.MULTILINE)
+    assert re.search(r": engine .*\brocket\b.*\bnozzle$", result.stdout, re.MULTILINE)
     path.write_text("<vehicle/>", encoding="utf-8")
     assert "'vehicle'" in str(CliRunner().invoke(app, command).exception)
 

@@ -147,7 +147,10 @@ def finish(
     if sentence:
         say(f"{sentence} To judge all flights together, run: {command}", file=stream)
     if entries:
-        say(f"verdicts  {describe_verdicts(result.manifest)}", file=stream)
+        text = describe_verdicts(result.manifest)
+        say(
+            fill(text, _WIDTH, initial_indent="verdicts  ", subsequent_indent=" " * 10), file=stream
+        )
     if any(entry.verdict == "FAIL" for entry in entries):
         raise typer.Exit(ExitCode.FAILED)
 

@@ -74,7 +74,8 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         is_by_row = (name, head) == ("flight", _BY_ROW)
         if not is_by_row and not any(name in rows.columns for rows in (inputs, results)):
             expected = f"the column that 'columns' in the campaign file names for '{name}'"
-            raise results.table.error(None, None, f"the table has no column '{head}'", expected)
+            table = (inputs if name in campaign.inputs else results).table
+            raise table.error(None, None, f"the table has no column '{head}'", expected)
     for name in (*campaign.marginals, *measured):
         if not any(name in rows.columns for rows in (inputs, results)):
             heads = (head for rows in (inputs, *result_tables) for head in rows.table.heads)
@@ -172,13 +173,25 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
 
     Raise InputError if a row of results has no inputs, or if it repeats inputs with other values.
     """
+    is_paired = all("flight" in rows.columns for rows in (inputs, results))
+    key = None if is_paired else _find_key(inputs, results)
+    way = f"by the column '{key}'" if key else "in order"
     for rows in (inputs, results):
         if "flight" not in rows.frame:
             expected = (
                 "a column 'flight' in both tables, to pair inputs and results, or "
-                f"'columns: {{flight: {_BY_ROW}}}' to pair the rows in order"
+                f"'columns: {{flight: {key or _BY_ROW}}}' to pair the rows {way}"
             )
             raise rows.table.error(None, None, "the column 'flight' is missing", expected)
+    if "flight" not in results.columns and key is not None:
+        problem = (
+            f"the column '{key}' has other values in the same rows of '{inputs.table.path.name}'"
+        )
+        column = results.table.heads.index(key)
+        expected = (
+            f"'columns: {{flight: {key}}}' in the campaign file, to pair the rows by this column"
+        )
+        raise results.table.error(None, column, problem, expected)
     if "flight" not in results.columns and len(inputs.frame) != len(results.frame):
         problem = (
             f"the table has {counted(len(results.frame), 'row')}, but "
@@ -214,6 +227,18 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
     import pandas as pd
 
     return pd.concat([paired, *(rows for rows in without_results if len(rows))], ignore_index=True)
+
+
+def _find_key(inputs: _Rows, results: _Rows) -> str | None:
+    """Return a heading whose integers number the rows of both tables in different orders."""
+    for column, head in enumerate(inputs.table.heads):
+        if head in results.table.heads:
+            own = inputs.table.words(column)
+            others = results.table.words(results.table.heads.index(head))
+            is_key = len({*own}) == len(own) and len({*others}) == len(others)
+            if is_key and own != others and all(text.isdecimal() for text in (*own, *others)):
+                return head
+    return None
 
 
 def _select(rows: _Rows, frame: "pd.DataFrame", system: str) -> "pd.DataFrame":

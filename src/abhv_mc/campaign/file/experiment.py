@@ -174,7 +174,7 @@ class Experiment:
         if self.has_noise:
             return "the simulator is not repeatable, and there is no evidence of independent noise"
         if not self.can_rerun:
-            return "the imported flights are not declared to be independent draws"
+            return "the imported flights are not declared, or not found, to be independent draws"
         return f"the flights of the design '{self.sampling}' are not independent draws"
 
     @property
