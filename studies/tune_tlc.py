@@ -36,6 +36,7 @@ from tuning_flights import (
     key_of,
 )
 
+from abhv_mc.io.phrases import joined
 from abhv_mc.kernel.plant.actuator_step import BANDWIDTH
 from abhv_mc.topics.figure_style import write_png
 
@@ -194,8 +195,8 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         )
         for i, head in enumerate(HEADS[: len(ERRORS)])
     }
-    swings = ", ".join(
-        f"{bandwidth:g} rad/s (ratio {ratio:g})" for ratio, bandwidth in largest.items()
+    swings = joined(
+        [f"{bandwidth:g} rad/s (ratio {ratio:g})" for ratio, bandwidth in largest.items()]
     )
     leads = "; ".join(
         f"{head.rsplit(' ', 1)[0]} error {ratio:.1f} times ({channel.replace('_', ' ')})"

@@ -122,7 +122,7 @@ class Aerodynamics:
         )
         if match is None:
             raise node.refuse(
-                f"found the axes {quoted(axes)}" if axes else "found no axes",
+                f"found the {'axis' if len(axes) == 1 else 'axes'} {quoted(axes)}",
                 "the axes 'LIFT', 'DRAG' and 'SIDE', or those of another frame",
             )
         frame, names = match

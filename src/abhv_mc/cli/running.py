@@ -242,10 +242,10 @@ def print_requirements(manifest: "Manifest") -> None:
 def describe_verdicts(manifest: "Manifest") -> str:
     """Describe each controller's verdicts; name the verdicts that determine the exit code.
 
-    Example: "'a': 2 PASS and 1 FAIL; 'b': 3 FAIL. The exit code depends on 3 verdicts of 'a'."
+    Example: "'a': 2 PASS and 1 FAIL; 'b': 3 FAIL. The exit code depends on the verdicts of 'a'."
     """
     binding, informative = manifest.requirements, manifest.requirements_shown
-    summaries = []
+    summaries, verdict_counts = [], {}
     for name in manifest.controllers:
         counts = Counter(
             entry.verdict for entry in (*binding, *informative) if entry.controller == name
@@ -253,9 +253,12 @@ def describe_verdicts(manifest: "Manifest") -> str:
         summaries.append(
             f"'{name}': {joined([f'{count} {status}' for status, count in counts.items()])}"
         )
-    binding_counts = Counter(entry.controller for entry in binding)
-    basis = joined([f"{counted(n, 'verdict')} of '{name}'" for name, n in binding_counts.items()])
-    return f"{'; '.join(summaries)}. The exit code depends on {basis}."
+        verdict_counts[name] = counts.total()
+    basis = []
+    for name, number in Counter(entry.controller for entry in binding).items():
+        number_words = f"{number} of " * (number < verdict_counts[name])
+        basis.append(f"{number_words}the verdict{'s' * (verdict_counts[name] > 1)} of '{name}'")
+    return f"{'; '.join(summaries)}. The exit code depends on {joined(basis)}."
 
 
 @imports.command()

@@ -16,7 +16,7 @@ from abhv_mc.statistics.binomial import clopper_pearson, mcnemar_one_sided
 from abhv_mc.statistics.family import holm
 from abhv_mc.statistics.winner import worse_tails
 
-# risk of each test; the two tail quantiles share one risk, and the requirements share another
+# risk of each test; it applies jointly to the two tail quantiles, and jointly to the requirements
 RISK = 0.05
 
 

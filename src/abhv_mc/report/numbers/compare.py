@@ -272,7 +272,7 @@ def _gate(
 
     The worst point is the point at which `b` is rejected or comes closest to rejection. The test
     that accepts `b` needs no correction for the number of points, because `b` must be accepted at
-    every point. The tests that reject `b` share one risk.
+    every point. Each kind of test that may reject `b` has the same risk.
     """
     rows_a, rows_b = common_rows(a, b)
     values = distances(a, metric, rows_a), distances(b, metric, rows_b)

@@ -144,7 +144,7 @@ def estimate_rare(
             probability, low, cov = check.probability, check.probability / factor, deviation
         elif contradicts and (
             log_ratio > 0.0 or check.effective >= EXPECTED
-        ):  # A smaller value needs more effective failures to contradict the estimate.
+        ):  # A smaller value contradicts the estimate only if enough failures support it.
             refusal = (
                 f"importance sampling gives {check.probability:.2g}, but subset simulation gives "
                 f"{probability:.2g}"
