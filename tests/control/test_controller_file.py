@@ -58,7 +58,7 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
             None,
             "the key 'altitude' is missing",
         ),
-        ("0.03 rad/s", "0.03", 9, "without a unit"),
+        ("0.03 rad/s", "0.03", 9, " unit"),
         ("damping: 2.4, bandwidth: 0.1", "damping: -2.4, bandwidth: 0.1", 13, "greater than 0"),
         ("[-1 deg, 12 deg]", "[12 deg, -1 deg]", None, "is empty"),
         ("0.2 rad/s}\n\n", "{over_time: [{time: 0 s, bandwidth: 1 rad/s}]}}\n\n", 15, "at least 2"),

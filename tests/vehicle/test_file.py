@@ -238,7 +238,7 @@ def test_mass_points_from_csv(tmp_path):
     assert points[0].center_of_gravity_x == pytest.approx(-0.3048)
     assert points[1].inertia_matrix_element_13 == 0.0
     path.write_text(path.read_text().replace("center_of_gravity_x_ft", "mass_kg"))
-    with pytest.raises(InputError, match=r"mass.csv:1:62: the table has two columns 'mass'"):
+    with pytest.raises(InputError, match=r"mass.csv:1:62: .*'mass'"):
         read_mass_points(path)
 
 

@@ -174,7 +174,7 @@ def test_each_part_of_a_mixture_lies_within_one_that_was_flown(tmp_path):
             parts.replace("high: 0.95", "high: 1.1"),
             "'aero.lift' from 0.9 to 1.1",
         ),
-        (choice, "mixture with a discrete choice"),
+        (choice, "mixture"),
     ):
         with pytest.raises(InputError, match=message):
             make_change(campaign, parse_settings([f"aero.lift.parts={changed}"]))
