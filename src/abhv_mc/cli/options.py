@@ -33,7 +33,7 @@ def _of_kinds(*kinds: str) -> dict[str, Any]:
             require_kind(path, kinds[0])
         return path
 
-    text = f"{joined(kinds, 'or')}".capitalize()
+    text = joined(kinds, "or").capitalize()
     text = f"{text} file, or the name of a shipped file."
     return {"parser": find, "autocompletion": complete, "help": text}
 

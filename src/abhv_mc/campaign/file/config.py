@@ -218,8 +218,8 @@ class Execution(StrictModel):
         "auto",
         description=(
             "isolation of flights: with processes, a flight that crashes or hangs does not affect "
-            "other flights; auto: processes for custom code and for more than 512 flights, "
-            "otherwise threads"
+            "other flights; auto: threads for small campaigns without custom code, otherwise "
+            "processes"
         ),
     )
     flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(

@@ -384,6 +384,8 @@ def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compare
             f"{fixed(failed.only_b, 0)} with {b} only, {fixed(failed.both, 0)} with both "
             f"(McNemar's test, {p_equation(failed.p_value)})."
         )
+    elif not failed.both:
+        sentences.append(f"{title}: no flight fails.")
     else:
         sentences.append(
             f"{title}: the same flights fail with both controllers "
