@@ -35,7 +35,7 @@ class Flyer(NamedTuple):
     code: str  # result of code_hash()
     versions: str
     processor: str
-    features: str  # hash of the processor's instruction set features
+    features: str  # hash of the processor's name and instruction set
     host: str
     process: int
 
@@ -49,17 +49,17 @@ def hash_source(package: Path) -> dict[str, str]:
     """Return the SHA-256 of each module that may change results, by module name."""
     if package.is_file():  # a single module
         return {package.stem: hashlib.sha256(package.read_bytes()).hexdigest()}
-    files = (
-        file for file in package.rglob("*.py") if file.relative_to(package).parts[0] not in _SHOWN
-    )
+    depth = len(package.parts)
     return {
-        _module_name(package, file): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(files)
+        _module_name((package.name, *file.parts[depth:-1], file.stem)): hashlib.sha256(
+            file.read_bytes()
+        ).hexdigest()
+        for file in sorted(package.rglob("*.py"))
+        if file.parts[depth] not in _SHOWN
     }
 
 
-def _module_name(package: Path, file: Path) -> str:
-    parts = [package.name, *file.relative_to(package).with_suffix("").parts]
+def _module_name(parts: tuple[str, ...]) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -112,29 +112,28 @@ def this_flyer() -> Flyer:
 
 @functools.cache
 def _describe_machine() -> tuple[str, str, str, str]:
-    import llvmlite.binding as llvm
-
     installed = find_versions()
     versions = ", ".join(
         f"{name} {installed[name]}" for name in ("python", "numpy", "scipy", *_COMPILERS)
     )
-    try:
-        features = llvm.get_host_cpu_features().flatten()
-    except RuntimeError:  # LLVM does not know this kind of processor
-        features = "unknown"
-    features = hashlib.sha256(f"{llvm.get_host_cpu_name()} {features}".encode()).hexdigest()[:16]
-    return versions, find_processor(), features, platform.node()
+    processor = find_processor()
+    instructions = _read_cpu_entry("flags") or _read_cpu_entry("Features")  # x86 or ARM
+    features = hashlib.sha256(f"{processor} {instructions}".encode()).hexdigest()[:16]
+    return versions, processor, features, platform.node()
 
 
 def find_processor() -> str:
     """Return the model name of the processor."""
+    return _read_cpu_entry("model name") or platform.processor() or "unknown"
+
+
+def _read_cpu_entry(name: str) -> str:
+    """Return an entry of the first core in Linux's /proc/cpuinfo, or ''."""
     try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
-        pass
-    return platform.processor() or "unknown"
+        return ""
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith(name)), "")
 
 
 def find_versions() -> dict[str, str]:

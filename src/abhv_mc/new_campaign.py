@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.kinds import MODELS, find_kind, find_references
+from abhv_mc.campaign.file.kinds import KINDS, find_kind, find_references
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import CController
@@ -158,7 +158,7 @@ def refuse_filled(folder: Path) -> None:
         raise InputError(folder, "the folder is not empty", "a new or empty folder")
 
 
-def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = MODELS) -> list[Path]:
+def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = KINDS) -> list[Path]:
     """Write the JSON Schemas of ``kinds``, and refer editors to them in comments of ``files``."""
     written = []
     (folder / _SCHEMAS).mkdir()

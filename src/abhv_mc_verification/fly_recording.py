@@ -23,7 +23,7 @@ from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.user_code.vehicle_functions import find_code
-from abhv_mc.vehicle.actuators import drive
+from abhv_mc.vehicle.effectors import drive
 
 if TYPE_CHECKING:
     import pandas as pd

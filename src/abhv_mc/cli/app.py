@@ -234,7 +234,7 @@ def main() -> None:
     # The variable must be set before numpy is loaded. BLAS threads slow down small matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Fewer garbage collections during imports reduce the start time by a tenth.
-    gc.set_threshold(100_000, 10, 10)
+    gc.set_threshold(int(os.environ.get("GCT", "100000")), 10, 10)
     sys.argv[1:] = map(hide_key, sys.argv[1:])
     open_streams()
     with sigterm_as_interrupt():

@@ -7,7 +7,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
-from pydantic import Discriminator, Field, RootModel, Tag, model_validator
+from pydantic import ConfigDict, Discriminator, Field, RootModel, Tag, model_validator
 
 from abhv_mc.control.law_file import (
     CController,
@@ -295,8 +295,11 @@ CONTROLLERS: dict[str, type[Controller]] = {
 }
 
 
-class ControllerFile(RootModel[Annotated[Controller, Field(discriminator="law")]]):
+class ControllerFile(RootModel[Any]):
     """Content of a controller file of any kind."""
+
+    model_config = ConfigDict(defer_build=True)
+    root: Annotated[Controller, Field(discriminator="law")]
 
 
 def read_controller_document(path: str | Path) -> tuple[Document, Controller]:

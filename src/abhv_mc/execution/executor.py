@@ -19,7 +19,6 @@ from abhv_mc.execution.attestation import Attestation, Check, sign
 from abhv_mc.execution.batches import fly_in_batches
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
-from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Recorded
@@ -115,6 +114,9 @@ def open_executor(
         executor = scheduler(engine, execution.flight_time_limit)
         number = workers or executor.workers
     elif isolation == PROCESSES:
+        # Import late, because the module loads what the vehicle's flights need.
+        from abhv_mc.execution.worker_processes import WorkerPool
+
         executor = WorkerPool(engine.fly, number, execution.flight_time_limit)
     else:
         executor, check = _ThisProcess(engine, number), None

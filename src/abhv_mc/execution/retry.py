@@ -15,11 +15,15 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
-from abhv_mc.flight.child_flights import make_failed_block
 from abhv_mc.flight.outcome import Outcome, find_lost_outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks, make_recording
+from abhv_mc.flight.plan import (
+    FlightBlock,
+    FlightPlan,
+    join_blocks,
+    make_failed_block,
+    make_recording,
+)
 from abhv_mc.io.phrases import counted
-from abhv_mc.vehicle_simulator.margin_plans import count_metrics
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Recorded
@@ -114,7 +118,7 @@ def _fly(
                 find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
             )
             lost = make_failed_block(
-                plan, outcome, make_recording(recorded, plan), count_metrics(plan)
+                plan, outcome, make_recording(recorded, plan), plan.metric_count
             )
             return replace(lost, reasons={0: str(error)})
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
@@ -126,5 +130,5 @@ def _fly(
 def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
     """Return the block of one flight that could not be computed."""
     return make_failed_block(
-        plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), count_metrics(plan)
+        plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), plan.metric_count
     )

@@ -20,7 +20,6 @@ from abhv_mc.execution.executor import find_isolation
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.simulation import check_source, make_ready
 from abhv_mc.execution.unknown_points import select_points, with_points
-from abhv_mc.execution.worker_processes import start_fork_server
 from abhv_mc.folder.hashes import FileHashes, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import (
@@ -148,6 +147,8 @@ def _start_workers(request: Request, campaign: Experiment) -> None:
     """Start worker processes, which import modules while the campaign is prepared."""
     engine = campaign.simulator.engine
     if request.scheduler is None and find_isolation(engine, campaign.model.execution) == PROCESSES:
+        from abhv_mc.execution.worker_processes import start_fork_server  # loads flight code
+
         start_fork_server(engine.fly)
 
 

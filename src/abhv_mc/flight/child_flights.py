@@ -16,8 +16,14 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import SavedFlights
-from abhv_mc.flight.outcome import Outcome, find_lost_outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording, join_blocks
+from abhv_mc.flight.outcome import find_lost_outcome
+from abhv_mc.flight.plan import (
+    FlightBlock,
+    FlightPlan,
+    Recording,
+    join_blocks,
+    make_failed_block,
+)
 from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS, Memory, make_memory
@@ -79,25 +85,6 @@ def fly_in_child(
         outcome = find_lost_outcome(plan.law, error.hung)
         block = make_failed_block(plan, outcome, recording, len(plan.metrics), keep_states)
         return replace(block, reasons={0: reason})
-
-
-def make_failed_block(
-    plan: FlightPlan,
-    outcome: Outcome,
-    recording: Recording,
-    metrics: int,
-    keep_states: bool = False,
-) -> FlightBlock:
-    """Return a block for one flight that failed to run, with its outcome but without results."""
-    times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
-    return FlightBlock(
-        outcome=np.array([outcome], np.int64),
-        end_time=np.full(1, np.nan),
-        metrics=np.full((1, metrics), np.nan),
-        history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
-        times=times.astype(np.float64),
-        states=np.full((1, len(times) if keep_states else 0, s.N_STATES), np.nan),
-    )
 
 
 @contextlib.contextmanager

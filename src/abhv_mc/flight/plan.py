@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
-from abhv_mc.flight.outcome import Limits
+from abhv_mc.flight.outcome import Limits, Outcome
 from abhv_mc.identity import Flyer
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant.air_data import no_profile
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX
 from abhv_mc.kernel.plant.slopes import Effectiveness
+from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.actuators import has_slack, name_effectors
+from abhv_mc.vehicle.effectors import has_slack, name_effectors
 from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 
 NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
@@ -151,6 +152,11 @@ class FlightPlan:
         return tuple(source for source in (self.source, self.channels_source) if source)
 
     @property
+    def metric_count(self) -> int:
+        """Number of metrics of a flight, with those that the executor of the flights appends."""
+        return len(self.metrics)
+
+    @property
     def effectors(self) -> tuple[str, ...]:
         """Names of effectors with actuators; empty if only the three axes have actuators."""
         return name_effectors(self.vehicle) if self.vehicle.constants.driven else ()
@@ -228,6 +234,25 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
         reasons=reasons,
         events=sum((Counter(block.events) for block in blocks), Counter()),
         standard_error="".join(block.standard_error for block in blocks),
+    )
+
+
+def make_failed_block(
+    plan: FlightPlan,
+    outcome: Outcome,
+    recording: Recording,
+    metrics: int,
+    keep_states: bool = False,
+) -> FlightBlock:
+    """Return a block for one flight that failed to run, with its outcome but without results."""
+    times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
+    return FlightBlock(
+        outcome=np.array([outcome], np.int64),
+        end_time=np.full(1, np.nan),
+        metrics=np.full((1, metrics), np.nan),
+        history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
+        times=times.astype(np.float64),
+        states=np.full((1, len(times) if keep_states else 0, N_STATES), np.nan),
     )
 
 

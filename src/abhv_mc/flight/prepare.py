@@ -67,7 +67,7 @@ from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import check_finite, find_code, load_vehicle
-from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.effectors import name_effectors
 from abhv_mc.vehicle.evaluate import make_variables
 from abhv_mc.vehicle.pack import table_range
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter

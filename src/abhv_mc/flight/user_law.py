@@ -27,7 +27,7 @@ from abhv_mc.user_code.plain_law import PlainLaw
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
-from abhv_mc.vehicle.actuators import name_effectors
+from abhv_mc.vehicle.effectors import name_effectors
 
 PYTHON = "python"
 _ACCELERATIONS = "|".join(ACCELERATIONS)

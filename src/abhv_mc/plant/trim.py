@@ -16,7 +16,7 @@ from abhv_mc.io.phrases import joined
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.kernel.world.surroundings import find_surroundings, standard_air
-from abhv_mc.vehicle.actuators import deflection_range
+from abhv_mc.vehicle.effectors import deflection_range
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
     evaluate_fixed,

@@ -27,6 +27,11 @@ class MarginPlan(FlightPlan):
     steady: FlightPlan  # plan of :func:`abhv_mc.stability.steady.make_steady_plan`
     margin_times: Floats  # times at which margins are computed, s; AT_TRIM for the trim
 
+    @property
+    def metric_count(self) -> int:
+        """Number of metrics of a flight, including the margins."""
+        return len(self.metrics) + len(MARGIN_VALUES)
+
 
 def add_margins(plan: FlightPlan, steady: FlightPlan, times: "tuple[Time, ...]") -> MarginPlan:
     """Return the plan with margins at `times`."""

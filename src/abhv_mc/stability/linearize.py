@@ -30,7 +30,7 @@ from abhv_mc.stability.plant_inputs import (
 )
 from abhv_mc.stability.point_slopes import Points, plant_slopes
 from abhv_mc.stability.sensor_states import add_sensors
-from abhv_mc.vehicle.actuators import surface_list
+from abhv_mc.vehicle.effectors import surface_list
 
 _N_PATH = len(path.COORDINATES)
 # first row of the measurement in the result of plant_slopes

@@ -15,7 +15,7 @@ from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability import path_coordinates as path
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.vehicle_functions import find_code
-from abhv_mc.vehicle.actuators import name_effectors, surface_list, surface_mix
+from abhv_mc.vehicle.effectors import name_effectors, surface_list, surface_mix
 from abhv_mc.vehicle.vehicle_code import name_states
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")

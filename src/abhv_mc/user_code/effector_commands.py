@@ -18,7 +18,7 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.source import UserSource
-from abhv_mc.vehicle.actuators import drive, name_effectors
+from abhv_mc.vehicle.effectors import drive, name_effectors
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 
 _EXPECTED = 'Command(..., effectors={"name": ...}), with the same names in each Command of the law'

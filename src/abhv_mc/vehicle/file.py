@@ -48,9 +48,10 @@ from abhv_mc.vehicle.document import (
     VehicleDocument,
 )
 from abhv_mc.vehicle.pack import Axis, Table, make_constant, pack_tables
+from abhv_mc.vehicle.read_code import make_code, reference_point
 from abhv_mc.vehicle.shared_keys import choose_sensing
 from abhv_mc.vehicle.table_file import parse_role, read_table
-from abhv_mc.vehicle.vehicle_code import VehicleCode, make_code, reference_point
+from abhv_mc.vehicle.vehicle_code import VehicleCode
 
 # largest plausible specific impulse, s
 _LARGEST_IMPULSE = 1e4

@@ -11,7 +11,8 @@ import numpy as np
 
 from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
-from abhv_mc.vehicle.actuators import deflection_range, slack_warnings
+from abhv_mc.vehicle.actuators import slack_warnings
+from abhv_mc.vehicle.effectors import deflection_range
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
     evaluate_fixed,

@@ -10,7 +10,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.actuator_step import COLUMNS, SLACK
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, Vehicle
-from abhv_mc.vehicle.actuators import surface_list
+from abhv_mc.vehicle.effectors import surface_list
 
 
 def find_lacking(campaign: Experiment, vehicle: Vehicle) -> list[InputError]:

@@ -25,7 +25,7 @@ from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
-from abhv_mc.vehicle.actuators import axis_limits, drive, name_effectors
+from abhv_mc.vehicle.effectors import axis_limits, drive, name_effectors
 from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, oscillation_conflict
 
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
@@ -70,11 +69,6 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
         plan.vehicle, mission, law, plan.controller, user_code=user_law_of(plan, law)
     )
     return steady.lean_for(campaign.varied)
-
-
-def count_metrics(plan: FlightPlan) -> int:
-    """Return the number of metrics of a plan's flights, including stability margins."""
-    return len(plan.metrics) + (len(MARGIN_VALUES) if isinstance(plan, MarginPlan) else 0)
 
 
 def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str, TrimMargins]:

@@ -1,4 +1,8 @@
-"""Consistency checks of the entries of a campaign file."""
+"""Consistency checks of the entries of a campaign file.
+
+The models of vehicles, missions and controllers are imported on first use, because campaigns of
+custom simulators do not need them.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -38,10 +42,8 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
-from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
-from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import (
     Document,
@@ -56,7 +58,6 @@ from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import parse_in_any_unit
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
 from abhv_mc.plant.parameters import OURS, Parameters
-from abhv_mc.user_code.effector_commands import find_driven
 
 _SAME = 1e-9  # relative tolerance within which nominal values count as equal
 
@@ -139,13 +140,14 @@ def _check(document: Document, model: Campaign) -> Experiment:
     """Check constraints that the pydantic model cannot express. Raise InputErrors."""
     errors: list[InputError] = []
     own = model if isinstance(model, SimulatorCampaign) else None
-    if not own:
+    states: tuple[tuple[str, str], ...] = ()
+    if own:
+        parameters = own.parameters
+    else:
+        from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
+
         check_kinds(document, model)
-    parameters, states = (
-        (own.parameters, ())
-        if own
-        else read_vehicle_parameters(model.vehicle, model.controllers.values())
-    )
+        parameters, states = read_vehicle_parameters(model.vehicle, model.controllers.values())
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
@@ -158,6 +160,8 @@ def _check(document: Document, model: Campaign) -> Experiment:
         effectors: tuple[str, ...] = ()
         metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
     else:
+        from abhv_mc.user_code.effector_commands import find_driven
+
         effectors = find_driven(model.vehicle, model.controllers.values())
         declared = _declare_metrics(
             document, model, user_channels, errors, effectors=effectors, states=states
@@ -426,11 +430,11 @@ def _declare_metrics(
     if isinstance(entries, Path):
         source, entries = read_metrics_file(entries)
         location = ()
-    windows = (
-        read_mission(model.mission).windows()
-        if any(entry.phase for entry in entries.values())
-        else {}
-    )
+    windows = {}
+    if any(entry.phase for entry in entries.values()):
+        from abhv_mc.control.mission import read_mission
+
+        windows = read_mission(model.mission).windows()
     own = declare_metrics(
         entries,
         user_channels,

@@ -1,5 +1,6 @@
 """Recognition of the four kinds of input files, and search for the files that they name."""
 
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,7 @@ from pydantic import BaseModel
 
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
-from abhv_mc.control.controller_file import CONTROLLERS, ControllerFile, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController, find_files
-from abhv_mc.control.mission import Mission
 from abhv_mc.io.documents import (
     Document,
     InputError,
@@ -19,19 +18,38 @@ from abhv_mc.io.documents import (
     read_document,
 )
 from abhv_mc.io.phrases import quoted
-from abhv_mc.vehicle.document import VehicleDocument
 
-MODELS: dict[str, type[BaseModel]] = {
-    "campaign": Campaign,
-    "vehicle": VehicleDocument,
-    "mission": Mission,
-    "controller": ControllerFile,
-}
-_KEYS: dict[str, set[str]] = {
-    **{kind: set(model.model_fields) for kind, model in MODELS.items()},
-    "campaign": {*Campaign.model_fields, *SimulatorCampaign.model_fields},
-    "controller": {key for model in CONTROLLERS.values() for key in model.model_fields},
-}
+KINDS = ("campaign", "vehicle", "mission", "controller")
+
+
+def load_model(kind: str) -> type[BaseModel]:
+    """Return the model of a kind of input files; each model is imported on first use."""
+    if kind == "campaign":
+        return Campaign
+    if kind == "vehicle":
+        from abhv_mc.vehicle.document import VehicleDocument
+
+        return VehicleDocument
+    if kind == "mission":
+        from abhv_mc.control.mission import Mission
+
+        return Mission
+    from abhv_mc.control.controller_file import ControllerFile
+
+    return ControllerFile
+
+
+@functools.cache
+def _keys(kind: str) -> frozenset[str]:
+    """Return the top-level keys of a kind of input files."""
+    models: list[type[BaseModel]] = [load_model(kind)]
+    if kind == "campaign":
+        models.append(SimulatorCampaign)
+    if kind == "controller":
+        from abhv_mc.control.controller_file import CONTROLLERS
+
+        models = list(CONTROLLERS.values())
+    return frozenset(key for model in models for key in model.model_fields)
 
 
 def find_kind(path: Path | Document, expected: str | None = None) -> str:
@@ -41,13 +59,15 @@ def find_kind(path: Path | Document, expected: str | None = None) -> str:
     """
     document = read_document(path)
     keys = set(document.data) if isinstance(document.data, dict) else set()
-    shared = {kind: len(keys & model_keys) for kind, model_keys in _KEYS.items()}
+    if expected is not None and keys <= _keys(expected):
+        return expected
+    shared = {kind: len(keys & _keys(kind)) for kind in KINDS}
     kind = max(shared, key=lambda name: (shared[name] + (name == expected), name == expected))
     if not shared[kind] and expected is None:
         raise document.error(
             (),
             found_value(document.data),
-            f"the keys of one of these files: {quoted(MODELS, 'or')}",
+            f"the keys of one of these files: {quoted(KINDS, 'or')}",
         )
     return kind
 
@@ -97,9 +117,12 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
     if path.suffix.lower() not in _YAML or path in seen:
         return
     data = read_document(path).data
-    law = read_controller(path) if isinstance(data, dict) and data.get("law") in USER_LAWS else None
-    if isinstance(law, UserController):
-        yield from (file.resolve() for file in find_files(law).values())
+    if isinstance(data, dict) and data.get("law") in USER_LAWS:
+        from abhv_mc.control.controller_file import read_controller
+
+        law = read_controller(path)
+        if isinstance(law, UserController):
+            yield from (file.resolve() for file in find_files(law).values())
     for text in _named_files(data):
         if Path(text).suffix.lower() in (*_YAML, *_DATA) and not Path(text).is_absolute():
             file = locate(path.parent / text)

@@ -13,7 +13,7 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from abhv_mc import __version__
 from abhv_mc.campaign.file.config import Campaign
-from abhv_mc.campaign.file.kinds import MODELS
+from abhv_mc.campaign.file.kinds import load_model
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
@@ -86,7 +86,7 @@ def make_schema(kind: str) -> Schema:
         }
         _enumerate(schema["$defs"])
     else:
-        schema = MODELS[kind].model_json_schema(schema_generator=_Generator)
+        schema = load_model(kind).model_json_schema(schema_generator=_Generator)
     head = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:abhv-mc:{__version__}:{kind}",

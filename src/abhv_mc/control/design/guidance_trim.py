@@ -26,7 +26,7 @@ from abhv_mc.kernel.laws.trim_search import (
     fill_trim,
 )
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.vehicle.actuators import deflection_range
+from abhv_mc.vehicle.effectors import deflection_range
 
 
 class GuidanceTrim(NamedTuple):

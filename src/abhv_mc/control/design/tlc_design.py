@@ -12,7 +12,7 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.control.controller_file import Channel, CommandLimits, Schedule, TlcController
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.vehicle.actuators import axis_limits
+from abhv_mc.vehicle.effectors import axis_limits
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
 # condition number of B above which the effect of an input is only a rounding error

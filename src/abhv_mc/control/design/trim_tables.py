@@ -10,7 +10,7 @@ from abhv_mc.control.design.design_model import Environment, engine_at, thrust_a
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.kernel.world.surroundings import standard_air
-from abhv_mc.vehicle.actuators import deflection_range
+from abhv_mc.vehicle.effectors import deflection_range
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
     evaluate_fixed,
