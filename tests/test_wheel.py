@@ -44,6 +44,11 @@ def installed(repository, tmp_path_factory):
     return install(repository, tmp_path_factory.mktemp("wheel"))
 
 
+def test_a_package_index_would_accept_the_metadata(installed):
+    (wheel,) = installed.parents[1].glob("*.whl")
+    subprocess.run([sys.executable, "-m", "twine", "check", "--strict", str(wheel)], check=True)
+
+
 def test_every_shipped_file_comes_with_it(installed, repository):
     (names,) = installed.parent.glob("lib/python*/site-packages/abhv_mc/shipped_files")
     files = [
