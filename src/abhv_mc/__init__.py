@@ -49,11 +49,7 @@ def __getattr__(name: str) -> Any:
             raise AttributeError(f"abhv_mc.{name} is in a package that is not installed")
         return function
     if name in __all__:
-        from abhv_mc.start import fewer_collections, postpone_tools
-
-        postpone_tools()
-        with fewer_collections():
-            return getattr(import_module("abhv_mc.api"), name)
+        return getattr(import_module("abhv_mc.api"), name)
     raise AttributeError(f"module 'abhv_mc' has no attribute '{name}'")
 
 

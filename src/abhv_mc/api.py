@@ -29,7 +29,6 @@ from abhv_mc.requests import (
 )
 from abhv_mc.results import Results, as_html, open_results
 from abhv_mc.shipped import find_input
-from abhv_mc.start import fewer_collections
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -212,10 +211,9 @@ class Campaign:
         StorageFullError
             If the disk is full.
         """
-        with fewer_collections():
-            from abhv_mc.execution.runner import run_campaign
+        from abhv_mc.execution.runner import run_campaign
 
-            return Results(run_campaign(request).folder)
+        return Results(run_campaign(request).folder)
 
     def _repr_html_(self) -> str:
         """Return the campaign's question, controllers and dispersions as HTML for notebooks."""

@@ -35,7 +35,7 @@ class Flyer(NamedTuple):
     code: str  # result of code_hash()
     versions: str
     processor: str
-    features: str  # hash of the processor's name and instruction set
+    features: str  # hash of the processor's instruction set features
     host: str
     process: int
 
@@ -112,28 +112,29 @@ def this_flyer() -> Flyer:
 
 @functools.cache
 def _describe_machine() -> tuple[str, str, str, str]:
+    import llvmlite.binding as llvm
+
     installed = find_versions()
     versions = ", ".join(
         f"{name} {installed[name]}" for name in ("python", "numpy", "scipy", *_COMPILERS)
     )
-    processor = find_processor()
-    instructions = _read_cpu_entry("flags") or _read_cpu_entry("Features")  # x86 or ARM
-    features = hashlib.sha256(f"{processor} {instructions}".encode()).hexdigest()[:16]
-    return versions, processor, features, platform.node()
+    try:
+        features = llvm.get_host_cpu_features().flatten()
+    except RuntimeError:  # LLVM does not know this kind of processor
+        features = "unknown"
+    features = hashlib.sha256(f"{llvm.get_host_cpu_name()} {features}".encode()).hexdigest()[:16]
+    return versions, find_processor(), features, platform.node()
 
 
 def find_processor() -> str:
     """Return the model name of the processor."""
-    return _read_cpu_entry("model name") or platform.processor() or "unknown"
-
-
-def _read_cpu_entry(name: str) -> str:
-    """Return an entry of the first core in Linux's /proc/cpuinfo, or ''."""
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
     except OSError:
-        return ""
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith(name)), "")
+        pass
+    return platform.processor() or "unknown"
 
 
 def find_versions() -> dict[str, str]:

@@ -33,7 +33,6 @@ from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
 from abhv_mc.shipped import PACKAGES
-from abhv_mc.start import fewer_collections
 
 _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
@@ -234,9 +233,11 @@ def main() -> None:
     """Run the command line and exit with its exit code."""
     # The variable must be set before numpy is loaded. BLAS threads slow down small matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Fewer garbage collections: imports and kernels create many objects that stay alive.
+    gc.set_threshold(300_000, 10, 10)
     sys.argv[1:] = map(hide_key, sys.argv[1:])
     open_streams()
-    with fewer_collections(), sigterm_as_interrupt():
+    with sigterm_as_interrupt():
         try:
             app(prog_name="abhv-mc")  # Shell completion expects this program name.
         except (

@@ -7,6 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from importlib.util import LazyLoader, find_spec, module_from_spec
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, TextIO
@@ -14,7 +15,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import printable
-from abhv_mc.start import postpone_tools
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -275,13 +275,25 @@ def print_section(section: "Section") -> None:
 
 def announce_compiling() -> None:
     """Enable messages on standard error about kernels that are being compiled."""
-    postpone_tools()
+    _postpone_tools()
     from abhv_mc.kernel.jit import PLAIN, set_compile_listener
 
     if PLAIN:
         message = "NUMBA_DISABLE_JIT is set: flights run uncompiled, a thousand times more slowly"
         say(f"warning: {message}", file=sys.stderr, flush=True)
     set_compile_listener(_tell)
+
+
+def _postpone_tools() -> None:
+    """Load two packages of numpy on first use; scipy.special would import them without need."""
+    import numpy as np
+
+    for name in {"f2py", "testing"} - vars(np).keys():
+        spec: Any = find_spec(f"numpy.{name}")
+        spec.loader = LazyLoader(spec.loader)
+        sys.modules[spec.name] = module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        setattr(np, name, module)
 
 
 @contextmanager

@@ -153,7 +153,7 @@ class FlightPlan:
 
     @property
     def metric_count(self) -> int:
-        """Number of metrics of a flight, with those that the executor of the flights appends."""
+        """Number of metrics of a flight."""
         return len(self.metrics)
 
     @property
