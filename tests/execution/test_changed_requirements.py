@@ -1,6 +1,5 @@
 """Changed requirements: stored flights are judged again and not run again."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,8 +57,8 @@ def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engi
         ("requirements/002.yaml", 300),
     ]
     results = abhv_mc.open_results(out)
-    changed = r"[^.:]*\b300\b[^.:]*: altitude_error_max_m: below 50 -> 1\.8\."
-    assert re.match(changed, results.judgement.sure)
+    changed = "altitude_error_max_m: below 50 -> 1.8"
+    assert changed in repr(results.summary)
     assert run(tight, out, engine).manifest == after  # unchanged
 
 

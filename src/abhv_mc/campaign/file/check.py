@@ -295,11 +295,7 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
 def _check_asked(
     document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
 ) -> None:
-    """Check the names of the controllers to compare.
-
-    They must be names of different controllers of the campaign. The first name must be that of the
-    campaign's first controller.
-    """
+    """Check that the compared names are those of different controllers of the campaign."""
     if not isinstance(model.asks, Compared):
         return
     for i, name in enumerate(model.asks.compare):
@@ -308,12 +304,6 @@ def _check_asked(
             errors.append(document.error(where, f"unknown name '{name}'", one_of(systems, name)))
         elif name in model.asks.compare[:i]:
             errors.append(document.error(where, f"'{name}' is listed twice", "each name only once"))
-        elif i == 0 and name != systems[0]:
-            errors.append(
-                document.error(
-                    where, f"found '{name}'", f"'{systems[0]}', the campaign's first system"
-                )
-            )
 
 
 def _make_marginals(
