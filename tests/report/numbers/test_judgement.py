@@ -15,18 +15,13 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.judgement import (
     ALONE,
     NO_DIFFERENCE,
-    flights_for_joint_verdicts,
     judge_campaign,
 )
 from abhv_mc.report.numbers.judgement_record import read_judgement
 from abhv_mc.report.numbers.pass_chances import plan_campaign
-from abhv_mc.statistics.evidence import flights_to_pass
-from abhv_mc.statistics.family import hold_family
-from abhv_mc.statistics.verdicts import judge
-from abhv_mc.topics.formatting import fixed, percent
+from abhv_mc.topics.formatting import percent
 from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
-from abhv_mc.topics.verdicts import VERDICTS
 
 REQUIRED = (
     "{{metric: speed_error_max_mps, below: {limit}, probability: {probability}, "
@@ -40,22 +35,6 @@ def judged(folder, requirements, **keys):
     return judge_campaign(models), models
 
 
-@pytest.mark.parametrize(
-    ("limit", "probability", "met", "command"),
-    [
-        (1e6, 0.5, "yes", ""),
-        (1e6, 0.98, "not shown", "--runs"),
-        (1e6, 0.999999, "not shown", ""),  # more than ten times the flights are needed
-        (1e-9, 0.9, "no", "explain DIR --all"),
-    ],
-)
-def test_what_is_met_and_what_would_help(tmp_path, limit, probability, met, command):
-    judgement, _ = judged(tmp_path / "c", [REQUIRED.format(limit=limit, probability=probability)])
-    assert judgement.met == met
-    assert command in judgement.next.command
-    assert (judgement.next.command == "") == (command == "")
-
-
 def test_the_stored_judgement_is_the_same(tmp_path):
     folder = tmp_path / "c"
     judgement, _ = judged(folder, [REQUIRED.format(limit=1e6, probability=0.99)])
@@ -67,18 +46,6 @@ def test_the_stored_judgement_is_the_same(tmp_path):
         is read_judgement(tmp_path, manifest)
         is None
     )
-
-
-def test_flights_jointly_would_let_every_pass_stand(tmp_path):
-    _, models = judged(tmp_path / "c", [REQUIRED.format(limit=1e6, probability=0.95)], runs=60)
-    verdicts = models[VERDICTS]
-    assert verdicts.held_together.dropped
-    flights = flights_for_joint_verdicts(verdicts)
-    for runs, stand in ((flights, True), (flights - 1, False)):
-        verdicts_after = hold_family(
-            [judge(0, runs, 0.95)] * verdicts.held_together.verdicts, verdicts.held_together.risk
-        )
-        assert all(verdict.status == "PASS" for verdict in verdicts_after) is stand
 
 
 def test_lost_flights_lead_what_is_better(tmp_path):
@@ -153,7 +120,6 @@ def test_the_first_sentence_answers_the_question(tmp_path, asks, begins):
     ("compare", "match"),
     [
         ("[tlc, lrq]", "'lrq'"),
-        ("[lqr, tlc]", "'tlc', the campaign's first"),
         ("[tlc]", "at least 2"),
     ],
 )
@@ -186,71 +152,6 @@ def test_risks_are_stated_only_for_verdicts_and_winners_that_exist(tmp_path):
     judgement, _ = judged(tmp_path / "c", [REQUIRED.format(limit=1e-9, probability=0.9)])
     assert "PASS" not in judgement.sure
     assert ("winner" in judgement.sure) == (judgement.better in ("tlc", "lqr"))
-
-
-def test_fewer_flights_than_the_file_asks_for_are_said_first(tmp_path):
-    requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
-    judgement, models = judged(tmp_path / "c", requirements)
-    manifest = replace(models.results.manifest, file_runs=2100)
-    judgement = judge_campaign(Models(replace(models.results, manifest=manifest)))
-    assert re.match(r"60 of 2100 flights ", judgement.answer)
-    assert judgement.next.command == "abhv-mc run DIR/campaign.yaml -o DIR --runs 2100"
-    enough = replace(manifest, file_runs=60)
-    judgement = judge_campaign(Models(replace(models.results, manifest=enough)))
-    assert "60 of 60" not in judgement.answer and not re.match(r"\d", judgement.answer)
-
-
-UNKNOWN = {
-    "dispersions": "{atmosphere.density: {distribution: uniform, half_width: 10 %}}",
-    "unknowns": "{aero.drag: {low: -15 %, high: 15 %}}",
-    "points": "{at: {aero.drag: [0.85, 1.0, 1.15]}}",
-}
-
-
-@pytest.mark.parametrize(
-    ("limit", "probability", "command", "number"),
-    [
-        (1e6, 0.98, f"--runs {flights_to_pass(0, 0.98, 0.1)}", str(flights_to_pass(0, 0.98, 0.1))),
-        (1e6, 0.5, "", ""),
-        (1e-9, 0.9, "explain DIR --all", ""),
-    ],
-)
-def test_a_campaign_with_unknowns_has_a_next_step(tmp_path, limit, probability, command, number):
-    """Regression: no next step was named, not even a sufficient number of flights."""
-    requirements = [REQUIRED.format(limit=limit, probability=probability)]
-    judgement, models = judged(tmp_path / "c", requirements, runs=60, **UNKNOWN)
-    assert models.results.campaign.unknowns.names == ("aero.drag",)
-    assert judgement.next.command.endswith(command) and number in judgement.next.why
-    assert bool(judgement.next.command) == bool(command)
-    assert ("point" in judgement.next.why) == bool(number)
-
-
-def test_without_requirements_the_next_step_is_to_add_some(tmp_path):
-    judgement, _ = judged(tmp_path / "c", [], controllers=["tlc"])
-    assert judgement.met == "nothing required" and "requirements" in judgement.next.why
-
-
-def test_unsearched_worst_values_need_a_new_folder_not_more_flights(tmp_path):
-    requirements = [REQUIRED.format(limit=1e6, probability=0.5)]
-    _, models = judged(tmp_path / "c", requirements, runs=60, **UNKNOWN)
-    unknowns = replace(models.results.campaign.unknowns, unsearched=frozenset({0}))
-    campaign = replace(models.results.campaign, unknowns=unknowns)
-    judgement = judge_campaign(Models(replace(models.results, campaign=campaign)))
-    assert judgement.met == "not shown" and "folder" in judgement.next.why
-    assert "--runs" not in judgement.next.command
-
-
-@pytest.mark.parametrize(("probability", "flights"), [(0.9973, 981), (0.999999, None)])
-def test_far_too_few_flights_name_the_least_number(tmp_path, probability, flights):
-    """Regression: the next step said only how many flights are not enough."""
-    requirements = [REQUIRED.format(limit=1e6, probability=probability)]
-    judgement, models = judged(tmp_path / "c", requirements, runs=32)
-    (verdict,) = [item.controllers["tlc"] for item in models[VERDICTS].requirements]
-    least = flights_to_pass(verdict.failures, probability, verdict.consumer_risk)
-    assert flights in (least, None)
-    assert fixed(least, 0) in judgement.next.why
-    assert judgement.next.command.endswith(f"--runs {flights}" if flights else "")
-    assert bool(judgement.next.command) == bool(flights)
 
 
 def test_a_missed_requirement_has_its_share_of_failures(tmp_path):

@@ -8,15 +8,8 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.metrics import GAIN_MARGIN
 from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.numbers.judgement_record import Judgement, Met, NextStep
-from abhv_mc.statistics.evidence import flights_to_pass
-from abhv_mc.statistics.verdicts import (
-    MOST_TIMES,
-    UNSEARCHED,
-    Verdict,
-    about,
-    advise,
-    predict_pass,
-)
+from abhv_mc.report.numbers.next_step import find_next_step
+from abhv_mc.statistics.verdicts import Verdict
 from abhv_mc.statistics.winner import RISK as WINNERS_RISK
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import ControllerPair
@@ -42,9 +35,6 @@ from abhv_mc.topics.verdicts.model import ControllerVerdict, Verdicts
 MIXED, NO_DIFFERENCE, ALONE = "mixed", "no difference shown", "none to compare"
 _REASONS = 4
 _NAMED = 2  # maximum number of violated requirements or metrics named in a sentence
-# largest number of flights for which a command is suggested, as a multiple of the present number
-_MOST_LONGER = 100
-_FAILS_STAY = "FAIL verdicts are already decided"
 _MOST_WORDS = 80  # maximum number of words in the assessment
 # smallest difference from 1 of the ratios of control effort that are mentioned
 _SAME_USAGE = 0.05
@@ -58,7 +48,7 @@ def judge_campaign(models: Models) -> Judgement:
     met: Met = "nothing required"
     if statuses:
         met = "no" if "FAIL" in statuses else "yes" if statuses == {"PASS"} else "not shown"
-    following = _next_step(models, met)
+    following = find_next_step(models)
     sure = " ".join(filter(None, (_changed_words(models), _confidence_words(models, better))))
     answer = ""
     for detail, leads in product((3, 2, 1, 0), (True, False)):
@@ -75,13 +65,10 @@ def judge_campaign(models: Models) -> Judgement:
 
 def _changed_words(models: Models) -> str:
     """Describe a change of the requirements that was made after results had been seen."""
-    for change in models.results.requirement_changes[-1:]:
-        changes = shorten_list(list(change.changes), "; ")
-        return (
-            "Requirements were changed after the results of "
-            f"{counted(change.flights, 'flight')} were known: {changes}."
-        )
-    return ""
+    results = models.results
+    changes = [str(change) for change in results.requirement_changes]
+    flights = counted(results.changed_after, "flight")
+    return f"Changed after results ({flights}): {shorten_list(changes, '; ')}." if changes else ""
 
 
 def _count_words(*texts: str | NextStep | None) -> int:
@@ -376,10 +363,8 @@ def _binding_statuses(verdicts: Verdicts) -> dict[str, set[str]]:
     The status is NOT SHOWN if none of the controller's flights could be computed.
     """
     statuses: dict[str, set[str]] = {}
-    for item in verdicts.requirements:
-        for name in item.asked.controllers:
-            verdict = item.controllers.get(name)
-            statuses.setdefault(name, set()).add(verdict.status if verdict else "NOT SHOWN")
+    for _, name, verdict in verdicts.binding:
+        statuses.setdefault(name, set()).add(verdict.status if verdict else "NOT SHOWN")
     return statuses
 
 
@@ -516,14 +501,18 @@ def _confidence_words(models: Models, better: str) -> str:
     joint = verdicts.held_together
     if not verdicts.requirements:
         return ""
+    if joint is None and models.results.campaign.judged:
+        return "Set after results, without stated risk: all verdicts."
     if joint is None:
         why = models.results.campaign.dependence
         return f"Results are estimates, not verdicts: {why}."
     risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
     passed = joint.stand + len(joint.dropped)
-    sentences = []
+    later = [v for item in verdicts.requirements for v in item.controllers.values() if v.set_later]
+    sentences = [f"Set after results, without stated risk: {len(later)}."] if later else []
     if passed:
-        text = f"Each PASS has at most {percent(risk, 2)} consumer's risk"
+        subject = "Each other PASS" if later else "Each PASS"
+        text = f"{subject} has at most {percent(risk, 2)} consumer's risk"
         if passed > 1 and joint.stand:
             jointly = _all_of(passed) if joint.stand == passed else f"{joint.stand} of {passed}"
             text += f"; {jointly} PASS verdicts also hold{'s' * (joint.stand == 1)} jointly"
@@ -536,157 +525,3 @@ def _confidence_words(models: Models, better: str) -> str:
             f"The risk of naming a wrong winner is at most {percent(WINNERS_RISK, 2)}."
         )
     return " ".join(sentences)
-
-
-def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:
-    """Return the number of flights at which all PASS verdicts would hold jointly.
-
-    Return None if they already hold jointly. Joint verdicts follow Holm's procedure; the estimate
-    assumes no further failures.
-    """
-    joint = verdicts.held_together
-    if joint is None or not joint.dropped:
-        return None
-    all_verdicts = [
-        verdict for item in verdicts.requirements for verdict in item.controllers.values()
-    ]
-    passed = sorted(
-        (verdict for verdict in all_verdicts if verdict.status == "PASS"),
-        key=lambda verdict: verdict.p_value,
-    )
-    shares = [joint.risk / (joint.verdicts - rank) for rank in range(len(passed))]
-    return max(
-        flights_to_pass(verdict.failures, verdict.probability, min(verdict.consumer_risk, share))
-        for verdict, share in zip(passed, shares, strict=True)
-    )
-
-
-def _next_step(models: Models, met: Met) -> NextStep | None:
-    """Recommend an explanation of failures, more flights, or no further flights."""
-    if models.results.manifest.state != "complete":
-        return None
-    statuses = _concerned_statuses(models)
-    missing, unshown = _missing_runs(models), statuses.count("NOT SHOWN")
-    verdicts, flies = models[VERDICTS], models.names.campaign.can_rerun
-    undecided = sum(
-        verdict.status == "NOT SHOWN"
-        for item in verdicts.requirements
-        for verdict in item.controllers.values()
-    )
-    if missing and (unshown or "FAIL" not in statuses):
-        remaining = counted(missing - models.results.campaign.runs_at_point, "remaining flight")
-        why = f"run the {remaining} of the campaign file"
-        if unshown:
-            verdicts_open = counted(undecided, "verdict is/verdicts are")
-            why = f"run the {remaining}, because {verdicts_open} undecided"
-        elif "PASS" in statuses:
-            why += "; no verdict is undecided"
-        if "FAIL" in statuses:
-            why += f"; {_FAILS_STAY}"
-        return NextStep(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
-    if not models.names.campaign.judged:
-        return None
-    if met == "nothing required":
-        if not flies:
-            return None
-        why = "for verdicts, add requirements to the campaign file; stored flights are kept"
-        return NextStep(why, "abhv-mc run FILE -o DIR")
-    if met == "no" or (missing and "FAIL" in statuses):
-        changes = models.results.requirement_changes
-        # These requirements apply only to this report, not to the folder.
-        if changes and not changes[-1].time:
-            return NextStep(
-                "these requirements apply only to this report; to adopt them, add them to the "
-                "campaign file and run the campaign, which keeps the stored flights",
-                "abhv-mc run FILE -o DIR",
-            )
-        stay = f"; {_FAILS_STAY}" if missing else ""
-        if flies:
-            return NextStep(f"find out why flights fail{stay}", "abhv-mc explain DIR --all")
-        return NextStep(f"see 'Failure analysis' in the report{stay}")
-    if met == "not shown":
-        binding = [
-            verdict
-            for item in verdicts.requirements
-            for name in item.asked.controllers
-            if (verdict := item.controllers.get(name))
-        ]
-        return _advise_flights(binding, flies, bool(models.names.campaign.unknowns.names))
-    jointly = flights_for_joint_verdicts(verdicts)
-    if jointly:
-        return _longer_run(
-            jointly,
-            f"all PASS verdicts hold jointly with {counted(jointly, 'flight')} if no more fail",
-            flies,
-        )
-    if met != "yes":
-        return None
-    bound = list(_binding_statuses(verdicts))
-    scope = f" for {_name_controllers(bound, models.names)}" if unshown else ""
-    return NextStep(f"no further flights are needed{scope}")
-
-
-def _concerned_statuses(models: Models) -> list[str]:
-    """Return the statuses of the verdicts on the controllers of interest."""
-    return [
-        verdict.status
-        for name in _concerned_controllers(models)
-        for _, verdict in _binding_verdicts(models[VERDICTS], name)
-        if verdict
-    ]
-
-
-def _advise_flights(binding: Sequence[Verdict], flies: bool, has_unknowns: bool) -> NextStep | None:
-    """Recommend a number of flights at which all binding verdicts are likely to be PASS.
-
-    With unknown parameters, the numbers of flights and the chances are those at the worst point of
-    each verdict.
-    """
-    open_ones = [verdict for verdict in binding if verdict.status == "NOT SHOWN"]
-    if not open_ones:
-        return None
-    if any(UNSEARCHED in verdict.note for verdict in open_ones):
-        return NextStep(
-            "run a campaign with these requirements in a new folder, because the worst values of "
-            "the unknowns were not searched for"
-        )
-    several, each = len(binding) > 1, " at each point" if has_unknowns else ""
-    if advice := advise(binding):
-        condition = ", or more if their failure rates are correlated" if several else ""
-        subject = f"all {len(binding)} verdicts are" if several else "the verdict is"
-        at_worst = f" at the worst point{'s' * several}" * has_unknowns
-        chance = f"{subject} PASS{at_worst} with a chance of {about(advice.chance)}{condition}"
-        return _longer_run(
-            advice.flights, f"with {counted(advice.flights, 'flight')}{each} {chance}", flies
-        )
-    separate = [single for verdict in open_ones if (single := advise([verdict]))]
-    flights = max(verdict.flights for verdict in open_ones)
-    least = max(
-        flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
-        for verdict in open_ones
-    )
-    if least > MOST_TIMES * flights and not separate:
-        least_chance = min(predict_pass(verdict, least) for verdict in open_ones)
-        subject = "each verdict then has" if several else "the verdict then has"
-        text = (
-            f"at least {counted(least, 'flight')}{each} are needed; {subject} a chance of PASS of "
-            f"{about(least_chance)}{' or more' if several else ''}"
-        )
-        if least > _MOST_LONGER * flights:
-            return NextStep(text)
-        return _longer_run(least, text, flies)
-    goal = "a PASS of all verdicts" if several else "a PASS"
-    text = f"no number of flights{each} up to {fixed(MOST_TIMES * flights, 0)} makes {goal} likely"
-    if separate:
-        need = counted(max(single.flights for single in separate), "flight")
-        number = f"{len(separate)} of the {counted(len(open_ones), 'undecided verdict')}"
-        text += f"; individually, PASS is likely for {number} with up to {need}"
-    else:
-        text += f"; {goal} needs at least {counted(least, 'flight')}"
-    return NextStep(text)
-
-
-def _longer_run(flights: int, why: str, flies: bool) -> NextStep:
-    if not flies:
-        return NextStep(f"import a larger table: {why}")
-    return NextStep(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {flights}")

@@ -18,6 +18,7 @@ class NextStep:
 
     why: str
     command: str = ""  # command with DIR for the results folder; '' if no command is recommended
+    assumption: str = ""  # assumption of a chance in ``why``
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,8 @@ def judgement_lead(judgement: Judgement, folder: str) -> Lead:
     following = ""
     if judgement.next:
         command = judgement.next.command.replace("DIR", folder)
-        following = f"Next: {judgement.next.why}{f': `{command}`' if command else '.'}"
+        note = f" ({judgement.next.assumption})" if judgement.next.assumption else ""
+        following = f"Next: {judgement.next.why}{note}{f': `{command}`' if command else '.'}"
     return Lead(judgement.answer, judgement.because, judgement.sure, following)
 
 

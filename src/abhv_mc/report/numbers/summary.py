@@ -81,7 +81,7 @@ def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
             "statistics do not apply, so quantiles, differences and their intervals are estimates "
             "and no verdict is given."
         )
-    elif requirements:
+    elif models[VERDICTS].held_together:
         largest = max(entry.asked.consumer_risk for entry in requirements)
         text += (
             " A system that just misses a requirement gets a PASS with a probability of at most "

@@ -204,6 +204,8 @@ def requirement_counts(verdicts: Verdicts, name: str) -> str:
         for status, label in (("FAIL", "missed"), ("NOT SHOWN", "undecided"))
         if status in statuses
     ]
+    later = sum(entry.controllers[name].set_later for entry in verdicts.requirements)
+    shortfalls += [f"{later} set later"] if later else []
     return ", ".join([f"{statuses.count('PASS')} of {len(statuses)} met", *shortfalls])
 
 

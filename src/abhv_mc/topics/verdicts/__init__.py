@@ -35,6 +35,7 @@ _RULE = (
     "campaign is extended. The tolerance limit contains the required share of flights with a "
     "confidence of 1 minus the consumer's risk; for a PASS, it lies within the requirement."
 )
+_LATER = " Verdicts marked 'set later' have no stated risk: the results were already known."
 _ESTIMATES = (
     "Exact binomial statistics require independent flights, so the counts below are estimates"
 )
@@ -99,12 +100,14 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
     text = _RULE
-    if verdicts.held_together is None:
+    if any(v.set_later for entry in verdicts.requirements for v in entry.controllers.values()):
+        text += _LATER
+    if not names.campaign.judged:
         campaign = names.campaign
         why = f"{campaign.dependence[:1].upper()}{campaign.dependence[1:]}."
         is_random = campaign.has_noise or not campaign.can_rerun
         text = f"{why} {_ESTIMATES}{'' if is_random else _RANDOM}."
-    fold = (_other_intervals(verdicts, names),) if verdicts.held_together is not None else ()
+    fold = (_other_intervals(verdicts, names),) if names.campaign.judged else ()
     return Section(title, (Text(text), Fold(table.title, (table,)), *fold))
 
 
@@ -157,7 +160,7 @@ def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
 def _row(label: str, name: str, item: Requirement, verdict: ControllerVerdict, names: Names) -> Row:
     return (
         Cell(label, "binding" if name in item.controllers else "", head=True),
-        Cell(verdict.status, verdict.note, verdict=True),
+        Cell(verdict.label, verdict.note, verdict=True),
         Cell(count_of(verdict.failures, verdict.flights)),
         Cell(str(verdict.ended_early)),
         Cell(str(verdict.uncomputed)),
