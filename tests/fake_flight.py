@@ -205,6 +205,8 @@ def write_campaign(folder: Path, **entries: str) -> Path:
         "vehicle": "vehicle.yaml",
         "mission": "mission.yaml",
         "controllers": "{one: one.yaml, two: two.yaml}",
+        # The first controller is under test.
+        "under_test": f"[{entries.get('controllers', '{one:').strip('{').partition(':')[0]}]",
         "runs": "300",
         "seed": "5",
         "sampling": "random",

@@ -412,7 +412,7 @@ class Results:
         ]
         for entry in (*facts.requirements, *facts.requirements_shown):
             rows.append(
-                (entry.controller, f"{entry.asked} in {100 * entry.probability:g} %", entry.verdict)
+                (entry.controller, f"{entry.asked} in {100 * entry.probability:g} %", entry.label)
             )
         return as_html(head, rows)
 

@@ -1,5 +1,6 @@
 """Changed requirements: stored flights are judged again and not run again."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import Manifest, read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.numbers.next_step import find_next_step
+from abhv_mc.report.numbers.summary import summarize
 from abhv_mc.report.pages.matrix import judged_cases, verdict_cases
 from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED
 from abhv_mc.topics.topic import Models
@@ -57,9 +60,48 @@ def test_a_run_with_other_limits_judges_the_stored_flights(flown, tmp_path, engi
         ("requirements/002.yaml", 300),
     ]
     results = abhv_mc.open_results(out)
-    changed = "altitude_error_max_m: below 50 -> 1.8"
-    assert changed in repr(results.summary)
+    change = "300 flights known: altitude_error_max_m: below 50 -> 1.8"
+    assert change in " ".join(repr(results.summary).split())
     assert run(tight, out, engine).manifest == after  # unchanged
+
+
+BASE = {"metric": "altitude_error_max_m", "below": 50, "probability": 0.9}
+ALONE = {
+    "metric": "speed_error_max_mps",
+    "below": 49,
+    "above": -9,
+    "probability": 0.8,
+    "consumer_risk": 0.2,
+    "producer_risk": 0.05,
+    "controllers": ["two"],
+    "ended_early": "as_measured",
+    "id": "GC-2",
+}
+SET_KEYS = {"family": {"risk": 0.05}, "under_test": ["two"]}
+
+
+@pytest.mark.parametrize("key", [*ALONE, *SET_KEYS])
+@pytest.mark.parametrize("named", [{}, {"id": "GC-1"}])
+def test_each_changed_key_is_named_on_the_first_screen(tmp_path, key, named):
+    """Regression: a changed metric, and changed controllers, left no trace."""
+    entry = {**BASE, **named}
+    changed = {**entry, key: ALONE[key]} if key in ALONE else entry
+    campaign = write_campaign(tmp_path / "f", requirements=json.dumps([entry]), keep=KEEP)
+    out = run(campaign, tmp_path / "out").folder
+    content = {"requirements": [changed], **{k: v for k, v in SET_KEYS.items() if k == key}}
+    judged = Models(read_flown(out, content))
+    entries = {name: json.dumps(value) for name, value in content.items()}
+    run(write_campaign(tmp_path / "g", **entries, keep=KEEP), out, IDLE)
+    for models in (judged, Models(read_flown(out))):
+        (change,) = models.results.requirement_changes
+        assert change.key == key and change.old != change.new
+        lines = [record.line for record in summarize(models).records]
+        assert f"Changed after results: 300 flights known: {change}" in lines
+        assert set(change.requirement.split()) <= {*map(str, entry.values()), "all", "requirements"}
+        is_later = key not in ("below", "id", "family")
+        verdict = models[VERDICTS].requirements[0].controllers["two"]
+        assert verdict.set_later == is_later and ("(set later)" in verdict.label) == is_later
+        assert "none: all" not in find_next_step(models).why or not is_later
 
 
 def test_judging_by_the_original_requirements_gives_the_same_numbers(flown, tmp_path):

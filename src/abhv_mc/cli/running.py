@@ -203,7 +203,7 @@ def print_requirements(manifest: "Manifest") -> None:
     for entry in entries:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
         count = "" if len(flights) == 1 else f" of {grouped_digits(entry.flights)}"
-        row[entry.controller] = f"{entry.verdict} {grouped_digits(entry.failures)}{count}"
+        row[entry.controller] = f"{entry.label} {grouped_digits(entry.failures)}{count}"
         not_run = grouped_digits(entry.failures_not_computed)
         not_run = f"{not_run} of {counted(entry.failures, 'failure')}"
         advice += (
@@ -248,7 +248,7 @@ def describe_verdicts(manifest: "Manifest") -> str:
     summaries, verdict_counts = [], {}
     for name in manifest.controllers:
         counts = Counter(
-            entry.verdict for entry in (*binding, *informative) if entry.controller == name
+            entry.label for entry in (*binding, *informative) if entry.controller == name
         )
         summaries.append(
             f"'{name}': {joined([f'{count} {status}' for status, count in counts.items()])}"

@@ -180,6 +180,7 @@ def judge_requirements(
             failures_measured=int(count.measured[point]),
             failures_not_computed=verdict.uncomputed,
             verdict=verdict.status,
+            set_later=verdict.set_later,
             words=verdict_words(verdict, campaign.can_rerun),
         )
         judged[count.binds].append(entry)

@@ -8,6 +8,7 @@ from abhv_mc.campaign.file.requirement_set import judge_by
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.execution.simulation import check_source
+from abhv_mc.folder.hashes import record_hashes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
@@ -47,5 +48,7 @@ def merge_campaign(
     with hold_lock(target.lock):
         (join_shards if sharded else pool_campaigns)(folders, out)
         if requirements is not None:
-            replace_requirements(target, campaign)
+            manifest = read_manifest(target.manifest)
+            with record_hashes(target, manifest.files) as files:
+                replace_requirements(target, manifest, files, campaign.document.entries)
     return run_campaign(Request(target.campaign, out, trust_code=trust_code), engine)

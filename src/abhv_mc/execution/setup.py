@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.requirement_set import JUDGING, describe_requirement_changes
+from abhv_mc.campaign.file.requirement_set import JUDGING, find_requirement_changes
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.execution.dispersion_probes import fly_probes
@@ -29,13 +29,18 @@ from abhv_mc.folder.inputs import (
     merge_inputs,
     read_folder_campaign,
     read_folder_inputs,
+    states_under_test,
 )
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
 from abhv_mc.folder.plan_file import find_stored_plans
 from abhv_mc.folder.products import KEY, Products
-from abhv_mc.folder.requirement_sets import add_requirement_set, mark_later_choices
+from abhv_mc.folder.requirement_sets import (
+    add_requirement_set,
+    count_known_flights,
+    mark_later_choices,
+)
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
@@ -189,12 +194,10 @@ def _resume(
         problem = f"the values of the unknowns in this folder were selected without {quoted(added)}"
         raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
-    merged = merge_inputs(before, inputs, selected=request.controllers is not None)
-    limits = [*describe_requirement_changes(before.data, merged.data)]
-    is_rejudged = [next(iter(merged.systems)), *map(merged.data.get, JUDGING)] != [
-        next(iter(before.systems)),
-        *map(before.data.get, JUDGING),
-    ]
+    states_test = "under_test" in requested.document.entries or states_under_test(folder)
+    merged = merge_inputs(before, inputs, request.controllers is not None, states_test)
+    limits = [*map(str, find_requirement_changes(before.data, merged.data))]
+    is_rejudged = any(merged.data.get(key) != before.data.get(key) for key in JUDGING)
     # If a run was killed while it extended the folder, the manifest lacks the campaign file.
     changed = added or longer or is_rejudged or not files.knows(folder.campaign)
     products = Products(folder, merged.systems, requested.runs)
@@ -212,7 +215,8 @@ def _resume(
     if limits:
         manifest = add_requirement_set(folder, manifest, before.data, merged.data)
         print(
-            f"requirements changed: {'; '.join(limits)}; stored flights are judged, not run again",
+            f"requirements changed after {counted(count_known_flights(manifest), 'flight')}: "
+            f"{'; '.join(limits)}; stored flights are judged, not run again",
             file=sys.stderr,
             flush=True,
         )

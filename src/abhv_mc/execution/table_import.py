@@ -27,6 +27,7 @@ from abhv_mc.folder.inputs import (
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
+from abhv_mc.folder.requirement_sets import mark_later_choices, replace_requirements
 from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.input_error import InputError
 
@@ -60,7 +61,9 @@ def import_tables(
         flown = open_folder(folder, fresh, stack)
         if flown is not None:
             _check_same(flown, inputs, samples)
-            manifest, files = flown.manifest, flown.files
+            files = flown.files
+            manifest = replace_requirements(folder, flown.manifest, files, inputs.data)
+            campaign, _ = mark_later_choices(folder, manifest, campaign)
         else:
             files = begin_folder(folder, inputs, {}, stack)
             write_samples(

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.requirement_set import RequirementSource, judge_by
+from abhv_mc.campaign.file.requirement_set import (
+    RequirementChange,
+    RequirementSource,
+    is_campaign,
+    judge_by,
+)
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights, Ranking, rank_flights, read_flights
 from abhv_mc.folder.file_columns import FileColumns, read_table
@@ -23,7 +28,7 @@ from abhv_mc.folder.histories import MOST_MEDIAN, QUANTILE_COLUMNS
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest
-from abhv_mc.folder.requirement_sets import RequirementChange, mark_later_choices
+from abhv_mc.folder.requirement_sets import count_known_flights, mark_later_choices
 from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
@@ -62,8 +67,11 @@ class FlownCampaign:
     reference: dict[str, Floats]  # [time] values of "time" and REFERENCE_CHANNELS
     nominal: dict[str, dict[str, Floats]]  # [time] values of "time" and CHANNELS, by controller
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
-    # changes of requirements that were made after results had been seen
+    # changes of requirements that were made after results had been seen, in order
     requirement_changes: tuple[RequirementChange, ...] = ()
+    changed_after: int = 0  # number of flights with known results at the first of these changes
+    judged_by: str = ""  # file, or FILE for entries in memory, that replaces the requirements
+    judged_by_campaign: bool = False  # whether this file is a campaign file
 
     def refuse_changes(self) -> None:
         """Raise InputError if a run has changed the folder since it was read.
@@ -184,6 +192,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
         )
     samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
     campaign = replace(read_folder_campaign(folder), repeatability=manifest.repeatable)
+    is_file = isinstance(requirements, str | Path)
     if requirements is not None:
         campaign = judge_by(campaign, requirements)
     campaign, changes = mark_later_choices(folder, manifest, campaign, requirements is None)
@@ -207,6 +216,14 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
         if capabilities.has_margins
         else SteadyMargins(),
         requirement_changes=changes,
+        changed_after=min(
+            (stored.flights for stored in manifest.requirement_sets if stored.flights),
+            default=count_known_flights(manifest),
+        )
+        if changes
+        else 0,
+        judged_by="" if requirements is None else str(requirements) if is_file else "FILE",
+        judged_by_campaign=requirements is not None and is_campaign(requirements),
     )
 
 

@@ -16,7 +16,6 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.kinds import find_references, locate
 from abhv_mc.campaign.file.requirement_set import (
-    JUDGING,
     data_of_rows,
     with_requirements,
 )
@@ -82,8 +81,8 @@ class FolderInputs:
     @property
     def judged_identity(self) -> str:
         """Hash of :attr:`identity` and the requirements."""
-        judging = [self.data.get(key) for key in JUDGING]
-        return hashlib.sha256(json.dumps([self.identity, judging]).encode()).hexdigest()
+        judging = [self.identity, self.data.get("requirements")]
+        return hashlib.sha256(json.dumps(judging).encode()).hexdigest()
 
     def judged_by(self, changed: Mapping[str, Any]) -> "FolderInputs":
         """Return the inputs with another set of requirements."""
@@ -116,6 +115,7 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
         data["metrics"] = read_document(model.metrics).data
     data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
+    data["under_test"] = list(campaign.under_test)
     if model.sampling.path:
         location = _take(model.sampling.path, "inputs/samples", files)
         data["sampling"] = {**data["sampling"], "path": location}
@@ -178,12 +178,13 @@ def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: 
 
 
 def merge_inputs(
-    stored: FolderInputs, requested: FolderInputs, selected: bool = False
+    stored: FolderInputs, requested: FolderInputs, selected: bool, states_test: bool
 ) -> FolderInputs:
     """Return ``requested`` with the additional controllers and requirements of ``stored``.
 
-    Requirements without controllers apply to the first controller of ``requested``, or to the first
-    controller of ``stored`` if ``requested`` has only ``selected`` controllers of the campaign.
+    If ``requested`` has only ``selected`` controllers of the campaign, the other controllers of
+    ``stored`` remain under test. Unless ``states_test``, neither campaign file has the key
+    'under_test', and the controllers under test remain those of ``stored``.
     """
     first, second = (stored, requested) if selected else (requested, stored)
     controllers = {**first.systems, **second.systems, **requested.systems}
@@ -194,7 +195,14 @@ def merge_inputs(
     if sorted(map(_order, requirements)) == sorted(map(_order, old)):
         requirements = old  # Keep the stored list if only the order differs.
     asks = {"asks": stored.data["asks"]} if selected and "asks" in stored.data else {}
-    changed = {**requested.data, **asks, "requirements": requirements}
+    tested = requested.data["under_test"] if states_test else stored.data["under_test"]
+    if selected and states_test:
+        tested = [
+            name
+            for name in controllers
+            if name in (requested if name in requested.systems else stored).data["under_test"]
+        ]
+    changed = {**requested.data, **asks, "requirements": requirements, "under_test": tested}
     points = {"points": stored.data["points"]} if "points" in stored.data else {}
     data = with_requirements(
         {**requested.data, **points, "requirements": old, systems_key(requested.data): controllers},
@@ -230,12 +238,29 @@ def _value_text(value: Any) -> str:
 
 def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInputs:
     """Return the inputs stored in a folder. Raise InputError if the inputs are invalid."""
-    return FolderInputs(read_document(folder.campaign), {}, dict(manifest.inputs))
+    return FolderInputs(_read_stored(folder), {}, dict(manifest.inputs))
+
+
+def states_under_test(folder: CampaignFolder) -> bool:
+    """Return whether a folder's campaign has the key 'under_test'; old folders lack it."""
+    return "under_test" in read_document(folder.campaign).entries
+
+
+def _read_stored(folder: CampaignFolder) -> Document:
+    """Return the campaign file of a folder; without 'under_test', its first controller is tested.
+
+    A folder without this key was written before the key existed.
+    """
+    document = read_document(folder.campaign)
+    if isinstance(document.data, dict) and "under_test" not in document.data:
+        first = list(document.data.get(systems_key(document.data)) or ())[:1]
+        return replace(document, data={**document.data, "under_test": first or None})
+    return document
 
 
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
     """Return the campaign of a results folder. Raise InputError if there is no campaign."""
-    return check_campaign(read_document(folder.campaign))
+    return check_campaign(_read_stored(folder))
 
 
 def first_controller(folder: Path) -> str:

@@ -15,6 +15,7 @@ from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError
+from abhv_mc.statistics.verdicts import label_status
 
 Ranges = tuple[tuple[int, int], ...]  # (first, stop) of each range of flights
 FORMAT = 1  # version of the folder's format
@@ -58,6 +59,12 @@ class RequirementVerdict:
     failures_ended_early: int = 0
     failures_measured: int = 0
     failures_not_computed: int = 0
+    set_later: bool = False  # whether the requirement was set after results were known
+
+    @property
+    def label(self) -> str:
+        """Verdict, marked if the requirement was set after results were known."""
+        return label_status(self.verdict, self.set_later)
 
     @property
     def asked(self) -> str:

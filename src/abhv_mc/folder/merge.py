@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
+from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.flight.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.hashes import (
@@ -105,7 +105,7 @@ def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
     """Raise InputError if the folders to merge have different requirements."""
     inputs = [read_folder_inputs(folder, read_manifest(folder.manifest)) for folder in folders]
     for folder, further in zip(folders[1:], inputs[1:], strict=True):
-        if changes := [*describe_requirement_changes(inputs[0].data, further.data)]:
+        if changes := [*map(str, find_requirement_changes(inputs[0].data, further.data))]:
             problem = (
                 f"the requirements differ from those of {folders[0].root} ({'; '.join(changes)})"
             )

@@ -63,7 +63,7 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
     descriptions, folders, seeds = [], [root], list_seeds(manifest)
     for flights, folder, other in sorted(candidates, key=lambda candidate: candidate[0]):
         if not seeds & list_seeds(other):
-            counts = Counter(entry.verdict for entry in other.requirements)
+            counts = Counter(entry.label for entry in other.requirements)
             summary = ", ".join(f"{count} {status}" for status, count in counts.items())
             descriptions.append(f"'{folder.name}' ({counted(-flights, 'flight')}: {summary})")
             folders.append(folder)

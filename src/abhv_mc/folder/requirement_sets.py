@@ -1,7 +1,7 @@
 """Requirement sets by which the flights of a folder were judged."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
@@ -9,26 +9,19 @@ from typing import Any
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.requirement_set import (
     JUDGING,
-    describe_requirement_changes,
+    RequirementChange,
     find_later_choices,
+    find_requirement_changes,
 )
-from abhv_mc.folder.hashes import record_hashes
+from abhv_mc.campaign.file.simulator import systems_key
+from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.inputs import read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
-from abhv_mc.folder.manifest import Manifest, RequirementSet, read_manifest, write_manifest
+from abhv_mc.folder.manifest import Manifest, RequirementSet, write_manifest
 from abhv_mc.io.documents import read_document, write_document
 from abhv_mc.io.phrases import counted
 
 _HEAD = "Requirements by which the flights of this folder were judged, until the next set."
-
-
-@dataclass(frozen=True)
-class RequirementChange:
-    """Changes of the requirements after results were known."""
-
-    time: str  # empty if only a report uses the changed requirements
-    flights: int  # number of flights per controller that were run before that time
-    changes: tuple[str, ...]  # descriptions such as 'speed_error_max_mps: below 5 -> 3'
 
 
 def add_requirement_set(
@@ -42,7 +35,7 @@ def add_requirement_set(
     Return the manifest that lists both sets.
     """
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    flights = max((count.flights_done for count in manifest.controllers.values()), default=0)
+    flights = count_known_flights(manifest)
     sets = manifest.requirement_sets or (_write(folder, before, manifest.started, 0, 1),)
     added = _write(folder, after, now, flights, len(sets) + 1)
     return replace(manifest, requirement_sets=(*sets, added))
@@ -54,22 +47,24 @@ def _write(
     path = folder.requirements / f"{number:03d}.yaml"
     content = {key: data[key] for key in JUDGING if key in data}
     content.setdefault("requirements", [])
+    content["controllers"] = list(data.get(systems_key(data)) or ())
     head = f"{_HEAD}\nSet at {time}, after {counted(flights, 'flight')} of each controller."
     write_whole(path, lambda temporary: write_document(temporary, content, head), durable=True)
     return RequirementSet(path.relative_to(folder.root).as_posix(), time, flights)
 
 
-def replace_requirements(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Replace the requirements of a locked folder by the requirements of a campaign."""
-    manifest = read_manifest(folder.manifest)
+def replace_requirements(
+    folder: CampaignFolder, manifest: Manifest, files: FileHashes, changed: Mapping[str, Any]
+) -> Manifest:
+    """Replace the requirements of a locked folder; return the new manifest."""
     before = read_folder_inputs(folder, manifest)
-    judged = before.judged_by(campaign.document.entries)
-    if not [*describe_requirement_changes(before.data, judged.data)]:
-        return
-    with record_hashes(folder, manifest.files) as files:
+    judged = before.judged_by(changed)
+    if [*find_requirement_changes(before.data, judged.data)]:
         manifest = add_requirement_set(folder, manifest, before.data, judged.data)
         judged.write_campaign(folder)
-        write_manifest(folder.manifest, replace(manifest, files=files.listed()))
+        manifest = replace(manifest, files=files.listed())
+        write_manifest(folder.manifest, manifest)
+    return manifest
 
 
 def mark_later_choices(
@@ -83,36 +78,23 @@ def mark_later_choices(
     if is_stored and not manifest.requirement_sets:
         return campaign, ()
     now = campaign.document.entries
-    stored = [
-        (stored_set, _read(folder, stored_set)) for stored_set in manifest.requirement_sets
-    ] or [(RequirementSet("", manifest.started, 0), _read_campaign(folder))]
+    stored: list[tuple[int, Any]] = [
+        (stored_set.flights, read_document(folder.root / stored_set.file).data)
+        for stored_set in manifest.requirement_sets
+    ] or [(0, read_folder_inputs(folder, manifest).data)]
     if not is_stored:
-        flights = max(
-            (stored_set.flights_done for stored_set in manifest.controllers.values()), default=0
-        )
-        stored.append((RequirementSet("", "", flights), now))
-    blind = [
-        entry
-        for stored_set, data in stored
-        if not stored_set.flights
-        for entry in data["requirements"]
-    ]
-    changes = tuple(_find_changes(stored))
-    later = find_later_choices(blind, now.get("requirements") or [])
+        stored.append((count_known_flights(manifest), now))
+    changes = tuple(
+        change
+        for (_, before), (flights, after) in pairwise(stored)
+        if flights
+        for change in find_requirement_changes(before, after)
+    )
+    blind = [data for flights, data in stored if not flights]
+    later = find_later_choices(blind, now, campaign.controllers)
     return replace(campaign, later_choices=later), changes
 
 
-def _find_changes(stored: list[tuple[RequirementSet, Any]]) -> Iterator[RequirementChange]:
-    for (_, before), (changed, after) in pairwise(stored):
-        changes = tuple(describe_requirement_changes(before, after))
-        if changed.flights and changes:
-            yield RequirementChange(changed.time or "", changed.flights, changes)
-
-
-def _read(folder: CampaignFolder, stored_set: RequirementSet) -> Any:
-    return read_document(folder.root / stored_set.file).data
-
-
-def _read_campaign(folder: CampaignFolder) -> Any:
-    data: Any = read_document(folder.campaign).data
-    return {**data, "requirements": data.get("requirements") or []}
+def count_known_flights(manifest: Manifest) -> int:
+    """Return the largest number of flights of a controller that have results."""
+    return max((count.flights_done for count in manifest.controllers.values()), default=0)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
+from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
@@ -382,7 +382,11 @@ def _check_same(
     axes = [
         list(item.data.get("dispersions") or ()) for item in both
     ]  # names of the dispersions; their order is the order of the search's dimensions
-    limits = [*describe_requirement_changes(stored.data, inputs.data)]
+    limits = [
+        str(change)
+        for change in find_requirement_changes(stored.data, inputs.data)
+        if change.key not in ("controllers", "under_test", "family")
+    ]
     if limits and before["kind"] == "rare":
         problem = f"the folder contains a search with other requirements ({'; '.join(limits)})"
         raise InputError(

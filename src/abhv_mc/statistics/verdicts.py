@@ -43,9 +43,24 @@ class Verdict:
     note: str = ""  # reason for the status if the counts do not determine it
 
     @property
+    def set_later(self) -> bool:
+        """Whether the requirement was set after results were known."""
+        return SET_LATER in self.note
+
+    @property
+    def label(self) -> str:
+        """Status, marked if the requirement was set after results were known."""
+        return label_status(self.status, self.set_later)
+
+    @property
     def p_value(self) -> float:
         """P-value, valid at any number of flights, of the hypothesis of a missed requirement."""
         return min(1.0, 1.0 / self.E_pass) if self.E_pass > 0.0 else 1.0
+
+
+def label_status(status: str, set_later: bool) -> str:
+    """Return a status such as 'PASS', or 'PASS (set later)'."""
+    return f"{status} (set later)" if set_later else status
 
 
 def judge(

@@ -128,9 +128,9 @@ def new_panels(
 
     Sizes are in inches. ``row_height`` is the height of each axes, ``top`` is the space for titles,
     ``left`` is the space for labels, ``width`` is that of the figure, and ``between`` is the
-    horizontal and vertical space between panels. The layout is fixed, because measuring text would take as long as drawing the figure. If
-    there are several panels, each is labelled with a letter. ``shared`` is passed to
-    :meth:`Figure.subplots`.
+    horizontal and vertical space between panels. The layout is fixed, because measuring text would
+    take as long as drawing the figure. If there are several panels, each is labelled with a letter.
+    ``shared`` is passed to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     bottom, right = 0.63, 0.12

@@ -18,5 +18,6 @@ ENTRY = {"metric": "miss", "probability": 0.9, "consumer_risk": 0.1}
     ],
 )
 def test_only_one_sided_limits_may_change_without_a_note(first, current, is_later):
-    later = find_later_choices([{**ENTRY, **first}], [{**ENTRY, **current}])
-    assert later == (frozenset({0}) if is_later else frozenset())
+    sets = [{"requirements": [{**ENTRY, **entry}]} for entry in (first, current)]
+    later = find_later_choices(sets[:1], sets[1], ["a"])
+    assert later == (frozenset({(0, "a")}) if is_later else frozenset())

@@ -174,7 +174,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     units = {channel.name: channel.unit for channel in channels} | dict(user_channels)
     _check_measured(document, model, units, errors)
     requirements = tuple(check_requirements(document, model, measured, errors))
-    _check_asked(document, model, tuple(own.systems if own else model.controllers), errors)
+    _check_names(document, model, tuple(own.systems if own else model.controllers), errors)
     other_roles = {
         **dict.fromkeys(model.derived, "derived"),
         **dict.fromkeys(model.dispersions, "a dispersion"),
@@ -289,21 +289,28 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
     chosen = {name: systems[name] for name in systems if name in controllers}
     requirements = list(select_requirements(data.get("requirements") or [], controllers))
     selected = {**data, key: chosen, "requirements": requirements}
+    if tested := data.get("under_test"):
+        selected["under_test"] = [name for name in tested if name in controllers]
+        if not selected["under_test"]:
+            problem = f"--controllers {quoted(controllers)} selects none of 'under_test'"
+            raise document.error(("under_test",), problem, f"at least one of {quoted(tested)}")
     return replace(document, data=select_asked(selected, controllers))
 
 
-def _check_asked(
+def _check_names(
     document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
 ) -> None:
-    """Check that the compared names are those of different controllers of the campaign."""
-    if not isinstance(model.asks, Compared):
-        return
-    for i, name in enumerate(model.asks.compare):
-        where = ("asks", "compare", i)
-        if name not in systems:
-            errors.append(document.error(where, f"unknown name '{name}'", one_of(systems, name)))
-        elif name in model.asks.compare[:i]:
-            errors.append(document.error(where, f"'{name}' is listed twice", "each name only once"))
+    """Check that 'under_test' and 'asks' list different controllers of the campaign."""
+    compared = model.asks.compare if isinstance(model.asks, Compared) else ()
+    for keys, names in ((("under_test",), model.under_test or ()), (("asks", "compare"), compared)):
+        for i, name in enumerate(names):
+            if name not in systems:
+                problem, expected = f"unknown name '{name}'", one_of(systems, name)
+            elif name in names[:i]:
+                problem, expected = f"'{name}' is listed twice", "each name only once"
+            else:
+                continue
+            errors.append(document.error((*keys, i), problem, expected))
 
 
 def _make_marginals(

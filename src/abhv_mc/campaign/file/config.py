@@ -140,8 +140,7 @@ class RequirementEntry(StrictModel):
     controllers: tuple[str, ...] | None = Field(
         None,
         description=(
-            "controllers that must meet the requirement; default: the first controller of the "
-            "campaign"
+            "controllers that must meet the requirement; default: 'under_test' of the campaign"
         ),
     )
     ended_early: Literal["failure", "as_measured"] = Field(
@@ -293,9 +292,15 @@ class Campaign(StrictModel):
     mission: File = Field(description="mission file, relative to the campaign file")
     controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(
         description=(
-            "controller files by name; all controllers are simulated with the same samples, and "
-            "the first one must meet the requirements"
+            "controller files by name; all controllers are simulated with the same samples"
         )
+    )
+    under_test: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
+        None,
+        description=(
+            "controllers that must meet the requirements without 'controllers'; their verdicts "
+            "determine the exit code; default: all controllers"
+        ),
     )
     runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
         None,

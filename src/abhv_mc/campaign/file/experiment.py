@@ -96,8 +96,8 @@ class Experiment:
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
     file_runs: int | None = None  # number of flights stated in the campaign file
     engine: Engine | None = None  # replacement for the compiled flight code
-    # indices of requirements that were set after the results were known
-    later_choices: frozenset[int] = frozenset()
+    # indices and controllers of requirements that were set after the results were known
+    later_choices: frozenset[tuple[int, str]] = frozenset()
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -121,6 +121,12 @@ class Experiment:
     @property
     def controllers(self) -> tuple[str, ...]:
         return self.simulator.systems
+
+    @property
+    def under_test(self) -> tuple[str, ...]:
+        """Controllers that must meet the requirements without controllers of their own."""
+        tested = self.model.under_test
+        return tuple(name for name in self.controllers if tested is None or name in tested)
 
     @cached_property
     def outcomes(self) -> Outcomes:
@@ -355,11 +361,11 @@ class Experiment:
         """
         number = max(1, len(self.requirements))
         return [
-            (self._note_limits(k % number, verdict), point)
+            (self._note_limits(k % number, controllers[k // number], verdict), point)
             for k, (verdict, point) in enumerate(self._judge(controllers, groups))
         ]
 
-    def _note_limits(self, number: int, verdict: Verdict) -> Verdict:
+    def _note_limits(self, number: int, name: str, verdict: Verdict) -> Verdict:
         """Return a verdict with its limitations noted.
 
         The notes state whether the requirement was set after the results were known, and whether no
@@ -370,7 +376,7 @@ class Experiment:
         if number in self.unknowns.unsearched and verdict.status in ("PASS", "NOT SHOWN"):
             verdict = replace(verdict, status="NOT SHOWN")
             notes.append(UNSEARCHED)
-        if number in self.later_choices:
+        if (number, name) in self.later_choices:
             notes.append(SET_LATER)
         return replace(verdict, note="; ".join(filter(None, notes)))
 

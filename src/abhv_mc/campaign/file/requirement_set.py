@@ -1,14 +1,14 @@
 """Requirement sets by which the flights of an existing campaign are judged again."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.check import check_campaign
-from abhv_mc.campaign.file.config import RequirementEntry
+from abhv_mc.campaign.file.config import TRACED, RequirementEntry
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.requirements import read_requirements
+from abhv_mc.campaign.file.requirements import read_requirements, select_requirements
 from abhv_mc.io.documents import (
     Document,
     InputError,
@@ -20,11 +20,24 @@ from abhv_mc.io.documents import (
 )
 
 # Campaign-file keys for judging and reporting, on which the flights do not depend.
-JUDGING = ("requirements", "family", "question", "asks")
+JUDGING = ("requirements", "family", "under_test", "question", "asks")
 _PRESENTING = ("author", "figures", "measured", "tune")
-_LIMITS = ("below", "above", "probability", "consumer_risk", "producer_risk", "ended_early")
+_JUDGED = tuple(key for key in RequirementEntry.model_fields if key not in TRACED)
 _EMPTY = Path("requirements")  # file name in errors about requirements from Python code
 RequirementSource = str | Path | Mapping[str, Any] | Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class RequirementChange:
+    """Change of one key by which flights are judged."""
+
+    requirement: str  # id of the requirement, or else its metric
+    key: str
+    old: str
+    new: str
+
+    def __str__(self) -> str:
+        return f"{self.requirement}: {self.key} {self.old} -> {self.new}"
 
 
 class _Set(StrictModel, extra="ignore"):
@@ -67,6 +80,12 @@ def read_requirement_set(source: RequirementSource) -> Document:
         document, _Set
     )  # Validate here, so that errors refer to locations in the requirement set.
     return document
+
+
+def is_campaign(source: RequirementSource) -> bool:
+    """Return whether the source of requirements is a campaign file."""
+    is_document = isinstance(source, str | Path) and Path(source).suffix.lower() != ".csv"
+    return is_document and "name" in read_document(Path(str(source))).entries
 
 
 def with_requirements(data: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
@@ -113,63 +132,123 @@ def _named(error: InputError, file: Path) -> InputError:
     return InputError(file, error.found, error.expected, error.line, error.column)
 
 
-def describe_requirement_changes(
+def find_requirement_changes(
     before: Mapping[str, Any], after: Mapping[str, Any]
-) -> Iterator[str]:
-    """Yield a description of each difference between the requirements of two campaigns.
+) -> Iterator[RequirementChange]:
+    """Yield the differences between the requirements of two campaigns.
 
-    An example is 'speed_error_max_mps: below 5 -> 3'.
+    Requirements are identified by id or, without an id, by their position among the requirements
+    that differ. Controllers that only one of the campaigns has are not compared.
     """
-    old, new = (_by_name(data.get("requirements") or []) for data in (before, after))
-    for name in dict.fromkeys((*old, *new)):
-        if name not in new:
-            yield f"{name}: no longer required"
-        elif name not in old:
-            yield f"{name}: newly required"
-        else:
-            changes = [
-                f"{key} {_text(old[name].get(key))} -> {_text(new[name].get(key))}"
-                for key in _LIMITS
-                if old[name].get(key) != new[name].get(key)
-            ]
-            if changes:
-                yield f"{name}: {', '.join(changes)}"
-    if before.get("family") != after.get("family"):
-        yield f"family: {_text(before.get('family'))} -> {_text(after.get('family'))}"
+    shared = [name for name in _systems(before) if name in _systems(after)]
+    old, new = (
+        [*(select_requirements(entries, shared) if shared else entries)]
+        for entries in (data.get("requirements") or [] for data in (before, after))
+    )
+    for name, first, second in _pair_requirements(old, new):
+        if first is None or second is None:
+            yield RequirementChange(name, "requirement", _limit_text(first), _limit_text(second))
+            continue
+        parsed = [RequirementEntry.model_validate(entry) for entry in (first, second)]
+        for key in ("id", *_JUDGED):
+            values = [getattr(entry, key) for entry in parsed]
+            if values[0] != values[1]:
+                texts = (
+                    _text(entry.get(key, value))
+                    for entry, value in zip((first, second), values, strict=True)
+                )
+                yield RequirementChange(name, key, *texts)
+    for key in ("family", "under_test"):
+        pair: list[Any] = [data.get(key) for data in (before, after)]
+        if key == "under_test":
+            if None in pair:  # Sets stored by earlier versions lack the key.
+                continue
+            pair = [[name for name in names if name in (shared or names)] for names in pair]
+        if pair[0] != pair[1]:
+            yield RequirementChange("all requirements", key, *map(_text, pair))
 
 
-def _by_name(entries: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Return requirement entries keyed by id or metric; repeated keys are numbered."""
-    named: dict[str, Mapping[str, Any]] = {}
-    for entry in entries:
+def _pair_requirements(
+    old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[str, Mapping[str, Any] | None, Mapping[str, Any] | None]]:
+    """Yield name, old and new entry of each requirement; None for a missing entry."""
+    before, after = [*old], [*new]
+
+    def take(matches: Callable[[Mapping[str, Any], Mapping[str, Any]], bool]) -> Iterator[Any]:
+        for first in [*before]:
+            second = next((entry for entry in after if matches(first, entry)), None)
+            if second is not None:
+                before.remove(first)
+                after.remove(second)
+                yield first, second
+
+    pairs = [
+        *take(lambda a, b: a == b),
+        *take(lambda a, b: "id" in a and a["id"] == b.get("id")),
+        *take(lambda a, b: {**a, "id": None} == {**b, "id": None}),
+        *take(lambda a, b: "id" not in a and "id" not in b),
+        *((entry, None) for entry in before),
+        *((None, entry) for entry in after),
+    ]
+    metrics = [entry["metric"] for entry in old]
+    for first, second in pairs:
+        entry = first or second
         name = str(entry.get("id") or entry["metric"])
-        number = sum(key.partition(" ")[0] == name for key in named)
-        named[name if not number else f"{name} ({number + 1})"] = entry
-    return named
+        if first and "id" not in first and metrics.count(first["metric"]) > 1:
+            name += f" ({old.index(first) + 1})"
+        yield name, first, second
+
+
+def _systems(data: Mapping[str, Any]) -> Sequence[str]:
+    return tuple(data.get("systems") or data.get("controllers") or ())
+
+
+def _limit_text(entry: Mapping[str, Any] | None) -> str:
+    keys = [key for key in ("above", "below", "probability") if entry and key in entry]
+    return " ".join(f"{key} {_text((entry or {})[key])}" for key in keys) or "none"
 
 
 def _text(value: object) -> str:
-    if isinstance(value, list):
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
         return " ".join(map(str, value))
     return "not set" if value is None else str(value)
 
 
 def find_later_choices(
-    first: Sequence[Mapping[str, Any]], current: Sequence[Mapping[str, Any]]
-) -> frozenset[int]:
-    """Return the indices of the current requirements that the first set does not contain.
+    first: Sequence[Mapping[str, Any]], current: Mapping[str, Any], controllers: Sequence[str]
+) -> frozenset[tuple[int, str]]:
+    """Return the current requirements, with controllers, that the ``first`` sets do not contain.
 
-    Requirements are compared by metric, side, probability, risk and treatment of early
-    terminations. One-sided limits are not compared: if a changed limit yields a false PASS, the
+    The result contains the index of the requirement and the controller. Requirements are compared
+    by metric, side, probability, risk, treatment of early terminations, and the controllers that
+    must meet them. One-sided limits are not compared: if a changed limit yields a false PASS, the
     limit that the metric meets with exactly the required probability also yields one, so the risk
     does not increase. This does not hold for intervals, whose limits are compared.
     """
-    first_choices = {_choice(entry) for entry in first}
-    return frozenset(i for i, entry in enumerate(current) if _choice(entry) not in first_choices)
+    return frozenset(
+        (i, name)
+        for i, entry in enumerate(current.get("requirements") or [])
+        for name in controllers
+        if not any(
+            _choice(other) == _choice(entry)
+            and (not _binds(current, entry, name) or _binds(data, other, name))
+            for data in first
+            for other in data.get("requirements") or []
+        )
+    )
+
+
+def _binds(data: Mapping[str, Any], entry: Mapping[str, Any], name: str) -> bool:
+    """Return whether a controller has to meet a requirement, or is unknown to the campaign."""
+    bound = entry.get("controllers") or data.get("under_test")
+    return not bound or name in bound or name not in (_systems(data) or (name,))
 
 
 def _choice(entry: Mapping[str, Any]) -> tuple[object, ...]:
     sides = "below" in entry, "above" in entry
     interval = (str(entry["below"]), str(entry["above"])) if all(sides) else ()
-    risks = (str(entry.get(key)) for key in ("probability", "consumer_risk", "producer_risk"))
-    return (entry["metric"], *sides, *interval, *risks, entry.get("ended_early", "failure"))
+    parsed = RequirementEntry.model_validate(entry)
+    excluded = ("below", "above", "controllers")
+    return *sides, *interval, *(getattr(parsed, key) for key in _JUDGED if key not in excluded)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.campaign.file.requirement_set import describe_requirement_changes
+from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.inputs import describe_changes, read_folder_inputs
@@ -110,7 +110,7 @@ def _find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
     )
     changes = describe_changes(before, after, extensible=False)
     changes += [
-        f"requirements.{change}" for change in describe_requirement_changes(before.data, after.data)
+        f"requirements.{change}" for change in find_requirement_changes(before.data, after.data)
     ]
     if a.manifest.source_hash != b.manifest.source_hash:
         commits = (results.manifest.commit or results.manifest.source_hash for results in (a, b))

@@ -100,7 +100,7 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
         started=manifest.started or "",
         question=_question(folder) if summary else "",
         answer=summary.records[0].line if summary else "",
-        verdicts=dict(Counter(entry.verdict for entry in manifest.requirements)),
+        verdicts=dict(Counter(entry.label for entry in manifest.requirements)),
         flights=manifest.runs_done,
         flights_planned=manifest.runs_planned,
         version=manifest.versions.get("abhv_mc", ""),

@@ -8,8 +8,9 @@ from typing import Any
 from abhv_mc.flight.metrics import GAIN_MARGIN, PHASE_MARGIN
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.folder.pooled_campaigns import suggest_merge
-from abhv_mc.report.numbers.next_step import next_step
+from abhv_mc.report.numbers.next_step import find_next_step
 from abhv_mc.statistics.evidence import flights_to_pass
+from abhv_mc.statistics.verdicts import label_status
 from abhv_mc.statistics.winner import RISK
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.comparison.model import make_standings
@@ -31,22 +32,24 @@ from abhv_mc.topics.section import Entry, Record, Records
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
+_LATER = label_status("PASS", set_later=True)
 _DETAILED = 4  # largest number of controllers for which missed requirements are named
 
 
 def summarize(models: Models) -> Records:
     """Return the summary of a campaign; DIR in its commands is the results folder."""
-    following = next_step(models)
+    known = f"{fixed(models.results.changed_after, 0)} flights known: "
+    changes = tuple(Entry((), f"{known}{item}") for item in models.results.requirement_changes)
     records = (
         *_answers(models),
         *_verdict_records(models),
         *_comparison_records(models),
         Record("Early terminations", _grouped(_early_terminations(models))),
         Record("Margins", _grouped(_least_margins(models, only_poor=True))),
-        Record("Changed after results", tuple(_changes(models))),
+        Record("Changed after results", changes),
         Record("Risk", tuple(_risk_entries(models))),
         Record("Missing", tuple(_missing_entries(models))),
-        Record("Next", (following,) if following else ()),
+        Record("Next", tuple(_next_entries(models))),
     )
     return Records(tuple(record for record in records if record.entries))
 
@@ -128,14 +131,22 @@ def _verdict_records(models: Models) -> Iterator[Record]:
         yield Record("No requirements")
         return
     meeting: dict[int, list[str]] = {}
-    shortfalls: dict[str, dict[str, str]] = {"FAIL": {}, "NOT SHOWN": {}, "ESTIMATE": {}}
+    shortfalls: dict[str, dict[str, str]] = {
+        "FAIL": {},
+        "NOT SHOWN": {},
+        "ESTIMATE": {},
+        _LATER: {},
+    }
     for name, label in labels.items():
         own = verdicts.verdicts_of(name)
-        statuses = [verdict.status for _, verdict in own]
-        if set(statuses) == {"PASS"}:
+        if {verdict.label for _, verdict in own} == {"PASS"}:
             meeting.setdefault(len(own), []).append(label)
         for status, texts in shortfalls.items():
-            listed = [(item, verdict) for item, verdict in own if verdict.status == status]
+            listed = [
+                (item, verdict)
+                for item, verdict in own
+                if status in (verdict.label, verdict.status)
+            ]
             if not listed:
                 continue
             item, worst = max(
@@ -151,13 +162,14 @@ def _verdict_records(models: Models) -> Iterator[Record]:
             texts[label] = text
     needed = [
         flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
-        for verdict in verdicts.binding()
-        if verdict.status == "NOT SHOWN"
+        for _, _, verdict in verdicts.binding
+        if verdict and verdict.status == "NOT SHOWN"
     ]
     for number, controllers in sorted(meeting.items()):
         yield Record(f"Meets all {number} requirements", (Entry(tuple(controllers)),))
     yield Record("Misses", _grouped(shortfalls["FAIL"]))
     yield Record("Not shown", _grouped(shortfalls["NOT SHOWN"]))
+    yield Record(_LATER, _grouped(shortfalls[_LATER]))
     yield Record("Estimates, no verdicts", _grouped(shortfalls["ESTIMATE"]))
     yield Record("Flights needed", (Entry((), fixed(max(needed), 0)),) if needed else ())
 
@@ -255,9 +267,10 @@ def _least_margins(models: Models, *, only_poor: bool) -> dict[str, str]:
     return texts
 
 
-def _changes(models: Models) -> Iterator[Entry]:
-    for change in models.results.requirement_changes[-1:]:
-        yield from (Entry((), text) for text in change.changes)
+def _next_entries(models: Models) -> Iterator[Entry]:
+    if step := find_next_step(models):
+        command = f"`{step.command}`: " if step.command else ""
+        yield Entry((), f"{command}{step.why}{f' ({step.assumption})' * bool(step.assumption)}")
 
 
 def _risk_entries(models: Models) -> Iterator[Entry]:
@@ -319,7 +332,7 @@ def confidence_records(models: Models, warnings: Sequence[str] = ()) -> Records:
             text = f"{percent(RISK, 2)} for any wrong winner, {percent(RISK, 2)} for any wrong "
             text += "order of early terminations"
             records.append(Record("Risk of the comparison", (Entry((), text),)))
-    if requirements and campaign.judged:
+    if models[VERDICTS].held_together:
         risk = percent(max(entry.asked.consumer_risk for entry in requirements), 2)
         text = f"{risk} for a system that just misses a requirement, at any number of checks"
         records.append(Record("Risk of a PASS", (Entry((), text),)))

@@ -9,11 +9,11 @@ import numpy as np
 
 from abhv_mc.analysis.reweight import make_change, unseen_probability, weigh_flights
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted
@@ -81,7 +81,7 @@ def make_whatif(
     too small.
     """
     results = read_flown(root, requirements)
-    campaign = read_campaign(CampaignFolder(root).campaign)
+    campaign = read_folder_campaign(CampaignFolder(root))
     change = make_change(campaign, settings)
     samples = np.column_stack([results.samples[name] for name in campaign.names])
     controllers = {}

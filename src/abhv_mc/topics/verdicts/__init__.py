@@ -35,6 +35,7 @@ _RULE = (
     "confidence of 1 minus the consumer's risk; for a PASS, it lies within the requirement. Joint "
     "verdicts limit the risk of any false PASS (Holm)."
 )
+_LATER = " Verdicts marked 'set later' have no stated risk: the results were already known."
 _ESTIMATES = (
     "Exact binomial statistics require independent flights, so the counts below are estimates"
 )
@@ -55,12 +56,14 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
     text = _RULE
-    if verdicts.held_together is None:
+    if any(v.set_later for entry in verdicts.requirements for v in entry.controllers.values()):
+        text += _LATER
+    if not names.campaign.judged:
         campaign = names.campaign
         why = f"{campaign.dependence[:1].upper()}{campaign.dependence[1:]}."
         is_random = campaign.has_noise or not campaign.can_rerun
         text = f"{why} {_ESTIMATES}{'' if is_random else _RANDOM}."
-    fold = (_other_intervals(verdicts, names),) if verdicts.held_together is not None else ()
+    fold = (_other_intervals(verdicts, names),) if names.campaign.judged else ()
     return Section(title, (Text(text), Fold(table.title, (table,)), *fold))
 
 
@@ -128,7 +131,7 @@ def _row(
 ) -> Row:
     return (
         Cell(label, "binding" if name in item.controllers else "", head=True),
-        Cell(verdict.status, verdict.note or note, verdict=True),
+        Cell(verdict.label, verdict.note or note, verdict=True),
         Cell(count_of(verdict.failures, verdict.flights)),
         Cell(str(verdict.ended_early)),
         Cell(str(verdict.uncomputed)),

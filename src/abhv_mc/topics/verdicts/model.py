@@ -101,6 +101,18 @@ class Verdicts:
     family_risk: float | None
     glance: tuple[GlanceRow, ...]
 
+    @property
+    def binding(self) -> list[tuple[JudgedRequirement, str, ControllerVerdict | None]]:
+        """Requirements with each controller that must meet them, and its verdict.
+
+        The verdict is None if none of the controller's flights could be computed.
+        """
+        return [
+            (entry, name, entry.controllers.get(name))
+            for entry in self.requirements
+            for name in entry.asked.controllers
+        ]
+
     def statuses(self, controller: str) -> list[str]:
         """Return the statuses of all verdicts on a controller."""
         return [entry.controllers[controller].status for entry in self.requirements]
@@ -111,15 +123,6 @@ class Verdicts:
             entry for entry in self.requirements if controller in entry.asked.controllers
         ] or self.requirements
         return [(entry.asked, entry.controllers[controller]) for entry in entries]
-
-    def binding(self) -> list[ControllerVerdict]:
-        """Return the verdicts on the controllers to which each requirement applies."""
-        return [
-            entry.controllers[name]
-            for entry in self.requirements
-            for name in sorted(entry.asked.controllers)
-            if name in entry.controllers
-        ]
 
 
 def compute_verdicts(results: FlownCampaign) -> Verdicts:
@@ -224,12 +227,17 @@ def find_tolerance(
 def _together(
     requirements: Sequence[JudgedRequirement], family_risk: float | None
 ) -> Together | None:
-    verdicts = [verdict for entry in requirements for verdict in entry.controllers.values()]
-    if not verdicts:
+    pairs = [
+        ((i, name), verdict)
+        for i, entry in enumerate(requirements)
+        for name, verdict in entry.controllers.items()
+        if not verdict.set_later
+    ]
+    if not pairs:
         return None
+    names, verdicts = zip(*pairs, strict=True)
     risk = family_risk or FAMILY_RISK
     jointly_held = hold_family(verdicts, risk)
-    names = [(i, name) for i, entry in enumerate(requirements) for name in entry.controllers]
     dropped = [
         requirement_pair
         for requirement_pair, alone, verdict in zip(names, verdicts, jointly_held, strict=True)
@@ -253,7 +261,7 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
         name: GlanceCell(
             *_quantiles(results, name, item.metric, limits),
             tolerance=verdict.tolerance_limit,
-            status=verdict.status,
+            status=verdict.label,
         )
         for name, verdict in entry.controllers.items()
     }

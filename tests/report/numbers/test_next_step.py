@@ -1,0 +1,107 @@
+"""Recommended next step of a campaign."""
+
+from dataclasses import replace
+
+import pytest
+from report.synthetic import write_campaign
+
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.report.numbers.next_step import find_next_step, flights_for_joint_verdicts
+from abhv_mc.statistics.evidence import flights_to_pass
+from abhv_mc.statistics.family import hold_family
+from abhv_mc.statistics.verdicts import judge
+from abhv_mc.topics.formatting import fixed
+from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
+
+ENTRY = "{{metric: speed_error_max_mps, below: {}, probability: {}, consumer_risk: 0.1}}"
+UNKNOWN = {
+    "dispersions": "{atmosphere.density: {distribution: uniform, half_width: 10 %}}",
+    "unknowns": "{aero.drag: {low: -15 %, high: 15 %}}",
+    "points": "{at: {aero.drag: [0.85, 1.0, 1.15]}}",
+}
+LEAST = flights_to_pass(0, 0.98, 0.1)
+
+
+def read(folder, limit, probability, **keys):
+    keys = {"requirements": [ENTRY.format(limit, probability)], "controllers": ["tlc"], **keys}
+    return Models(read_flown(write_campaign(folder, **keys)))
+
+
+def changed(models, **entries):
+    return find_next_step(Models(replace(models.results, **entries)))
+
+
+@pytest.mark.parametrize(
+    ("limit", "probability", "keys", "command", "reason"),
+    [
+        (1e6, 0.5, {}, "", "none"),
+        (1e6, 0.98, {}, "--runs", "all PASS"),
+        (1e6, 0.999999, {}, "", "at least"),  # more than a hundred times the flights are needed
+        (1e6, 0.9973, {"runs": 32}, f"--runs {flights_to_pass(0, 0.9973, 0.1)}", fixed(981, 0)),
+        (1e-9, 0.9, {}, "explain DIR --all", ""),
+        (1e6, 0.98, {"runs": 60, **UNKNOWN}, f"--runs {LEAST}", f"{LEAST} flights at each point"),
+        (1e-9, 0.9, {"runs": 60, **UNKNOWN}, "explain DIR --all", ""),
+        (1e6, 0.5, {"requirements": []}, "run FILE -o DIR", "add requirements"),
+    ],
+)
+def test_the_next_step_has_a_command_and_a_reason(
+    tmp_path, limit, probability, keys, command, reason
+):
+    step = find_next_step(read(tmp_path / "c", limit, probability, **keys))
+    assert step.command.endswith(command) if command != "--runs" else command in step.command
+    assert reason in step.why and bool(step.command) == bool(command)
+    assert ("Jeffreys" in step.assumption) == ("%" in step.why)
+
+
+@pytest.mark.parametrize("limit", [1e6, 1e-9])
+def test_a_partly_run_campaign_is_first_completed(tmp_path, limit):
+    """Regression: advice was to explain failures, or to run more flights for joint verdicts."""
+    models = read(tmp_path / "c", limit, 0.5)
+    longer = replace(models.results.manifest, file_runs=2100)
+    step = changed(models, manifest=longer)
+    assert step.command == "abhv-mc run DIR/campaign.yaml -o DIR --runs 2100"
+    assert "60 of 2100" in step.why
+    stopped = replace(models.results.manifest, state="interrupted", runs_done=20, runs_planned=60)
+    step = changed(models, manifest=stopped)
+    assert step.command.endswith("--runs 60") and "20 of 60" in step.why
+    assert "--runs" not in changed(models).command
+
+
+@pytest.mark.parametrize(
+    ("limit", "probability", "is_campaign", "command"),
+    [
+        (1e-9, 0.9, True, "abhv-mc run 'other file.yaml' -o DIR"),
+        (1e-9, 0.9, False, "abhv-mc run FILE -o DIR"),
+        (1e6, 0.98, True, "&& abhv-mc report DIR --requirements 'other file.yaml' -o OUT"),
+    ],
+)
+def test_another_requirement_file_is_named(tmp_path, limit, probability, is_campaign, command):
+    entries = {"judged_by": "other file.yaml", "judged_by_campaign": is_campaign}
+    step = changed(read(tmp_path / "c", limit, probability), **entries)
+    assert step.command.endswith(command)
+
+
+def test_requirements_set_later_are_confirmed_by_another_seed(tmp_path):
+    models = read(tmp_path / "c", 1e6, 0.5)
+    campaign = replace(models.results.campaign, later_choices=frozenset({(0, "tlc")}))
+    step = changed(models, campaign=campaign)
+    assert step.command.endswith(f"--seed {campaign.seed + 1}") and "set later" in step.why
+
+
+def test_unsearched_worst_values_need_a_new_folder_not_more_flights(tmp_path):
+    models = read(tmp_path / "c", 1e6, 0.5, runs=60, **UNKNOWN)
+    unknowns = replace(models.results.campaign.unknowns, unsearched=frozenset({0}))
+    step = changed(models, campaign=replace(models.results.campaign, unknowns=unknowns))
+    assert "folder" in step.why and not step.command
+
+
+def test_flights_jointly_would_let_every_pass_stand(tmp_path):
+    verdicts = read(tmp_path / "c", 1e6, 0.95, runs=60, controllers=["tlc", "lqr"])[VERDICTS]
+    assert verdicts.held_together.dropped
+    flights = flights_for_joint_verdicts(verdicts)
+    for runs, stand in ((flights, True), (flights - 1, False)):
+        verdicts_after = hold_family(
+            [judge(0, runs, 0.95)] * verdicts.held_together.verdicts, verdicts.held_together.risk
+        )
+        assert all(verdict.status == "PASS" for verdict in verdicts_after) is stand
