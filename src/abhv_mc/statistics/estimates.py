@@ -136,11 +136,13 @@ def pair_differences(a: Floats, b: Floats) -> Floats:
         return np.where(both, 0.0, a - b)
 
 
-def looks(flights: int, number: int = 24, first: int = 20) -> list[int]:
-    """Return geometrically spaced numbers of flights at which to compute an estimate."""
+def looks(flights: int, number: int = 12, first: int = 20) -> list[int]:
+    """Return geometrically spaced numbers of flights, with a quarter and half of the flights."""
     if flights <= first:
         return [flights]
-    return np.unique(np.round(np.geomspace(first, flights, number)).astype(np.int64)).tolist()
+    shares = [n for n in (flights // 4, flights // 2) if n > first]
+    counts = np.round(np.geomspace(first, flights, number)).astype(np.int64)
+    return np.union1d(counts, shares).astype(np.int64).tolist()
 
 
 def quantile_traces(values: Floats, counts: Sequence[int]) -> list[tuple[Interval, ...]]:

@@ -226,7 +226,7 @@ def check_requirements(
                 probability=entry.probability,
                 consumer_risk=entry.consumer_risk,
                 producer_risk=entry.producer_risk,
-                controllers=entry.controllers or model.under_test or tuple(systems),
+                controllers=tuple(sorted(entry.controllers or model.under_test or systems)),
                 named=bool(entry.controllers),
                 early_is_failure=entry.ended_early == "failure",
                 traced={key: text for key in TRACED if (text := getattr(entry, key)) is not None},

@@ -58,7 +58,7 @@ class ControllerSettling:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Convergence of the metrics' quantiles and the requirements' failure rates.
+    """Convergence of the leading metrics' quantiles and the requirements' failure rates.
 
     Each estimate includes all flights up to a flight number.
     """
@@ -82,7 +82,7 @@ def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
     flights = results.flights[controller]
     counts = looks(flights.flight.size)
     metrics = {}
-    for metric in results.metrics:
+    for metric in results.asked:
         traces = quantile_traces(severities(flights, metric), counts)
         bad = flights.records[metric].bad
         metrics[metric] = {
@@ -106,7 +106,7 @@ def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:
 def _section(convergence: Convergence, names: Names) -> Section:
     text = (
         "The table and figure show how estimates converge. `report.json` contains the curves of "
-        "every metric and requirement."
+        "the leading metrics and the requirements."
     )
     if not convergence.is_drawn:
         text = (

@@ -230,7 +230,7 @@ def _together(
     pairs = [
         ((i, name), verdict)
         for i, entry in enumerate(requirements)
-        for name, verdict in entry.controllers.items()
+        for name, verdict in sorted(entry.controllers.items())
         if not verdict.set_later
     ]
     if not pairs:
