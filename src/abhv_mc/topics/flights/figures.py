@@ -105,8 +105,8 @@ def _critical(
     if panels:
         text = FigureText(
             "critical_errors",
-            f"Most critical error of each {names.campaign.kind}",
-            "Worst flight, with the limit of the requirement.",
+            f"Most critical error and limit in the worst flight of each {names.campaign.kind}",
+            "",
         )
         yield text, plot_errors(panels)
 
