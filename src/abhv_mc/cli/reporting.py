@@ -31,7 +31,12 @@ from abhv_mc.cli.printing import (
     show_result,
     text_stream,
 )
-from abhv_mc.cli.running import describe_outcomes, print_judgement, print_requirements
+from abhv_mc.cli.running import (
+    describe_outcomes,
+    exit_by_verdicts,
+    print_judgement,
+    print_requirements,
+)
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
@@ -78,8 +83,9 @@ def report(
 ) -> None:
     """Create the report page, figures and report.json from the stored results of a campaign.
 
-    No flight is run. With --requirements, the stored flights are judged against the requirements
-    in FILE, and the exit code is 1 if any of them fails.
+    No flight is run. The exit code is 0, whatever the verdicts. With --requirements, the stored
+    flights are judged against the requirements in FILE, and the exit code is 1 if a controller
+    under test fails any of them; the controllers under test are those of FILE, or else of DIR.
     """
     import json
 
@@ -88,6 +94,7 @@ def report(
     from abhv_mc.report.numbers.judgement_record import judgement_lead, parse_judgement
     from abhv_mc.report.pages.build import build_report
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
+    from abhv_mc.statistics.verdicts import SET_LATER, label_status
 
     if requirements is not None and out is None:
         raise InputError(
@@ -121,8 +128,12 @@ def report(
         numbers = json.loads(page.with_suffix(".json").read_text("utf-8"))
         judgement = parse_judgement(numbers["judgement"])
         say(*judgement_lead(judgement, shlex.quote(str(folder))).sentences, sep="\n")
-        if judgement.met == "no":
-            raise typer.Exit(ExitCode.FAILED)
+        exit_by_verdicts(
+            (name, label_status(verdict["status"], SET_LATER in verdict["note"]))
+            for entry in numbers["verdicts"]["requirements"]
+            for name, verdict in entry["controllers"].items()
+            if name in entry["asked"]["controllers"]
+        )
 
 
 def show(
