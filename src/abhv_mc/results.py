@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.campaign.file.requirement_set import RequirementSource
     from abhv_mc.folder.flown_campaign import FlownCampaign
-    from abhv_mc.report.numbers.judgement_record import Judgement
+    from abhv_mc.topics.section import Records
     from abhv_mc.topics.topic import Models
 
 _AXES = {
@@ -127,13 +127,6 @@ class Results:
         refuse_changes(self._paths, self.manifest)
         return numbers
 
-    @cached_property
-    def judgement(self) -> "Judgement":
-        """Assessment of requirements, controller comparison, confidence and next steps."""
-        from abhv_mc.report.numbers.judgement import judge_campaign
-
-        return judge_campaign(self._models)
-
     def judge(self, requirements: "RequirementSource") -> "Results":
         """Judge the stored flights against other requirements; nothing is run or written.
 
@@ -146,7 +139,7 @@ class Results:
         Returns
         -------
         Results
-            The same flights with the verdicts, judgement and figures for these requirements.
+            The same flights with the verdicts, summary and figures for these requirements.
 
         Examples
         --------
@@ -160,17 +153,11 @@ class Results:
         return judged
 
     @property
-    def summary(self) -> list[str]:
-        """Summary sentences of the report."""
-        from abhv_mc.report.numbers.judgement_record import judgement_lead
-        from abhv_mc.report.numbers.summary import confidence_sentence, summary_sentences
+    def summary(self) -> "Records":
+        """Labelled records of verdicts, comparison, risk and next step, which print as text."""
+        from abhv_mc.report.numbers.summary import summarize
 
-        first = judgement_lead(self.judgement, self._models.names.folder)
-        return [
-            *first.sentences,
-            *summary_sentences(self._models),
-            confidence_sentence(self._models),
-        ]
+        return summarize(self._models).at(self._models.names.folder)
 
     @property
     def verdicts(self) -> "pd.DataFrame":

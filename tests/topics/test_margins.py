@@ -7,7 +7,8 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.topics.margins import MARGINS, margin_words
+from abhv_mc.report.numbers.summary import summarize
+from abhv_mc.topics.margins import MARGINS
 from abhv_mc.topics.topic import Models
 
 LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")
@@ -63,13 +64,13 @@ def models(tmp_path_factory):
     return Models(read_flown(folder))
 
 
-def test_the_answer_names_the_unstable_controller_with_its_poles_and_the_weak_one(models):
-    tlc, lqr, retuned = (
-        margin_words(models[MARGINS], name) for name in ("tlc", "lqr", "lqr_retuned")
-    )
-    assert ": 0.8 dB (rudder)" in tlc
-    assert re.match(r"unstable\b.*\(.* \+0\.120 \N{PLUS-MINUS SIGN} 2\.78j\b", lqr)
-    assert ": 12.0 dB" in retuned
+def test_the_summary_names_the_unstable_controller_and_the_weak_one(models):
+    records = {record.label: record for record in summarize(models).records}
+    lines = [entry.line for entry in records["Margins"].entries]
+    assert lines[0] == "LQR: unstable" and lines[1].startswith("TLC: 0.8 dB (rudder)")
+    assert len(lines) == 2  # not LQR retuned, with 12 dB
+    (row,) = [row for row in models.section(MARGINS).tables()[0].plain_rows() if row[0] == "LQR"]
+    assert re.match(r"unstable\b.*\(.* \+0\.120 \N{PLUS-MINUS SIGN} 2\.78j\b", row[1])
 
 
 def test_the_section_has_each_loop(models):

@@ -66,9 +66,9 @@ def test_the_chart_prints_the_tolerance_limit_and_its_room(failing):
     """Regression: the figure printed the median without a label at its right edge."""
     lost = float("inf")
     cells = {
-        "tlc": GlanceCell(0.2, 0.4, 0.6, 0.65),
-        "lqr": GlanceCell(0.5, 0.98, 1.4, 1.57),
-        "lqr_retuned": GlanceCell(0.5, lost, lost),
+        "tlc": GlanceCell(0.2, 0.4, 0.6, 0.62, 0.65),
+        "lqr": GlanceCell(0.5, 0.98, 1.4, 1.5, 1.57),
+        "lqr_retuned": GlanceCell(0.5, lost, lost, None),
     }
     names = dict.fromkeys(cells, "")
     ((_, bars),) = chart_rows(
@@ -228,8 +228,10 @@ def test_the_worst_flights_are_drawn_in_what_they_are_worst_in(flown):
     worst = [flight.by for own in models[FLIGHTS].worst.values() for flight in own]
     drawn = worst_channels(models[FLIGHTS], models.names, recorded)
     assert set(drawn) == {results.campaign.metrics[metric].of for metric in worst}
-    ((text, figure),) = models.figures(FLIGHTS)
-    assert text.name == "worst_flights"
+    (first, critical), (text, figure) = models.figures(FLIGHTS)
+    assert (first.name, text.name) == ("critical_errors", "worst_flights")
+    lines = [[line.get_xydata() for line in axes.lines] for axes in critical.axes]
+    assert [len(curves) for curves in lines] == [3, 3, 3, 0]  # an error and its two limits
     labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
     assert len(labels) == len(drawn[:4])
 

@@ -264,11 +264,13 @@ def print_section_table(table: "SectionTable") -> None:
 
 def print_section(section: "Section") -> None:
     """Print the sentences and tables of a report section, without collapsed content."""
-    from abhv_mc.topics.section import Bullets, Lead, Table
+    from abhv_mc.topics.section import Bullets, Lead, Records, Table
 
     for item in section.items:
         if isinstance(item, Bullets | Lead):
             say(*item.sentences, sep="\n")
+        elif isinstance(item, Records):
+            say(item, folds=False)
         elif isinstance(item, Table):
             print_section_table(item)
 

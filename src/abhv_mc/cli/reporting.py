@@ -34,8 +34,8 @@ from abhv_mc.cli.printing import (
 from abhv_mc.cli.running import (
     describe_outcomes,
     exit_by_verdicts,
-    print_judgement,
     print_requirements,
+    print_summary,
 )
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
@@ -91,7 +91,7 @@ def report(
 
     from abhv_mc.folder.manifest import read_manifest
     from abhv_mc.folder.stores import open_store
-    from abhv_mc.report.numbers.judgement_record import judgement_lead, parse_judgement
+    from abhv_mc.report.numbers.summary import parse_summary
     from abhv_mc.report.pages.build import build_report
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
     from abhv_mc.statistics.verdicts import SET_LATER, label_status
@@ -126,8 +126,7 @@ def report(
             say(printed)
     if requirements is not None:
         numbers = json.loads(page.with_suffix(".json").read_text("utf-8"))
-        judgement = parse_judgement(numbers["judgement"])
-        say(*judgement_lead(judgement, shlex.quote(str(folder))).sentences, sep="\n")
+        say(parse_summary(numbers["summary"]).at(shlex.quote(str(folder))), folds=False)
         exit_by_verdicts(
             (name, label_status(verdict["status"], SET_LATER in verdict["note"]))
             for entry in numbers["verdicts"]["requirements"]
@@ -143,34 +142,36 @@ def show(
     folder: Annotated[Path, folder_argument()],
     json: Json = None,
 ) -> None:
-    """Print the sentences and tables of a report topic, or its numbers with --json.
+    """Print the summary or the tables of a report topic, or its numbers with --json.
 
-    The topics are verdicts, comparison, metrics, flights, failure_cases, failures, drivers,
-    envelopes, margins, simulator, convergence, provenance, and topics of installed packages.
+    The topics are summary, verdicts, comparison, metrics, flights, failure_cases, failures,
+    drivers, envelopes, margins, simulator, convergence, provenance, and topics of installed
+    packages.
     """
     from abhv_mc.folder.flown_campaign import read_flown
+    from abhv_mc.report.numbers.summary import summarize
     from abhv_mc.topics.json_data import json_data
     from abhv_mc.topics.registry import find_topic
     from abhv_mc.topics.topic import Models
 
-    selected = find_topic(topic)
+    selected = None if topic == "summary" else find_topic(topic)
     models = Models(read_flown(folder))
-    model = models[selected]
+    model = models[selected] if selected else summarize(models)
     models.results.refuse_changes()
 
     def print_text() -> None:
-        for sentence in models.sentences(selected):
-            say(sentence)
+        if selected is None:
+            say(model.at(shlex.quote(str(folder))), folds=False)
+            return
         section = models.section(selected)
         if section is None:
             say(f"This campaign has no results on {topic}.")
         tables = section.tables() if section else ()
         for table in tables:
             print_section_table(table)
-        # A section without tables consists of sentences or text.
+        # A section without tables consists of text.
         for item in section.items if section and not tables else ():
-            sentences = getattr(item, "sentences", (getattr(item, "text", ""),))
-            say("\n".join(sentences))
+            say(getattr(item, "text", ""))
 
     show_result(json_data(model), json, print_text)
 
@@ -433,7 +434,7 @@ def _print_status(status: "Status", local: Path) -> None:
     from abhv_mc.topics.formatting import count_of
 
     manifest = status.manifest
-    print_judgement(local, manifest, status.folder)
+    print_summary(local, manifest, status.folder)
     progress = count_of(manifest.runs_done, manifest.runs_planned, "flight")
     say(f"{manifest.name}: {manifest.state}, {progress}")
     if status.holder:

@@ -153,7 +153,7 @@ def finish(
 
 def _print_result(result: "RunResult", folder_name: str) -> None:
     manifest = result.manifest
-    print_judgement(result.folder, manifest, folder_name)
+    print_summary(result.folder, manifest, folder_name)
     say(f"folder    {folder_name}")
     is_common = not manifest.complete and len(manifest.controllers) > 1
     by_all = " simulated with every controller" if is_common else ""
@@ -165,15 +165,15 @@ def _print_result(result: "RunResult", folder_name: str) -> None:
     say(f"digest    {manifest.digest}")
 
 
-def print_judgement(folder: Path, manifest: "Manifest", folder_name: str) -> None:
+def print_summary(folder: Path, manifest: "Manifest", folder_name: str) -> None:
     """Print the summary of the report if it includes all stored flights.
 
     ``folder_name`` is the path or address given by the user.
     """
-    from abhv_mc.report.numbers.judgement_record import judgement_lead, read_judgement
+    from abhv_mc.report.numbers.summary import read_summary
 
-    if (summary := read_judgement(folder, manifest)) is not None:
-        say(*judgement_lead(summary, shlex.quote(folder_name)).sentences, sep="\n")
+    if (summary := read_summary(folder, manifest)) is not None:
+        say(summary.at(shlex.quote(folder_name)), folds=False)
 
 
 def describe_outcomes(count: "ControllerCount") -> str:

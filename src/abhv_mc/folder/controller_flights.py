@@ -96,6 +96,13 @@ def common_rows(a: ControllerFlights, b: ControllerFlights) -> tuple[Any, Any]:
     return rows_a, rows_b
 
 
+def pooled_values(flights: Mapping[str, ControllerFlights], metric: str) -> Floats:
+    """Return a metric of the completed flights of all controllers, in ascending order."""
+    return np.sort(
+        np.concatenate([entry.metrics[metric][~entry.failed] for entry in flights.values()])
+    )
+
+
 class _Collector:
     """Collector of the flights of one controller, which are added block by block."""
 
@@ -221,14 +228,12 @@ class Ranking:
 def rank_flights(
     flights: Mapping[str, ControllerFlights], criteria: Sequence[Criterion]
 ) -> Ranking:
-    """Rank the flights of all controllers.
+    """Rank the flights of all controllers; ties are broken by name.
 
-    If a limit has no scale, the flights of the first controller define the scale.
+    If a limit has no scale, the completed flights of all controllers define the scale.
     """
-    first = next(iter(flights.values()))
-    scales = [
-        criterion.scale(first.metrics[criterion.metric][~first.failed]) for criterion in criteria
-    ]
+    flights = dict(sorted(flights.items()))
+    scales = [criterion.scale(pooled_values(flights, criterion.metric)) for criterion in criteria]
     beyond, criterion_index = {}, {}
     for name, simulated in flights.items():
         table = np.zeros((max(1, len(criteria)), simulated.flight.size))

@@ -1,8 +1,9 @@
 """Results of a campaign as arrays, the source of all tables, figures and pages."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -134,10 +135,9 @@ class FlownCampaign:
         )
 
     @property
-    def pairs(self) -> Iterator[tuple[str, str]]:
-        """Pairs of the first controller with each other controller."""
-        first, *further = self.controllers
-        return ((first, second) for second in further)
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """All pairs of controllers, sorted by name."""
+        return list(combinations(sorted(self.controllers), 2))
 
 
 def _columns(table: pa.Table) -> dict[str, Any]:

@@ -42,14 +42,18 @@ def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp
     return np.minimum(first + np.searchsorted(thresholds, scores), flights)
 
 
-@lru_cache(maxsize=32)  # Most comparisons of a campaign have one of a few correlations.
+@lru_cache(maxsize=256)  # Most comparisons of a campaign have one of a few correlations.
 def _drawn_counts(
     flights: int, probability: float, draws: int, correlation: float
-) -> NDArray[np.intp]:
-    """Return counts whose normal scores are correlated with the first set of scores."""
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return the different pairs of correlated counts, and how often each pair is drawn."""
     first, second = _scores(draws)
     scores = correlation * first + np.sqrt(1.0 - correlation**2) * second
-    return _counts(scores, flights, probability)
+    a, b = _counts(first, flights, probability), _counts(scores, flights, probability)
+    low, width = min(a.min(), b.min()), int(b.max()) + 1
+    drawn = np.bincount((a - low) * width + b)
+    pairs = np.flatnonzero(drawn)
+    return pairs // width + low, pairs % width, drawn[pairs]
 
 
 def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: float) -> float:
@@ -125,17 +129,20 @@ def quantile_differences(
             intervals.append(Interval(np.nan, np.nan, np.nan))
             continue
         shared = _together(a, b, high_a, high_b, probability)
-        below_a = _drawn_counts(a.size, probability, draws, 1.0)
-        below_b = _drawn_counts(a.size, probability, draws, shared)
+        below_a, below_b, drawn = _drawn_counts(a.size, probability, draws, shared)
         low = _minus(padded_a[below_a], padded_b[below_b + 1])
         high = _minus(padded_a[below_a + 1], padded_b[below_b])
         rank = int(tail * draws)
-        ends = (
-            float(np.partition(low, rank)[rank]),
-            float(np.partition(high, draws - 1 - rank)[draws - 1 - rank]),
-        )
+        ends = _drawn_value(low, drawn, rank), _drawn_value(high, drawn, draws - 1 - rank)
         intervals.append(Interval(high_a - high_b, *ends))
     return intervals
+
+
+def _drawn_value(values: Floats, drawn: NDArray[np.intp], rank: int) -> float:
+    """Return the value with a rank among values that are repeated ``drawn`` times."""
+    order = np.argsort(values)
+    index = np.searchsorted(np.cumsum(drawn[order]), rank, side="right")
+    return float(values[order[index]])
 
 
 def _minus(a: Floats, b: Floats) -> Floats:

@@ -2,8 +2,9 @@
 
 The winner has the smaller value in most of the flights that differ, is not significantly worse in
 the tails, and does not have significantly more early terminations. The majority is tested by a mean
-likelihood ratio against a fair coin, which is valid at any number of flights. All comparisons of a
-campaign share the risk of a false winner (Bonferroni).
+likelihood ratio against a fair coin, which is valid at any number of flights. All metrics and pairs
+of controllers of a campaign share the risk of a false winner (Bonferroni); early terminations are
+a family of their own.
 """
 
 from collections.abc import Sequence
@@ -44,19 +45,20 @@ class Decision:
 
 
 def decide(
-    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, comparisons: int, *, risk: float = RISK
+    a: Floats, b: Floats, lost_a: Mask, lost_b: Mask, metrics: int, *, pairs: int = 1
 ) -> Decision:
     """Compare the severities [pair] of two controllers; larger is worse.
 
     Early terminations have the severity +infinity. The masks `lost_a` and `lost_b` [pair] mark all
-    early terminations, including those with a finite severity. `comparisons` is the number of
-    metrics times the number of rivals that are judged together.
+    early terminations, including those with a finite severity. `metrics` and `pairs` are the
+    numbers of metrics and of pairs of controllers that are judged together.
     """
-    confidence = 1.0 - risk / comparisons
+    comparisons = metrics * pairs
+    confidence = 1.0 - RISK / comparisons
     difference = pair_differences(a, b)
     better, worse = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
     if log_coin_evidence(max(better, worse), min(better, worse)) < log(
-        2.0 * comparisons / risk
+        2.0 * comparisons / RISK
     ):  # The risk is halved because either controller may win.
         return Decision("")
     if better < worse:
@@ -64,7 +66,7 @@ def decide(
     # In the following, `a` is the controller that is better in more flights.
     tails, uncompared = worse_tails(a, b, confidence)
     lost = compare_failures(lost_a, lost_b)
-    loses_more = lost.only_a > lost.only_b and lost.p_value <= risk
+    loses_more = lost.only_a > lost.only_b and lost.p_value <= RISK / pairs
     return Decision("a" if better > worse else "b", tails, uncompared, loses_more)
 
 

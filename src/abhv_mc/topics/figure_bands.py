@@ -34,6 +34,7 @@ BANDS = (
     ("q5", "q95", 0.45, "5–95 %"),
 )
 _LABEL = 18  # maximum number of characters per line of a row label
+_SHORT = 14  # maximum number of characters per line of a label of a small panel
 SIMULTANEOUS = ("simultaneous_low", "simultaneous_high")
 _SIMULTANEOUS_LINE: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 MEDIANS = ("q50", MOST_MEDIAN)
@@ -171,6 +172,26 @@ def plot_envelopes(
             )
         ]
     _legend(figure, rows, [low for low, *_ in BANDS], lines)
+    return figure
+
+
+@styled
+def plot_errors(panels: Sequence[tuple[str, str, str, EnvelopePanel]]) -> Figure:
+    """Plot one flight per panel with its limits; panels have a title, a y label and a colour."""
+    columns = 2 if len(panels) <= 4 else 3
+    figure, grid = new_panels(
+        len(panels), min(columns, len(panels)), 0.8, between=(0.85, 0.4), left=0.85, width=5.0
+    )
+    for axes, (title, label, color, panel) in zip(grid.flat, panels, strict=False):
+        axes.plot(panel.x, panel.flights[0][1], color=color, linewidth=1.1)
+        for x, y in panel.limits:
+            axes.plot(x, y, **LIMIT)
+        axes.set_xlim(float(panel.x[0]), float(panel.x[-1]) or 1.0)
+        _set_y_limits(axes, EnvelopeRow(label, [panel]))
+        title_panel(axes, title, color=color)
+        axes.set_ylabel(fill(label, _SHORT), va="center")
+    for axes in grid[-1]:
+        axes.set_xlabel("time (s)")
     return figure
 
 

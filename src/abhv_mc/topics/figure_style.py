@@ -121,28 +121,29 @@ def new_panels(
     between: tuple[float, float] = (0.68, 0.48),
     top: float = 0.24,
     left: float = 0.74,
+    width: float = WIDTH,
     **shared: Any,
 ) -> tuple[Figure, Any]:
     """Return a figure with axes [row, column] for ``count`` panels; surplus axes are hidden.
 
     Sizes are in inches. ``row_height`` is the height of each axes, ``top`` is the space for titles,
-    ``left`` is the space for labels, and ``between`` is the horizontal and vertical space between
-    panels. The layout is fixed, because measuring text would take as long as drawing the figure. If
-    there are several panels, each is labelled with a letter. ``shared`` is passed to
-    :meth:`Figure.subplots`.
+    ``left`` is the space for labels, ``width`` is that of the figure, and ``between`` is the
+    horizontal and vertical space between panels. The layout is fixed, because measuring text would
+    take as long as drawing the figure. If there are several panels, each is labelled with a letter.
+    ``shared`` is passed to :meth:`Figure.subplots`.
     """
     rows = -(-count // columns)
     bottom, right = 0.63, 0.12
     height = top + rows * row_height + (rows - 1) * between[1] + bottom
-    width = (WIDTH - left - right - (columns - 1) * between[0]) / columns
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI)
+    panel = (width - left - right - (columns - 1) * between[0]) / columns
+    figure = Figure(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
     layout = {
-        "left": left / WIDTH,
-        "right": 1.0 - right / WIDTH,
+        "left": left / width,
+        "right": 1.0 - right / width,
         "bottom": bottom / height,
         "top": 1.0 - top / height,
-        "wspace": between[0] / width,
+        "wspace": between[0] / panel,
         "hspace": between[1] / row_height,
     }
     grid = figure.subplots(rows, columns, squeeze=False, gridspec_kw=layout, **shared)
@@ -150,7 +151,7 @@ def new_panels(
         for axis in (axes.xaxis, axes.yaxis):
             axis.get_major_locator().set_params(nbins=6)
         axes.xaxis.set_label_coords(0.5, -0.24 / row_height)
-        axes.yaxis.set_label_coords(-0.55 / width, 0.5)
+        axes.yaxis.set_label_coords(-0.55 / panel, 0.5)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
     for letter, axes in zip(ascii_lowercase, grid.flat[:count] if count > 1 else (), strict=False):

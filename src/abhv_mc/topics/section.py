@@ -3,14 +3,17 @@
 Text between backticks is literal, such as a command, a file name or a key.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
+from textwrap import wrap
 from typing import TypeAlias
 
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import bounds, estimate
 
+_WIDTH = 80  # maximum line width of printed records, in columns
 _IDLE = {"", "0", "\N{EM DASH}"}
 
 
@@ -28,6 +31,7 @@ class Cell:
         None  # controller and number of the flight that a click on the cell shows
     )
     hint: str = ""  # tooltip
+    best: bool = False  # whether the cell is bold on a page, and marked by * in text
 
 
 def interval_cell(interval: Interval) -> Cell:
@@ -64,7 +68,8 @@ class Table:
             lines = [[""] * len(self.heads) for _ in group]
             for r, located_cells in enumerate(_places(group)):
                 for column, cell in located_cells:
-                    text = f"{cell.text} ({cell.note})" if cell.note else cell.text
+                    text = cell.text + "*" * cell.best
+                    text += f" ({cell.note})" if cell.note else ""
                     for line in lines[r : r + cell.rows]:
                         line[column : column + cell.columns] = [text] * cell.columns
             rows += lines
@@ -174,6 +179,65 @@ class Lead:
 
 
 @dataclass(frozen=True)
+class Entry:
+    """One line of a record: labels of controllers, and text such as metrics and numbers."""
+
+    names: tuple[str, ...] = ()
+    text: str = ""
+
+    @property
+    def line(self) -> str:
+        """Names and text, separated by a colon."""
+        return ": ".join(filter(None, (", ".join(self.names), self.text)))
+
+
+@dataclass(frozen=True)
+class Record:
+    """Fixed label with its entries."""
+
+    label: str
+    entries: tuple[Entry, ...] = (Entry(),)
+
+    @property
+    def line(self) -> str:
+        """Label and entries on one line."""
+        return ": ".join(filter(None, (self.label, "; ".join(e.line for e in self.entries))))
+
+
+@dataclass(frozen=True, repr=False)
+class Records:
+    """Labelled records, which every medium prints in the same order."""
+
+    records: tuple[Record, ...]
+
+    def at(self, folder: str) -> "Records":
+        """Return the records with the results ``folder`` in place of DIR in commands."""
+        return Records(
+            tuple(
+                Record(
+                    record.label,
+                    tuple(
+                        replace(entry, text=re.sub(r"\bDIR\b", lambda _: folder, entry.text))
+                        for entry in record.entries
+                    ),
+                )
+                for record in self.records
+            )
+        )
+
+    def __repr__(self) -> str:
+        """Return the records as text of at most 80 columns."""
+        indent = max((len(record.label) for record in self.records), default=0) + 2
+        lines = []
+        for record in self.records:
+            for k, entry in enumerate(record.entries):
+                head = f"{'' if k else record.label:<{indent}}"
+                first, *further = wrap(entry.line, _WIDTH - indent - 2) or [""]
+                lines += [f"{head}{first}".rstrip(), *(f"{'':{indent + 2}}{x}" for x in further)]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
 class Bullets:
     """List of sentences, one per line."""
 
@@ -219,7 +283,7 @@ class Fold:
     items: "tuple[Item, ...]"
 
 
-Item: TypeAlias = Text | Lead | Bullets | Table | Picture | Widget | Heading | Fold
+Item: TypeAlias = Text | Records | Lead | Bullets | Table | Picture | Widget | Heading | Fold
 
 
 @dataclass(frozen=True)

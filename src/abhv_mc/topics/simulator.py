@@ -1,7 +1,7 @@
 """Report topic: repeatability of a user's simulator, and why its flights failed to run."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from abhv_mc.flight.repeatability import Repeatability
@@ -68,12 +68,6 @@ def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
     )
 
 
-def _sentences(facts: SimulatorFacts, _names: Names) -> Sequence[str]:
-    if facts.repeatable in (None, Repeatability.EXACT):
-        return []
-    return [Repeatability(facts.repeatable).sentence]
-
-
 def _section(facts: SimulatorFacts, names: Names) -> Section | None:
     if names.campaign.simulator.capabilities.is_repeatable and not facts.reasons:
         return None
@@ -121,4 +115,4 @@ def _row(label: str, reason: FailureReason) -> Row:
     )
 
 
-SIMULATOR = Topic("simulator", SimulatorFacts, compute_simulator, _section, _sentences)
+SIMULATOR = Topic("simulator", SimulatorFacts, compute_simulator, _section)

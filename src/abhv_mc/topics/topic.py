@@ -1,8 +1,8 @@
-"""Report topic with its numbers, section, sentences and figures."""
+"""Report topic with its numbers, section and figures."""
 
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -39,7 +39,7 @@ def figures_of(room: str) -> Callable[[Any, Names], Iterator[Drawn]]:
 class Topic(Generic[M]):
     """Report topic whose ``compute`` returns a model, a frozen dataclass of numbers.
 
-    The section, sentences and figures are made from the model and :class:`Names`, which also gives
+    The section and figures are made from the model and :class:`Names`, which also gives
     access to the campaign and its results. A field with ``metadata={DRAWN: True}``
     (:mod:`abhv_mc.topics.json_data`) is used only for figures and omitted from JSON.
     """
@@ -49,8 +49,6 @@ class Topic(Generic[M]):
     model: type[M]
     compute: Callable[[FlownCampaign], M]
     section: Callable[[M, Names], Section | None]  # section, or None if there is nothing to report
-    # sentences that summarize the topic
-    sentences: Callable[[M, Names], Sequence[str]] = lambda _model, _names: ()
     figures: Callable[[M, Names], Iterator[Drawn]] = lambda _model, _names: iter(())
 
 
@@ -82,7 +80,6 @@ class Models:
     def _can_be_made(self, topic: Topic[Any]) -> bool:
         try:
             self.section(topic)
-            self.sentences(topic)
         except Exception:
             _tell_failure(topic.name)
             return False
@@ -92,10 +89,6 @@ class Models:
         """Return a topic's section."""
         section = topic.section(self[topic], self.names)
         return section and section.without_idle()
-
-    def sentences(self, topic: Topic[Any]) -> Sequence[str]:
-        """Return a topic's summary sentences."""
-        return topic.sentences(self[topic], self.names)
 
     def figures(self, topic: Topic[Any]) -> Iterator[Drawn]:
         """Yield a topic's figures with their file names, titles and captions."""

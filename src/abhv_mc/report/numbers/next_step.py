@@ -2,10 +2,10 @@
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.phrases import counted, grouped_digits
-from abhv_mc.report.numbers.judgement_record import NextStep
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import MOST_TIMES, UNSEARCHED, Verdict, about, advise, predict_pass
 from abhv_mc.topics.topic import Models
@@ -15,6 +15,15 @@ from abhv_mc.topics.verdicts.model import Verdicts
 # largest number of flights for which a command is suggested, as a multiple of the present number
 _MOST_LONGER = 100
 _ASSUMPTION = "chance for the present failure counts (Jeffreys prior), failure rates independent"
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """Recommended next step."""
+
+    why: str
+    command: str = ""  # command with DIR for the results folder; '' if no command is recommended
+    assumption: str = ""  # assumption of a chance in ``why``
 
 
 def find_next_step(models: Models) -> NextStep | None:
@@ -53,7 +62,7 @@ def find_next_step(models: Models) -> NextStep | None:
     if jointly := flights_for_joint_verdicts(verdicts):
         why = f"joint PASS of all verdicts: {counted(jointly, 'flight')} without failures"
         return _longer_run(models, jointly, why)
-    names = map(models.names.label, dict.fromkeys(name for _, name, _ in verdicts.binding))
+    names = map(models.names.label, sorted({name for _, name, _ in verdicts.binding}))
     return NextStep(f"none: all requirements decided for {', '.join(names)}")
 
 

@@ -10,14 +10,13 @@ from types import NoneType, UnionType
 from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 from abhv_mc.report.numbers.compare import Baseline
-from abhv_mc.report.numbers.judgement import judge_campaign
-from abhv_mc.report.numbers.judgement_record import Judgement
+from abhv_mc.report.numbers.summary import summarize, warnings_of
 from abhv_mc.topics.json_data import DRAWN, json_data
-from abhv_mc.topics.margins import MARGINS, missing_margins
 from abhv_mc.topics.registry import BUILT_IN
+from abhv_mc.topics.section import Records
 from abhv_mc.topics.topic import Models, user_topics
 
-FORMAT = 2
+FORMAT = 3
 
 
 def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, Any]:
@@ -29,18 +28,11 @@ def make_numbers(models: Models, baseline: Baseline | None = None) -> dict[str, 
         "digest": manifest.digest,
         **({"requirement_sets": len(sets)} if (sets := manifest.requirement_sets) else {}),
         "warnings": warnings_of(models),
-        "judgement": json_data(judge_campaign(models)),
+        "summary": json_data(summarize(models)),
         **{topic.name: json_data(models[topic]) for topic in BUILT_IN},
         **({"topics": {topic.name: json_data(models[topic]) for topic in users}} if users else {}),
         **({"baseline": json_data(baseline)} if baseline else {}),
     }
-
-
-def warnings_of(models: Models) -> list[str]:
-    """Return the warnings from the run of a campaign and from its topics."""
-    manifest = models.results.manifest
-    warnings = (*manifest.warnings, *manifest.not_made)
-    return [*warnings, *missing_margins(models[MARGINS], models.names)]
 
 
 _PLAIN = {str: "string", int: "integer", bool: "boolean", NoneType: "null"}
@@ -53,7 +45,7 @@ Schema: TypeAlias = dict[str, Any]
 def report_schema() -> Schema:
     """Return the JSON Schema of `report.json`; infinite and missing numbers are null."""
     defs: dict[str, Schema] = {}
-    sections = {"judgement": _schema(Judgement, defs)} | {
+    sections = {"summary": _schema(Records, defs)} | {
         topic.name: _schema(topic.model, defs) for topic in BUILT_IN
     }
     users = {topic.name: _schema(topic.model, defs) for topic in user_topics()}

@@ -1,100 +1,353 @@
-"""Summary sentences of a campaign, and the statement on statistical confidence."""
+"""Summary of a campaign as labelled records, and the records on statistical confidence."""
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from abhv_mc.campaign.file.unknowns import Unknowns
+from abhv_mc.flight.metrics import GAIN_MARGIN, PHASE_MARGIN
+from abhv_mc.folder.manifest import Manifest
 from abhv_mc.folder.pooled_campaigns import suggest_merge
-from abhv_mc.io.phrases import counted, joined
-from abhv_mc.report.numbers.report_numbers import warnings_of
-from abhv_mc.topics.convergence import CONVERGENCE
-from abhv_mc.topics.flights import FLIGHTS, flight_sentences
-from abhv_mc.topics.formatting import fixed, percent
-from abhv_mc.topics.registry import all_topics
+from abhv_mc.report.numbers.next_step import find_next_step
+from abhv_mc.statistics.evidence import flights_to_pass
+from abhv_mc.statistics.verdicts import label_status
+from abhv_mc.statistics.winner import RISK
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.comparison.model import make_standings
+from abhv_mc.topics.drivers import DRIVERS, driver_text
+from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.flights.model import ended_words
+from abhv_mc.topics.formatting import (
+    count_of,
+    fixed,
+    percent,
+    shown_value,
+    significant,
+    spoken_name,
+)
+from abhv_mc.topics.margins import MARGINS, missing_margins
+from abhv_mc.topics.margins.model import least_margins
+from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.section import Entry, Record, Records
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.vehicle.shared_keys import IN_WIND
+
+_LATER = label_status("PASS", set_later=True)
+_DETAILED = 4  # largest number of controllers for which missed requirements are named
 
 
-def summary_sentences(models: Models) -> list[str]:
-    """Return the summary of a campaign: the sentences of all topics."""
-    return [sentence for topic in all_topics(models.users) for sentence in models.sentences(topic)]
-
-
-def section_leads(models: Models, warnings: Sequence[str] = ()) -> Mapping[str, Sequence[str]]:
-    """Return introductory sentences for topics whose sentences depend on other topics.
-
-    ``warnings`` are added to the warnings of the run and of the topics.
-    """
-    siblings, command = suggest_merge(models.results.folder, models.results.manifest)
-    joint = models[VERDICTS].held_together
-    # The sentences on verdicts name the verdicts that do not hold jointly.
-    jointly = models.sentences(VERDICTS) if joint is not None and joint.dropped else ()
-    windy = [
-        f"{warning[:1].upper()}{warning[1:]}."
-        for warning in warnings_of(models)
-        if warning.startswith(IN_WIND)
-    ]
-    pooled = [f"{siblings} Merge and judge them with `{command}`"] if siblings else []
-    flights = flight_sentences(models[FLIGHTS], models.names, off_cards=True)
-    return {
-        VERDICTS.name: [*jointly, *windy, *flights, *pooled],
-        CONVERGENCE.name: [confidence_sentence(models, warnings)],
-    }
-
-
-def _judged_words(unknowns: Unknowns) -> str:
-    shared = unknowns.shared
-    if shared is None or shared == len(unknowns.points):
-        return "Each verdict covers all of these values"
-    return (
-        f"Each verdict covers the first {counted(shared, 'value')} and those at which the search "
-        "found the most failures of its requirement"
+def summarize(models: Models) -> Records:
+    """Return the summary of a campaign; DIR in its commands is the results folder."""
+    known = f"{fixed(models.results.changed_after, 0)} flights known: "
+    changes = tuple(Entry((), f"{known}{item}") for item in models.results.requirement_changes)
+    records = (
+        *_answers(models),
+        *_verdict_records(models),
+        *_comparison_records(models),
+        Record("Early terminations", _grouped(_early_terminations(models))),
+        Record("Margins", _grouped(_least_margins(models, only_poor=True))),
+        Record("Changed after results", changes),
+        Record("Risk", tuple(_risk_entries(models))),
+        Record("Missing", tuple(_missing_entries(models))),
+        Record("Next", tuple(_next_entries(models))),
     )
+    return Records(tuple(record for record in records if record.entries))
 
 
-def confidence_sentence(models: Models, warnings: Sequence[str] = ()) -> str:
-    """Return sentences on the basis of intervals and verdicts, with ``warnings`` as notes."""
-    campaign, names, requirements = (
-        models.results.campaign,
-        models.names,
-        models[VERDICTS].requirements,
-    )
-    numbers = sorted({counts.flown for counts in models[FLIGHTS].counts.values()})
-    flights = joined([fixed(number, 0) for number in numbers], "or")
-    noun = "flight" if numbers == [1] else "flights"
-    text = (
-        f"The results are based on {flights} {noun} of each {names.campaign.kind}, with the same "
-        "dispersions for all"
-    )
-    text += "; intervals have 95 % confidence." if campaign.independent else "."
-    if campaign.unknowns.names:
-        text += (
-            f" These are {counted(campaign.runs_at_point, 'flight')} at each of "
-            f"{counted(len(campaign.unknowns.points), 'value')} of the unknowns. "
-            f"{_judged_words(campaign.unknowns)}; values in between were searched, but nothing is "
-            "proven for them. Quantiles, envelopes and differences combine all values; a "
-            f"{names.campaign.kind} is named better only if it is better at every value."
-        )
-    elif not campaign.independent:
-        text += (
-            f" {campaign.dependence[:1].upper()}{campaign.dependence[1:]}: exact binomial "
-            "statistics do not apply, so quantiles, differences and their intervals are estimates "
-            "and no verdict is given."
-        )
-    elif models[VERDICTS].held_together:
-        largest = max(entry.asked.consumer_risk for entry in requirements)
-        text += (
-            " A system that just misses a requirement gets a PASS with a probability of at most "
-            f"{percent(largest, 2)}, even if results are checked repeatedly or the campaign is "
-            "extended; the intervals hold for a single check."
-        )
-        if campaign.model.stop:
-            text += (
-                " The campaign stops when every verdict is PASS or FAIL, after at most "
-                f"{counted(campaign.runs, 'flight')}."
+def parse_summary(entry: Any) -> Records:
+    """Return the summary stored as `summary` in a `report.json`."""
+    return Records(
+        tuple(
+            Record(
+                record["label"],
+                tuple(Entry(tuple(item["names"]), item["text"]) for item in record["entries"]),
             )
-    for warning in (*warnings_of(models), *warnings):
-        text += f" Note: {warning}."
-    if models.results.manifest.complete is False:
-        text += " The campaign is not complete; all numbers are preliminary."
-    return text
+            for record in entry["records"]
+        )
+    )
+
+
+def read_summary(folder: Path, manifest: Manifest) -> Records | None:
+    """Read the summary from a folder's `report.json`; None if missing or outdated."""
+    try:
+        content = json.loads((folder / "report.json").read_text("utf-8"))
+        state = manifest.digest, manifest.state, len(manifest.requirement_sets)
+        if (content["digest"], content["state"], content.get("requirement_sets", 0)) != state:
+            return None
+        return parse_summary(content["summary"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _labels(models: Models) -> Mapping[str, str]:
+    """Return the labels of the controllers, sorted by name."""
+    return dict(sorted(models.names.controllers.items()))
+
+
+def _grouped(texts: Mapping[str, str]) -> tuple[Entry, ...]:
+    """Return one entry for all labels with the same text."""
+    labels: dict[str, list[str]] = {}
+    for label, text in texts.items():
+        labels.setdefault(text, []).append(label)
+    return tuple(Entry(tuple(equal), text) for text, equal in labels.items())
+
+
+def _answers(models: Models) -> Iterator[Record]:
+    """Yield the record that answers a question on drivers, margins or the worst flight."""
+    asks = models.results.campaign.model.asks
+    if asks == "drivers":
+        drivers = models[DRIVERS].controllers
+        texts = {
+            label: driver_text(drivers[name], models.names)
+            for name, label in _labels(models).items()
+            if name in drivers
+        }
+        yield Record("Drivers", _grouped(texts))
+    elif asks == "margins":
+        yield Record("Least margins", _grouped(_least_margins(models, only_poor=False)))
+    elif asks == "worst":
+        labels = _labels(models).items()
+        yield Record("Worst flight", tuple(_worst(models, name, label) for name, label in labels))
+
+
+def _worst(models: Models, name: str, label: str) -> Entry:
+    """Return a controller's worst flight with its metric and its largest dispersions."""
+    names, worst = models.names, models[FLIGHTS].worst[name][0]
+    text = ended_words(worst.outcome, worst.missed, len(names.requirements))
+    if worst.by is not None:
+        record = names.metrics[worst.by]
+        text = f"{record.phrase} {record.with_unit(significant(worst.metrics[worst.by]))}"
+    dispersions = ", ".join(
+        f"{spoken_name(item.parameter)} "
+        f"{shown_value(item.parameter, item.value, names.campaign.parameters)}"
+        for item in worst.largest
+    )
+    return Entry((label,), f"flight {worst.flight}, {text} ({dispersions})")
+
+
+def _verdict_records(models: Models) -> Iterator[Record]:
+    verdicts, labels = models[VERDICTS], _labels(models)
+    if not verdicts.requirements:
+        yield Record("No requirements")
+        return
+    meeting: dict[int, list[str]] = {}
+    shortfalls: dict[str, dict[str, str]] = {
+        "FAIL": {},
+        "NOT SHOWN": {},
+        "ESTIMATE": {},
+        _LATER: {},
+    }
+    for name, label in labels.items():
+        own = verdicts.verdicts_of(name)
+        if {verdict.label for _, verdict in own} == {"PASS"}:
+            meeting.setdefault(len(own), []).append(label)
+        for status, texts in shortfalls.items():
+            listed = [
+                (item, verdict)
+                for item, verdict in own
+                if status in (verdict.label, verdict.status)
+            ]
+            if not listed:
+                continue
+            item, worst = max(
+                listed,
+                key=lambda entry: (
+                    entry[1].failures / (entry[1].flights * (1.0 - entry[1].probability))
+                ),
+            )
+            text = count_of(len(listed), len(own))
+            if len(labels) <= _DETAILED:
+                failures = count_of(worst.failures, worst.flights)
+                text += f", {models.names.metrics[item.metric].phrase} {failures}"
+            texts[label] = text
+    needed = [
+        flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
+        for _, _, verdict in verdicts.binding
+        if verdict and verdict.status == "NOT SHOWN"
+    ]
+    for number, controllers in sorted(meeting.items()):
+        yield Record(f"Meets all {number} requirements", (Entry(tuple(controllers)),))
+    yield Record("Misses", _grouped(shortfalls["FAIL"]))
+    yield Record("Not shown", _grouped(shortfalls["NOT SHOWN"]))
+    yield Record(_LATER, _grouped(shortfalls[_LATER]))
+    yield Record("Estimates, no verdicts", _grouped(shortfalls["ESTIMATE"]))
+    yield Record("Flights needed", (Entry((), fixed(max(needed), 0)),) if needed else ())
+
+
+def _comparison_records(models: Models) -> Iterator[Record]:
+    """Yield the leading metrics in which a controller is better, and those without a winner."""
+    comparison, names = models[COMPARISON], models.names
+    selected = sorted(names.campaign.compared or names.controllers)
+    pairs = [pair for pair in comparison.pairs.values() if {pair.a, pair.b} <= set(selected)]
+    if not pairs:
+        return
+    if not names.campaign.judged:
+        yield Record("No comparison", (Entry((), names.campaign.dependence),))
+        return
+    better: dict[str, list[str]] = {}
+    not_beaten: dict[tuple[str, ...], list[str]] = {}
+    for metric, standing in make_standings(pairs, selected).items():
+        if metric not in names.asked:
+            continue
+        phrase = names.metrics[metric].phrase
+        if standing.winner:
+            detail = _advantage(models, metric, standing.winner, selected)
+            better.setdefault(standing.winner, []).append(phrase + detail)
+        else:
+            not_beaten.setdefault(standing.not_beaten, []).append(phrase)
+    yield Record(
+        "Better in",
+        tuple(
+            Entry((names.label(name),), ", ".join(phrases))
+            for name, phrases in sorted(better.items())
+        ),
+    )
+    entries = []
+    for controllers, phrases in sorted(not_beaten.items()):
+        text = ", ".join(phrases)
+        if len(controllers) == len(selected):
+            entries.append(Entry((), f"no difference shown: {text}"))
+        elif controllers:
+            entries.append(Entry(tuple(map(names.label, controllers)), text))
+        else:
+            cycle = ", ".join(map(names.label, selected))
+            entries.append(Entry((), f"no order: {cycle} ({text})"))
+    yield Record("Not beaten", tuple(entries))
+
+
+def _advantage(models: Models, metric: str, winner: str, selected: Sequence[str]) -> str:
+    """Return medians of the winner and its nearest rival, and the share of flights it wins.
+
+    The text is empty for metrics without a requirement.
+    """
+    names, comparison = models.names, models[COMPARISON]
+    if not names.requirements:
+        return ""
+    medians = {
+        name: models[METRICS].table[metric].controllers[name].quantiles["q50"].value
+        for name in selected
+    }
+    rival = min(
+        (name for name in selected if name != winner),
+        key=lambda name: abs(medians[name] - medians[winner]),
+    )
+    pair = comparison.pairs[" - ".join(sorted((winner, rival)))]
+    entry = pair.metrics[metric]
+    share = (entry.a_better if pair.a == winner else entry.b_better) / pair.pairs
+    unit = names.metrics[metric].with_unit
+    values = f"{unit(significant(medians[winner]))}; {names.label(rival)} "
+    values += f"{unit(significant(medians[rival]))}"
+    return f" ({values}; on {percent(share, 2)} of flights)"
+
+
+def _early_terminations(models: Models) -> dict[str, str]:
+    """Return the early terminations of each controller that has any, by label."""
+    counts, texts = models[FLIGHTS].counts, {}
+    for name, label in _labels(models).items():
+        if counts[name].failed:
+            fewer = [
+                models.names.label(pair.b if pair.a == name else pair.a)
+                for pair in models[COMPARISON].pairs.values()
+                if pair.losing == name
+            ]
+            text = count_of(counts[name].failed, counts[name].flown)
+            texts[label] = text + (f", more than {', '.join(fewer)}" if fewer else "")
+    return texts
+
+
+def _least_margins(models: Models, *, only_poor: bool) -> dict[str, str]:
+    """Return the least nominal margins, or only those below customary values, by label."""
+    texts = {}
+    customary = f"customary {GAIN_MARGIN.customary:g} dB, {PHASE_MARGIN.customary:g} deg"
+    for name, label in _labels(models).items():
+        least = least_margins(models[MARGINS], name)
+        if least is not None and not (only_poor and least.stable and not least.little):
+            margins = ", ".join(filter(None, least.words)) or "no limit"
+            texts[label] = f"{margins} ({customary})" if least.stable else "unstable"
+    return texts
+
+
+def _next_entries(models: Models) -> Iterator[Entry]:
+    if step := find_next_step(models):
+        command = f"`{step.command}`: " if step.command else ""
+        yield Entry((), f"{command}{step.why}{f' ({step.assumption})' * bool(step.assumption)}")
+
+
+def _risk_entries(models: Models) -> Iterator[Entry]:
+    """Yield the consumer's risk of a PASS and the number of PASS verdicts that hold jointly."""
+    verdicts = models[VERDICTS]
+    joint = verdicts.held_together
+    passed = joint.stand + len(joint.dropped) if joint else 0
+    if joint and passed:
+        risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
+        jointly = count_of(joint.stand, passed)
+        yield Entry((), f"{percent(risk, 2)} for each PASS; {jointly} PASS hold jointly")
+
+
+def _missing_entries(models: Models) -> Iterator[Entry]:
+    """Yield the flights that were not yet computed, failed to run or are absent."""
+    flights, manifest = models[FLIGHTS], models.results.manifest
+    planned, runs = manifest.file_runs or 0, models.results.campaign.runs_at_point
+    if manifest.state != "complete":
+        done = count_of(manifest.runs_done, manifest.runs_planned)
+        yield Entry((), f"{done} flights computed, {manifest.state}")
+    elif planned > runs:
+        yield Entry((), f"{count_of(runs, planned)} flights computed")
+    for name, count in sorted(flights.left_out.items()):
+        yield Entry((name,), f"{count_of(count, count)} failed to run")
+    for name, label in _labels(models).items():
+        counts = flights.counts[name]
+        if counts.not_computed:
+            total = counts.not_computed + counts.flown
+            yield Entry((label,), f"{count_of(counts.not_computed, total)} failed to run")
+
+
+def warnings_of(models: Models) -> list[str]:
+    """Return the warnings from the run of a campaign and from its topics."""
+    manifest = models.results.manifest
+    warnings = (*manifest.warnings, *manifest.not_made)
+    return [*warnings, *missing_margins(models[MARGINS], models.names)]
+
+
+def confidence_records(models: Models, warnings: Sequence[str] = ()) -> Records:
+    """Return the basis of intervals and verdicts, with ``warnings`` as notes."""
+    campaign, requirements = models.results.campaign, models[VERDICTS].requirements
+    numbers = sorted({counts.flown for counts in models[FLIGHTS].counts.values()})
+    flights = f"{', '.join(fixed(number, 0) for number in numbers)} of each {campaign.kind}"
+    basis = [Entry((), flights)]
+    records = [Record("Flights", tuple(basis))]
+    unknowns = campaign.unknowns
+    if unknowns.names:
+        shared, count = unknowns.shared, len(unknowns.points)
+        judged = count if shared is None else shared
+        text = f"{fixed(campaign.runs_at_point, 0)} flights at each of {count} values; "
+        text += f"each verdict covers {count_of(judged, count)} values"
+        text += ", and those with the most failures of its requirement" * (judged < count)
+        records.append(Record("Unknowns", (Entry((), text), Entry((), _BETWEEN))))
+    if not campaign.independent:
+        records.append(Record("Estimates", (Entry((), campaign.dependence),)))
+    else:
+        records.append(Record("Intervals", (Entry((), "95 % confidence at a single check"),)))
+        if campaign.judged:
+            text = f"{percent(RISK, 2)} for any wrong winner, {percent(RISK, 2)} for any wrong "
+            text += "order of early terminations"
+            records.append(Record("Risk of the comparison", (Entry((), text),)))
+    if models[VERDICTS].held_together:
+        risk = percent(max(entry.asked.consumer_risk for entry in requirements), 2)
+        text = f"{risk} for a system that just misses a requirement, at any number of checks"
+        records.append(Record("Risk of a PASS", (Entry((), text),)))
+    if campaign.model.stop:
+        text = f"every verdict PASS or FAIL, or {fixed(campaign.runs, 0)} flights"
+        records.append(Record("Stops at", (Entry((), text),)))
+    siblings, command = suggest_merge(models.results.folder, models.results.manifest)
+    if siblings:
+        records.append(Record("Other seeds", (Entry((), siblings), Entry((), f"`{command}`"))))
+    notes = dict.fromkeys((*warnings_of(models), *warnings))
+    records.append(Record("Note", tuple(Entry((), note) for note in notes)))
+    return Records(tuple(record for record in records if record.entries))
+
+
+_BETWEEN = (
+    "quantiles, envelopes and differences combine all values; a winner wins at every value; "
+    "nothing is proven for values in between"
+)

@@ -23,14 +23,13 @@ from abhv_mc.report.numbers.compare import (
     select_flights,
 )
 from abhv_mc.report.numbers.contrast import Contrast, contrast_results
-from abhv_mc.report.numbers.judgement import shorten_list
 from abhv_mc.report.numbers.runs import COMPARISON_FILE
 from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_rows, contrast_section
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
+from abhv_mc.report.pages.pair_sentences import pair_words, shorten_list, standing, verdict_of
 from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
-from abhv_mc.topics.comparison.sentences import pair_words, standing, verdict_of
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.formatting import ends_of, fixed, p_equation
 from abhv_mc.topics.json_data import json_data
@@ -285,7 +284,7 @@ def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) ->
         if names.campaign.judged:
             answer = answer_of[verdict_of(pair, names)]
             differences = (
-                [f"has {'more' if pair.losing == 'b' else 'fewer'} early terminations"]
+                [f"has {'more' if pair.losing == pair.b else 'fewer'} early terminations"]
                 if pair.losing
                 else []
             )

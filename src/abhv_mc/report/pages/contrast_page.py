@@ -18,7 +18,7 @@ from abhv_mc.report.numbers.contrast import (
     ContrastRequirement,
     SideVerdict,
 )
-from abhv_mc.report.numbers.judgement import shorten_list
+from abhv_mc.report.pages.pair_sentences import shorten_list
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.figure_style import (
     CYCLE,

@@ -1,24 +1,18 @@
-"""Parts of the first screen of a report: chart, cards and baseline comparison."""
+"""Parts of the first screen of a report: chart and baseline comparison."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from abhv_mc.flight.metrics import SURFACE_USAGE
-from abhv_mc.io.phrases import THIN, counted, joined
+from abhv_mc.io.phrases import THIN
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
-from abhv_mc.topics.comparison.sentences import standing
-from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.formatting import count_of, fixed, significant
-from abhv_mc.topics.margins import MARGINS
-from abhv_mc.topics.margins.model import corners_unstable, least_margins
-from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.formatting import fixed, significant
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.topic import Models
-from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow, Verdicts
+from abhv_mc.topics.section import Entry, Record
+from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow
 
+MOST_BARS = 4  # largest number of controllers with a line of text next to each bar
 _ROWS, _PAIRS = 8, 2  # maximum numbers of chart rows and of pairs in the baseline comparison
 _LEFT, _RIGHT = 0.0, 1.35  # left and right edge of the chart, in units of the limit
 
@@ -34,6 +28,7 @@ class Bar:
     high: float | None
     median: float | None
     tolerance: float | None
+    worst: float | None  # worst completed flight
     beyond: bool  # whether the bar or the tolerance limit lies beyond the right edge of the chart
     # text on the right: tolerance limit with margin or, without a requirement, the median
     edge: str
@@ -77,8 +72,9 @@ def chart_rows(
 
 
 def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) -> Bar:
-    low, median, high, tolerance = (
-        chart_position(value, entry) for value in (cell.low, cell.median, cell.high, cell.tolerance)
+    low, median, high, tolerance, worst = (
+        chart_position(value, entry)
+        for value in (cell.low, cell.median, cell.high, cell.tolerance, cell.worst)
     )
     ends = sorted(value for value in (low, high) if value is not None)
     return Bar(
@@ -89,7 +85,8 @@ def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) 
         high=ends[-1] if len(ends) > 1 else 100.0 if ends else None,
         median=None if median == 100.0 else median,
         tolerance=None if tolerance == 100.0 else tolerance,
-        beyond=not {None, 100.0}.isdisjoint((low, high)) or tolerance == 100.0,
+        worst=None if worst == 100.0 else worst,
+        beyond=not {None, 100.0}.isdisjoint((low, high)) or 100.0 in (tolerance, worst),
         edge=_edge(entry, cell) if math.isfinite(cell.median) else "lost",
         words=_bar_words(entry, label, cell),
         status=cell.status,
@@ -152,73 +149,10 @@ def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
         for value in (cell.low, cell.median, cell.high)
     )
     words = f"{label}: median {median}, 5 % and 95 % quantiles {low} and {high}"
+    words += f", worst flight {significant(cell.worst, 3)} {unit}".rstrip()
     if cell.tolerance is None:
         return words
     return f"{words}, tolerance limit {significant(cell.tolerance, 3)} {unit}".strip()
-
-
-def controller_card(models: Models, name: str, color: str) -> dict[str, object]:
-    """Return the content of a controller's card: verdicts, outcomes, margins, effort."""
-    flights, table = models[FLIGHTS], models[METRICS].table
-    findings, counts = flights.findings[name], flights.counts[name]
-    margin, poor = _margin(models, name)
-    cycling = max(findings.cycling.values(), default=0)
-    corners, steady = corners_unstable(models[MARGINS], name)
-    notes = [
-        f"unstable at {count_of(corners, steady, 'corner')}"
-        if corners and margin != "unstable"
-        else "",
-        f"{count_of(findings.saturated, findings.flown)} saturate" if findings.saturated else "",
-        f"{count_of(cycling, findings.flown)} "
-        f"{'oscillate' if findings.disturbed else 'in a limit cycle'}"
-        if cycling
-        else "",
-        f"{counts.not_computed} not computed" if counts.not_computed else "",
-    ]
-    usage = [
-        significant(table[metric].controllers[name].quantiles["q50"].value, 2)
-        for metric in SURFACE_USAGE
-        if metric in table
-    ]
-    return {
-        "label": models.names.label(name),
-        "color": color,
-        "met": requirement_counts(models[VERDICTS], name),
-        "lost": f"{fixed(counts.failed, 0)} of {fixed(counts.flown, 0)} terminated early",
-        "margin": margin,
-        "poor": poor,  # whether margins are below customary values or a closed loop is unstable
-        "notes": list(filter(None, notes)),
-        "usage": f"{' / '.join(usage)} deg" if len(usage) == len(SURFACE_USAGE) else "",
-    }
-
-
-def requirement_counts(verdicts: Verdicts, name: str) -> str:
-    """Return counts such as '3 of 5 met, 1 missed, 1 undecided'; '' without requirements."""
-    statuses = verdicts.statuses(name)
-    if not statuses:
-        return ""
-    if "ESTIMATE" in statuses:
-        return f"{verdicts.kept(name)} of {len(statuses)} met in every flight"
-    shortfalls = [
-        f"{statuses.count(status)} {label}"
-        for status, label in (("FAIL", "missed"), ("NOT SHOWN", "undecided"))
-        if status in statuses
-    ]
-    later = sum(entry.controllers[name].set_later for entry in verdicts.requirements)
-    shortfalls += [f"{later} set later"] if later else []
-    return ", ".join([f"{statuses.count('PASS')} of {len(statuses)} met", *shortfalls])
-
-
-def _margin(models: Models, name: str) -> tuple[str, bool]:
-    """Return the smallest nominal margins, and whether they are below customary values."""
-    margins = least_margins(models[MARGINS], name)
-    if margins is None:
-        can_have = models.results.campaign.simulator.capabilities.has_margins
-        return "margins: not requested" if can_have else "", False
-    if not margins.stable:
-        return "unstable", True
-    gain, phase = margins.words
-    return ", ".join(filter(None, (gain or "any gain", phase))), margins.little
 
 
 def unlisted_rows(entries: Sequence[object]) -> str:
@@ -226,38 +160,21 @@ def unlisted_rows(entries: Sequence[object]) -> str:
     return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
 
 
-def baseline_line(baseline: Baseline | None, names: Names) -> str:
-    """Describe how up to two controllers changed from the baseline; '' without a baseline."""
+def baseline_record(baseline: Baseline | None, names: Names) -> Record | None:
+    """Return how the controllers changed from the baseline; None without a baseline."""
     if baseline is None:
-        return ""
-    parts = []
+        return None
+    entries = []
     for pair in baseline.paired[:_PAIRS]:
-        failed, counts_by_side = (
-            pair.any_failure,
-            {side: len(metrics) for side, metrics in standing(pair, names).items()},
-        )
+        winners = [entry.winner for entry in pair.metrics.values() if entry.compared]
         counts = (
-            ("better", counts_by_side["better"]),
-            ("worse", counts_by_side["worse"]),
-            ("undecided", counts_by_side["mixed"]),
+            f"better in {winners.count(pair.a)} and worse in {winners.count(pair.b)} of "
+            f"{len(winners)} metrics, failures of this / baseline only "
+            f"{fixed(pair.any_failure.only_a, 0)} / {fixed(pair.any_failure.only_b, 0)} of "
+            f"{fixed(pair.pairs, 0)}"
         )
-        changes, total = (
-            joined([f"{side} in {count}" for side, count in counts if count]),
-            sum(counts_by_side.values()),
-        )
-        change = f"is {changes} of" if changes else "shows no difference in"
-        text = f"{names.subject(pair.controllers[0])} {change} {counted(total, 'metric')}"
-        if failed.only_a or failed.only_b:
-            text += (
-                f", with {counted(failed.only_a, 'flight')} newly failed and "
-                f"{fixed(failed.only_b, 0)} no longer failed"
-            )
-        parts.append(text)
-    unlisted = len(baseline.paired) - len(parts)
+        entries.append(Entry((names.label(pair.controllers[0]),), counts))
+    if len(baseline.paired) > _PAIRS:
+        entries.append(Entry((), f"and {len(baseline.paired) - _PAIRS} more"))
     folder = baseline.folder.rstrip("/").rpartition("/")[2]
-    more = counted(unlisted, names.campaign.kind)
-    remainder = f"; {more} not listed here" if unlisted > 0 else ""
-    return (
-        f"Compared with '{folder}' ({counted(baseline.paired[0].pairs, 'paired flight')}): "
-        f"{'; '.join(parts)}{remainder}."
-    )
+    return Record(f"Compared with '{folder}'", tuple(entries))

@@ -17,15 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.numbers.compare import Baseline
-from abhv_mc.report.numbers.judgement import judge_campaign
-from abhv_mc.report.numbers.judgement_record import judgement_lead
-from abhv_mc.report.numbers.summary import section_leads
+from abhv_mc.report.numbers.summary import confidence_records, summarize
 from abhv_mc.report.pages.channel_curves import envelope_data
 from abhv_mc.report.pages.first_screen import (
     LIMIT_POSITION,
-    baseline_line,
+    MOST_BARS,
+    baseline_record,
     chart_rows,
-    controller_card,
     unlisted_rows,
 )
 from abhv_mc.report.pages.flights_view import (
@@ -35,10 +33,12 @@ from abhv_mc.report.pages.flights_view import (
     make_flights_view,
     template_text,
 )
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.figure_style import controller_colors, write_png
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.registry import all_topics
-from abhv_mc.topics.section import Bullets, Cell, FigureText, Section, Table
+from abhv_mc.topics.section import Cell, FigureText, Records, Section, Table
 from abhv_mc.topics.topic import Drawn, Models
 from abhv_mc.topics.verdicts import VERDICTS
 
@@ -135,13 +135,12 @@ def _typed(text: str) -> Markup:
 
 def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Section]:
     """Return the sections of all topics that have a section, by topic name."""
-    leads = section_leads(models, warnings)
+    confidence = confidence_records(models, warnings)
     sections = {}
     for topic in all_topics(models.users):
-        section = models.section(topic)
-        if section is not None:
-            lead = [Bullets(tuple(leads[topic.name]))] if leads.get(topic.name) else []
-            sections[topic.name] = replace(section, items=(*lead, *section.items))
+        if section := models.section(topic):
+            first = (confidence,) if topic is CONVERGENCE else ()
+            sections[topic.name] = replace(section, items=(*first, *section.items))
     return sections
 
 
@@ -181,6 +180,9 @@ def make_page(
     origin = campaign.simulator.origin
     drawn = f"imported from {origin}" if origin else seeds
     chart = chart_rows(verdicts.glance, names.controllers, colors)
+    summary, before = summarize(models).at(names.folder), baseline_record(baseline, names)
+    sections = page_sections(models, warnings)
+    comparison = sections.get(COMPARISON.name)
     flown = counted(next(iter(models[FLIGHTS].counts.values())).flown, "flight")
     return (
         make_environment()
@@ -192,7 +194,8 @@ def make_page(
             ),
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,
-            sections=page_sections(models, warnings),
+            sections=sections,
+            comparison=comparison.tables()[0] if comparison else None,
             figure_of={figure.text.name: figure for figure in figures},
             style=Markup("".join(map(template_text, STYLES))),  # noqa: S704  files of this package
             script=Markup(script),  # noqa: S704
@@ -204,9 +207,8 @@ def make_page(
             beyond=any(bar.beyond for _, bars in chart for bar in bars),
             with_tolerance=any(bar.tolerance is not None for _, bars in chart for bar in bars),
             required=bool(verdicts.requirements),
-            cards=[controller_card(models, name, colors[name]) for name in names.controllers],
-            lead=judgement_lead(judge_campaign(models), names.folder),
-            baseline_line=baseline_line(baseline, names),
+            many=len(names.controllers) > MOST_BARS,
+            summary=Records(tuple(filter(None, (*summary.records, before)))),
             limit_position=LIMIT_POSITION,
             shapes=SHAPES,
             campaign=campaign,

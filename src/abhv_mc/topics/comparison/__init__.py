@@ -1,8 +1,9 @@
-"""Report section that compares controllers by medians, differences and failures."""
+"""Report section that compares all controllers by metric and by pair."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.topics.comparison.model import (
     ComparedMetric,
     Comparison,
@@ -10,12 +11,11 @@ from abhv_mc.topics.comparison.model import (
     ListedFailures,
     compute_comparison,
 )
-from abhv_mc.topics.comparison.sentences import asked_of, comparison_sentences, survival_sentences
-from abhv_mc.topics.formatting import count_of, fixed, p_value, significant
+from abhv_mc.topics.formatting import count_of, fixed, p_value, percent, significant
+from abhv_mc.topics.metrics import metric_statistics
 from abhv_mc.topics.missed_requirements import requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
-    Bullets,
     Cell,
     Fold,
     Item,
@@ -29,11 +29,10 @@ from abhv_mc.topics.section import (
 from abhv_mc.topics.topic import Topic, figures_of
 
 _DASH = "\N{EM DASH}"
-_BETTER = (
-    "The table lists medians, and the median of the flight-by-flight differences with its 95 % "
-    'interval. "Better" names a winner whose advantage is significant after correction for '
-    "multiple comparisons (5 % over all rows and rivals, at any number of flights), and which is "
-    "not worse in the tails or in the number of early terminations."
+_METHOD = (
+    "Median, with 95 % quantile / worst flight; bold (* in text): not beaten, that is, no other "
+    "controller is significantly better on the same flights (5 % risk over all metrics and pairs, "
+    "at any number of flights) without being worse in the tails or in early terminations."
 )
 
 
@@ -41,67 +40,93 @@ def comparison_section(comparison: Comparison, names: Names) -> Section | None:
     """Return the section that compares controllers, or None for a single controller."""
     if not comparison.pairs:
         return None
-    first = names.label(next(iter(names.controllers)))
-    requirement_texts = [requirement_words(item, names.metrics) for item in names.requirements]
-    heads = ("Metric", names.campaign.kind.capitalize(), "Median", f"{first} minus this", "Better")
-    pairs = [
-        Fold(
-            f"{names.label(pair.a)} against {names.label(pair.b)}",
-            (
-                _difference_table(pair, names, asked_of(pair, names)),
-                _failure_table(pair, names, requirement_texts),
-            ),
-        )
-        for pair in comparison.pairs.values()
+    results, records = names.results, names.metrics
+    angles = [
+        metric
+        for metric in results.metrics
+        if records[metric].statistic == Statistic.RMS
+        and records[metric].unit == "deg"
+        and records[metric].group == "tracking"
+        and metric not in comparison.standings
     ]
-    required_rows = tuple(
-        tuple(_metric_rows(comparison, m, names)) for m in comparison.medians if m in names.asked
-    )
-    usage = tuple(
-        _usage_row(comparison, m, names) for m in comparison.medians if m not in names.asked
-    )
-    labels = names.controllers.values()
-    usage_heads = ("Metric", *labels, *(f"{first} minus {label}" for label in list(labels)[1:]))
-    lost = survival_sentences(comparison, names)
-    title, picture = "Differences in control effort", Picture("error_against_usage")
+    leading = [metric for metric in comparison.standings if metric in names.asked]
+    effort = [metric for metric in comparison.standings if metric not in names.asked]
+    groups = [
+        tuple(_metric_row(comparison, metric, names) for metric in metrics)
+        for metrics in (leading, effort, angles)
+        if metrics
+    ]
+    title = f"{names.campaign.kind.capitalize()} comparison"
+    heads = ("Metric", *names.controllers.values())
     items: tuple[Item, ...] = (
-        *([Bullets(tuple(lost))] if lost else []),
-        Text(_BETTER),
-        Table("Differences in the required metrics", heads, required_rows),
-        *([Fold(title, (Table(title, usage_heads, (usage,)), picture))] if usage else [picture]),
+        Text(_METHOD),
+        Table("Comparison by metric", heads, tuple(groups)),
+        Fold("All pairs", tuple(_overviews(comparison, names, leading))),
+        Picture("error_against_usage"),
     )
-    return Section(f"{names.campaign.kind.capitalize()} comparison", (*items, *pairs))
+    return Section(title, items)
 
 
-def _metric_rows(comparison: Comparison, metric: str, names: Names) -> Iterator[Row]:
-    first = next(iter(names.controllers))
-    head = Cell(names.metrics[metric].label_with_unit, rows=len(names.controllers), head=True)
-    for name, label in names.controllers.items():
-        pair = comparison.pairs.get(f"{first} - {name}")
-        cells: Row = (
-            Cell(label, head=True),
-            Cell(interval_cell(comparison.medians[metric][name]).text),
-        )
-        if pair is None:
-            cells = (*cells, Cell(""), Cell(""))
-        else:
-            entry = pair.metrics[metric]
-            cells = (*cells, interval_cell(entry.median_difference), _winner_cell(entry, names))
-        yield (head, *cells) if name == first else cells
+def _metric_row(comparison: Comparison, metric: str, names: Names) -> Row:
+    record, standing = names.metrics[metric], comparison.standings.get(metric)
+    cells = []
+    for name in names.controllers:
+        entry = metric_statistics(names.results.flights[name], metric, record)
+        median, upper = (interval_cell(entry.quantiles[level]).text for level in ("q50", "q95"))
+        best = standing is not None and name in standing.not_beaten
+        cells.append(Cell(median, f"{upper} / {significant(entry.worst, 3)}", best=best))
+    return (Cell(record.label_with_unit, head=True), *cells)
 
 
-def _usage_row(comparison: Comparison, metric: str, names: Names) -> Row:
-    """Return a row with each controller's median, then each rival's median difference."""
-    first, *rivals = names.controllers
-    pairs = [comparison.pairs.get(f"{first} - {name}") for name in rivals]
-    return (
-        Cell(names.metrics[metric].label_with_unit, head=True),
-        *(Cell(interval_cell(comparison.medians[metric][name]).text) for name in names.controllers),
-        *(
-            interval_cell(pair.metrics[metric].median_difference) if pair else Cell("")
-            for pair in pairs
+def _overviews(comparison: Comparison, names: Names, metrics: Sequence[str]) -> Iterator[Table]:
+    """Yield tables of differences in ``metrics`` and of failures, with one row for each pair."""
+    labels = [names.metrics[metric].label_with_unit for metric in metrics]
+    pairs = comparison.pairs.values()
+    yield Table(
+        "Differences of all pairs",
+        ("First", "Second", *labels),
+        (tuple(_pair_row(pair, names, metrics) for pair in pairs),),
+        "Median of first minus second, with 95 % interval, and share of flights on which the first "
+        "is better; bold: significant",
+    )
+    requirements = [requirement_words(item, names.metrics) for item in names.requirements]
+    yield Table(
+        "Failures of all pairs",
+        ("First", "Second", *requirements, "Early terminations"),
+        (
+            tuple(
+                (
+                    *_pair_heads(pair, names),
+                    *(_only_cell(entry) for entry in pair.requirements),
+                    replace(_only_cell(pair.ended_early), best=pair.losing is not None),
+                )
+                for pair in pairs
+            ),
         ),
+        "Flights that fail with the first only / with the second only, and McNemar's exact "
+        "p-value; bold: significant",
     )
+
+
+def _pair_heads(pair: ControllerPair, names: Names) -> Row:
+    return tuple(Cell(names.label(name), head=True) for name in (pair.a, pair.b))
+
+
+def _pair_row(pair: ControllerPair, names: Names, metrics: Sequence[str]) -> Row:
+    cells = []
+    for metric in metrics:
+        entry = pair.metrics[metric]
+        difference = interval_cell(entry.median_difference)
+        notes = difference.note, percent(entry.a_better / pair.pairs, 2)
+        note = ", ".join(filter(None, notes))
+        cells.append(replace(difference, note=note, best=entry.winner is not None))
+    return (*_pair_heads(pair, names), *cells)
+
+
+def _only_cell(failures: ListedFailures) -> Cell:
+    counts = f"{fixed(failures.only_a, 0)} / {fixed(failures.only_b, 0)}"
+    note = f"p {p_value(failures.p_value)}" if failures.only_a or failures.only_b else ""
+    return Cell(counts, note)
 
 
 def _winner_cell(entry: ComparedMetric, names: Names) -> Cell:
@@ -212,6 +237,5 @@ COMPARISON = Topic(
     Comparison,
     compute_comparison,
     comparison_section,
-    comparison_sentences,
     figures_of(__name__),
 )

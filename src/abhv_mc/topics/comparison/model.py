@@ -1,6 +1,7 @@
 """Paired comparison of two controllers on the same dispersed flights."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,10 +15,9 @@ from abhv_mc.folder.controller_flights import (
     common_rows,
     distances,
     metric_sign,
-    severities,
 )
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences, quantile
+from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences
 from abhv_mc.statistics.paired import (
     PairedFailures,
     PairedMetric,
@@ -28,11 +28,10 @@ from abhv_mc.statistics.paired import (
     median_ratio,
 )
 from abhv_mc.statistics.quantile_pairs import quantile_differences
-from abhv_mc.statistics.winner import Decision, agree, decide
+from abhv_mc.statistics.winner import RISK, Decision, agree, decide
 from abhv_mc.topics.json_data import DRAWN, level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
-_LOST_RISK = 0.05  # significance level for a difference in the number of early terminations
 _LISTED = 10  # maximum number of listed flights that failed under only one controller
 
 
@@ -72,57 +71,66 @@ class ControllerPair:
     metrics: Mapping[str, ComparedMetric]
     requirements: tuple[ListedFailures, ...]  # one entry per requirement, in the campaign's order
     ended_early: ListedFailures
+    losing: str | None  # controller with significantly more early terminations
     usage: Mapping[str, PairedUsage | None]  # control effort by tracking-error metric
     surfaces: Mapping[str, Interval | None]  # median ratio a / b of each control-effort metric
 
-    @property
-    def losing(self) -> str:
-        """Return 'a' or 'b', the controller with significantly more early terminations, or ''."""
-        lost = self.ended_early
-        if lost.p_value > _LOST_RISK or lost.only_a == lost.only_b:
-            return ""
-        return "a" if lost.only_a > lost.only_b else "b"
+
+@dataclass(frozen=True)
+class Standing:
+    """Result of the comparison of all controllers in one metric."""
+
+    winner: str | None  # controller that is significantly better than every other controller
+    # controllers than which no other controller is significantly better, sorted by name
+    not_beaten: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of a campaign's first controller with each of the others."""
+    """Comparison of all pairs of a campaign's controllers, whose names are sorted."""
 
     pairs: Mapping[str, ControllerPair]
-    # medians by metric and controller, for the metrics in which a winner may be named
-    medians: Mapping[str, Mapping[str, Interval]] = field(
-        default_factory=dict, metadata={DRAWN: True}
-    )
+    standings: Mapping[str, Standing]  # by metric in which a winner may be named
 
 
 def compute_comparison(results: FlownCampaign) -> Comparison:
-    """Return the comparison of the first controller with each of the others."""
-    campaign, rivals = results.campaign, len(list(results.pairs))
+    """Return the comparison of all pairs of controllers in the leading metrics."""
+    campaign, number = results.campaign, len(results.pairs)
     points = len(campaign.unknowns.points)
-    pairs = {
+    compared = {
         f"{a} - {b}": compare_pair(
             results.flights[a],
             results.flights[b],
             (a, b),
-            results.metrics,
+            results.compared,
             results.compared,
             requirements=campaign.requirements,
-            rivals=rivals,
+            number=number,
             independent=campaign.judged,
             points=points,
         )
         for a, b in results.pairs
     }
-    medians = {
-        metric: {
-            name: quantile(severities(results.flights[name], metric), 0.5).in_sense(
-                campaign.metrics[metric].bad
-            )
-            for name in results.controllers
-        }
-        for metric in results.compared
-    }
-    return Comparison({name: pair for name, pair in pairs.items() if pair}, medians)
+    pairs = {key: pair for key, pair in compared.items() if pair}
+    return Comparison(pairs, make_standings(pairs.values(), results.controllers))
+
+
+def make_standings(
+    pairs: Collection[ControllerPair], controllers: Sequence[str]
+) -> dict[str, Standing]:
+    """Return the winner and the controllers that are not beaten, by metric."""
+    standings = {}
+    for metric in next((pair.metrics for pair in pairs), {}):
+        wins: Counter[str] = Counter()
+        beaten = set()
+        for pair in pairs:
+            if winner := pair.metrics[metric].winner:
+                wins[winner] += 1
+                beaten.add(pair.b if winner == pair.a else pair.a)
+        best = [name for name in controllers if wins[name] == len(controllers) - 1]
+        not_beaten = tuple(sorted(set(controllers) - beaten))
+        standings[metric] = Standing(best[0] if best else None, not_beaten)
+    return standings
 
 
 def compare_pair(
@@ -133,21 +141,20 @@ def compare_pair(
     compared: Sequence[str],
     *,
     requirements: Sequence[Requirement],
-    rivals: int = 1,
+    number: int = 1,
     independent: bool = True,
     points: int = 1,
 ) -> ControllerPair | None:
     """Return the comparison of controllers `a` and `b`; None if they share no flight.
 
     Winners are named only for the `compared` metrics, and only if the flights are `independent`
-    draws. The significance level is corrected for the numbers of metrics and `rivals`. With
+    draws. The significance level is corrected for the metrics and the `number` of pairs. With
     several ``points`` of the unknown parameters, a difference between the controllers must be
     significant at every point. Counts and differences include the flights at all points.
     """
     rows_a, rows_b = common_rows(flights_a, flights_b)
     if not rows_a.size:
         return None
-    rows = rivals * max(1, len(compared))
     lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
     point_masks = (
@@ -155,6 +162,8 @@ def compare_pair(
         if points > 1
         else [np.ones(len(numbers), bool)]
     )
+    ended_early = _lost_everywhere(*lost, numbers, point_masks)
+    loses_more = ended_early.only_a != ended_early.only_b and ended_early.p_value <= RISK / number
     return ControllerPair(
         *names,
         pairs=int(rows_a.size),
@@ -164,7 +173,8 @@ def compare_pair(
                 distances(flights_b, metric, rows_b),
                 names,
                 lost,
-                rows if independent and metric in compared else 0,
+                len(compared) if independent and metric in compared else 0,
+                number=number,
                 point_masks=point_masks,
                 record=flights_a.records[metric],
             )
@@ -178,7 +188,8 @@ def compare_pair(
             )
             for item in requirements
         ),
-        ended_early=_lost_everywhere(*lost, numbers, point_masks),
+        ended_early=ended_early,
+        losing=names[ended_early.only_a < ended_early.only_b] if loses_more else None,
         usage=_usage(flights_a, flights_b, rows_a, rows_b, compared),
         surfaces={
             metric: median_ratio(
@@ -195,20 +206,26 @@ def _metric(
     b: Floats,
     names: tuple[str, str],
     lost: tuple[Mask, Mask],
-    rows: int,
+    compared: int,
     *,
+    number: int,
     point_masks: Sequence[Mask],
     record: Metric,
 ) -> ComparedMetric:
     """Return the comparison of two controllers in one metric.
 
-    A winner is named only if ``rows``, the number of comparisons, is positive. Each mask [pair] in
-    ``point_masks`` selects the flight pairs at one point of the unknown parameters.
+    A winner is named only if the number of ``compared`` metrics is positive. ``number`` is the
+    number of pairs of controllers. Each mask [pair] in ``point_masks`` selects the flight pairs at
+    one point of the unknown parameters.
     """
     differences = compare_metric(a, b)
     decisions = (
-        [decide(a[k], b[k], lost[0][k], lost[1][k], rows) for k in point_masks if k.any()]
-        if rows
+        [
+            decide(a[k], b[k], lost[0][k], lost[1][k], compared, pairs=number)
+            for k in point_masks
+            if k.any()
+        ]
+        if compared
         else []
     )
     decision = agree(decisions) if decisions else Decision("")
@@ -223,7 +240,7 @@ def _metric(
     )
     return ComparedMetric(
         **{**vars(differences), "median_difference": differences.median_difference.in_sense(sense)},
-        compared=rows > 0,
+        compared=compared > 0,
         winner=sides[decision.winner],
         closer=sides[decision.closer],
         mixed=not decision.winner and (bool(decision.closer) or a_at + b_at > 0),

@@ -1,6 +1,6 @@
 """Drivers of the errors: rank regression coefficients and sensitivity indices."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan
 
@@ -9,7 +9,6 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.controller_flights import distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import joined
 from abhv_mc.statistics.drivers import (
     FALSE_DISCOVERY_RATE,
     LEAST_COEFFICIENT,
@@ -39,10 +38,8 @@ _FEWEST_OF_TENTH = 5  # minimum number of flights in a group with the lowest or 
 _KEPT = 12  # maximum number of parameters stored per metric
 # maximum number of analysed flights; enough to distinguish correlations of 0.05 from chance
 _MOST_FLIGHTS = 5_000
-_NAMED = 2  # maximum number of drivers per error named in a sentence
+_NAMED = 2  # maximum number of drivers per error in the summary
 _LISTED = 4  # maximum number of drivers per error listed in the table
-_MOVED = 2  # maximum number of controllers described by a sentence
-_NOISY = 0.5  # minimum unexplained share of the variance that is mentioned in a sentence
 
 Ends = tuple[float, float, float]  # estimate, and lower and upper bound of its 95 % interval
 
@@ -250,58 +247,20 @@ def _given_data(
     }
 
 
-def otherwise_words(shares: Sequence[Share]) -> list[str]:
-    """Return phrases such as 'drag' or, if parameters interact, 'lift together with density'.
-
-    Each parameter occurs in only one phrase.
-    """
-    phrases: list[str] = []
-    named: set[str] = set()
-    for share in shares:
-        if share.parameter in named:
-            continue
-        named.add(share.parameter)
-        name = spoken_name(share.parameter)
-        if (
-            share.partner is not None
-            and share.partner not in named
-            and share.first < share.total / 2.0
-        ):
-            named.add(share.partner)
-            name += f" together with {spoken_name(share.partner)}"
-        phrases.append(name)
-    return phrases
-
-
-def driver_sentences(drivers: Drivers, names: Names) -> Sequence[str]:
-    """Return sentences on the largest drivers of errors under the first few controllers."""
-    first = list(drivers.controllers.items())[:_MOVED]
-    return [*filter(None, (_sentence(names.subject(name), entry, names) for name, entry in first))]
-
-
-def _sentence(label: str, drivers: ControllerDrivers, names: Names) -> str:
-    """Return a sentence on the largest drivers of each leading error under a controller."""
-    clauses, idle = [], []
+def driver_text(drivers: ControllerDrivers, names: Names) -> str:
+    """Return the largest drivers of each leading error, with their directions, as text."""
+    texts = []
     for metric in names.asked:
-        if metric not in drivers.metrics:
-            continue
-        entry, phrase = drivers.metrics[metric], names.metrics[metric].phrase
-        signs: dict[str, str] = {}
-        for driver in (item for item in entry.parameters if item.driver):
-            signs.setdefault(spoken_name(driver.parameter), _sign(driver))
-        phrases = [f"{name} ({sign})" for name, sign in signs.items()]
-        phrases += otherwise_words(
-            [s for s in entry.otherwise if spoken_name(s.parameter) not in signs]
-        )
-        note = f" (noise and interactions: {percent(1.0 - entry.explained, 2)})"
-        noise = note if 1.0 - entry.explained > _NOISY and not entry.otherwise else ""
-        remainder = [f"{len(phrases) - _NAMED} more"] if len(phrases) > _NAMED else []
-        if phrases:
-            clauses.append(f"{phrase}: {joined([*phrases[:_NAMED], *remainder])}{noise}")
-        else:
-            idle.append(phrase + noise)
-    clauses += [f"no single parameter affects {joined(idle)}"] if idle else []
-    return f"Largest drivers of the errors of {label}: {'; '.join(clauses)}." if clauses else ""
+        if metric in drivers.metrics:
+            entry = drivers.metrics[metric]
+            largest = [
+                f"{spoken_name(driver.parameter)} ({_sign(driver)})"
+                for driver in entry.parameters
+                if driver.driver
+            ] + [spoken_name(share.parameter) for share in entry.otherwise]
+            listed = ", ".join(largest[:_NAMED]) or "no single parameter"
+            texts.append(f"{names.metrics[metric].phrase}: {listed}")
+    return "; ".join(texts)
 
 
 def _sign(driver: Driver) -> str:
@@ -378,6 +337,4 @@ def _share_row(share: Share) -> Row:
     return Cell(f"{spoken_name(share.parameter)}, not monotonic", note), Cell(*shares)
 
 
-DRIVERS = Topic(
-    "drivers", Drivers, compute_drivers, driver_section, driver_sentences, figures_of(__name__)
-)
+DRIVERS = Topic("drivers", Drivers, compute_drivers, driver_section, figures_of(__name__))

@@ -6,7 +6,7 @@ condition belong to no case because they depend on the controller.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,6 @@ from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import joined
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
@@ -155,19 +154,6 @@ def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargi
     )
 
 
-def failure_case_sentences(failure_cases: FailureCases, names: Names) -> Sequence[str]:
-    """Return sentences on how many flights survive each single failure."""
-    clauses = []
-    for entry in failure_cases.cases:
-        if entry.case != NO_FAILURE and " + " not in entry.case:
-            counts = [
-                f"{names.subject(name)} {count_of(cell.flights - cell.lost, cell.flights)}"
-                for name, cell in entry.controllers.items()
-            ]
-            clauses.append(f"{entry.case}: {joined(counts)}")
-    return [f"Flights that survived a single failure: {'; '.join(clauses)}."] if clauses else []
-
-
 def failure_case_section(failure_cases: FailureCases, names: Names) -> Section | None:
     """Return the section on failure cases; None if no failure is dispersed."""
     if not failure_cases.cases:
@@ -230,6 +216,5 @@ FAILURE_CASES = Topic(
     FailureCases,
     compute_failure_cases,
     failure_case_section,
-    failure_case_sentences,
     figures_of(__name__),
 )

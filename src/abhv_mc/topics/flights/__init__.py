@@ -1,6 +1,6 @@
 """Report section on the flights' outcomes, with an interactive view and the worst flights."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from abhv_mc.campaign.file.experiment import Experiment
@@ -27,45 +27,6 @@ from abhv_mc.topics.formatting import (
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
 from abhv_mc.topics.topic import Topic, figures_of
-
-
-def flight_sentences(flights: Flights, names: Names, off_cards: bool = False) -> Sequence[str]:
-    """Return sentences on flights that failed, saturated, oscillated or left table ranges.
-
-    If ``off_cards``, the sentences omit the facts that the cards at the top of the page show.
-    """
-    sentences = [
-        f"{name} is not in this report and meets no requirement, because none of its "
-        f"{counted(count, 'flight')} could be computed."
-        for name, count in flights.left_out.items()
-    ]
-    for name, entry in flights.findings.items():
-        counts, swings = (
-            flights.counts[name],
-            "oscillation under disturbances" if entry.disturbed else "limit cycle",
-        )
-        rows = [("beyond the vehicle's tables in", entry.outside_tables, entry.flown)]
-        if not off_cards:
-            cycles = [
-                (
-                    f"{swings} (> {entry.ripple_deg:g} deg) in {channel.replace('_', ' ')} in",
-                    count,
-                    entry.flown,
-                )
-                for channel, count in entry.cycling.items()
-            ]
-            rows = [
-                ("failed to run:", counts.not_computed, counts.flown + counts.not_computed),
-                ("terminated early:", counts.failed, counts.flown),
-                ("surface saturation (deflection or rate) in", entry.saturated, entry.flown),
-                *cycles,
-                *rows,
-            ]
-        clauses = [
-            f"{text} {count_of(count, flown, 'flight')}" for text, count, flown in rows if count
-        ]
-        sentences += [f"{names.subject(name)}: {'; '.join(clauses)}."] if clauses else []
-    return sentences
 
 
 def flight_section(flights: Flights, names: Names) -> Section:
@@ -117,6 +78,7 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         yield Table("Outcomes of the flights", heads, (counts,), numbers=False)
     else:
         yield Text("No flight terminated early.")
+    yield from _findings(flights_model, names)
     yield Widget("flights")
     explanation = (
         "The worst flights are sorted by severity: early terminations first (earliest on top), "
@@ -148,6 +110,36 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         table = Table(title, worst_heads, (listed,)).without_constant()
         yield Fold(title, (rerun, table) if campaign.can_rerun else (table,))
     yield Picture("worst_flights")
+
+
+def _findings(flights_model: Flights, names: Names) -> Iterator[Table]:
+    """Yield the table of flights that saturated, oscillated or left table ranges, if any."""
+    findings = flights_model.findings
+    channels = sorted({channel for entry in findings.values() for channel in entry.cycling})
+    rows = {
+        names.label(name): (
+            entry.saturated or 0,
+            *(entry.cycling.get(channel, 0) for channel in channels),
+            entry.outside_tables or 0,
+        )
+        for name, entry in findings.items()
+    }
+    if not any(map(any, rows.values())):
+        return
+    heads = (
+        names.campaign.kind.capitalize(),
+        "Surface saturation",
+        *(f"Oscillation, {channel.replace('_', ' ')}" for channel in channels),
+        "Beyond the vehicle's tables",
+    )
+    flown = {label: entry.flown for label, entry in zip(rows, findings.values(), strict=True)}
+    cells = tuple(
+        (Cell(label, head=True), *(Cell(count_of(n, flown[label]) if n else "0") for n in counts))
+        for label, counts in rows.items()
+    )
+    ripple = max(entry.ripple_deg for entry in findings.values())
+    caption = f"Flights with findings; an oscillation exceeds {ripple:g} deg from peak to peak"
+    yield Table("Findings", heads, (cells,), caption)
 
 
 def _kept_words(names: Names) -> str:
@@ -278,6 +270,4 @@ def _words(dispersion: LargeDispersion, names: Names) -> str:
     return f"{spoken_name(dispersion.parameter)} {value}{sigma}"
 
 
-FLIGHTS = Topic(
-    "flights", Flights, compute_flights, flight_section, flight_sentences, figures_of(__name__)
-)
+FLIGHTS = Topic("flights", Flights, compute_flights, flight_section, figures_of(__name__))

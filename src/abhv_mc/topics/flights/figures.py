@@ -1,20 +1,26 @@
 """Figure of the worst flights, showing the channels of their worst metrics."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import name_end
+from abhv_mc.flight.metrics import Metric, name_end
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.envelopes import Curve, curves_of
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
+from abhv_mc.topics.figure_bands import (
+    EnvelopePanel,
+    EnvelopeRow,
+    off_reference,
+    plot_envelopes,
+    plot_errors,
+)
 from abhv_mc.topics.figure_style import controller_colors
-from abhv_mc.topics.flights.model import Flights, channel_of, limit_sides
+from abhv_mc.topics.flights.model import Flights, WorstFlight, channel_of, limit_sides
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
@@ -36,6 +42,7 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     histories = {name: [kept_histories[name][k] for k in listed[name]] for name in controllers}
     if not any(histories.values()):
         return
+    yield from _critical(flights, names, kept_histories)
     recorded = set.intersection(*({*history} for own in histories.values() for history in own))
     rows, reference = [], results.reference
     for channel in worst_channels(flights, names, recorded)[:_MOST_CHANNELS]:
@@ -73,6 +80,60 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
 
 
+def _critical(
+    flights: Flights, names: Names, histories: Mapping[str, Mapping[int, Mapping[str, Floats]]]
+) -> Iterator[tuple[FigureText, Figure]]:
+    """Yield the figure of the most critical error of each controller, with its limit."""
+    panels = []
+    for name, color in controller_colors(tuple(names.controllers)).items():
+        worst = next((f for f in flights.worst[name] if f.flight in histories[name]), None)
+        if worst is None:
+            continue
+        history = histories[name][worst.flight]
+        metric = worst.by or _ended_by(worst, names, history) or names.asked[0]
+        record = names.metrics[metric]
+        channel = channel_of(record, history)
+        if channel is not None:
+            error = _error_of(channel, record, names, history)
+            title = f"{names.label(name)}, flight {worst.flight}"
+            limits = _limit_curves(metric, names)
+            unit = record.with_unit("").strip()
+            label = f"{record.label.partition(', ')[0]} ({unit})" if unit else record.label
+            panels.append(
+                (title, label, color, EnvelopePanel(error[0], {}, flights=[error], limits=limits))
+            )
+    if panels:
+        text = FigureText(
+            "critical_errors",
+            f"Most critical error of each {names.campaign.kind}",
+            "Worst flight, with the limit of the requirement.",
+        )
+        yield text, plot_errors(panels)
+
+
+def _ended_by(worst: WorstFlight, names: Names, history: Collection[str]) -> str | None:
+    """Return the leading metric whose channel ended a flight early, if the outcome names it."""
+    stem = worst.outcome.removesuffix("_limit")
+    channels = {metric: channel_of(names.metrics[metric], history) for metric in names.asked}
+    return next((m for m, channel in channels.items() if (channel or "").startswith(stem)), None)
+
+
+def _error_of(
+    channel: str, record: Metric, names: Names, history: Mapping[str, Floats]
+) -> tuple[Floats, Floats]:
+    """Return times and values of a metric's source, or of its channel minus the command."""
+    time, values = history["time"], history[channel]
+    if record.of == channel:
+        return time, values
+    stem, _, unit = channel.rpartition("_")
+    command, reference = history.get(f"{stem}_command_{unit}"), names.results.reference
+    if command is not None:
+        return time, values - command
+    return time, off_reference(
+        time, values, reference.get("time", time), reference.get(f"{stem}_reference_{unit}")
+    )
+
+
 def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> list[str]:
     """Return the channels of the flights' worst metrics, most frequent first.
 
@@ -85,10 +146,10 @@ def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> 
             channel = channel_of(names.metrics[flight.by], recorded)
         else:
             stem = flight.outcome.removesuffix("_limit")
-            channel = next((name for name in recorded if name.rpartition("_")[0] == stem), None)
+            channel = next((c for c in sorted(recorded) if c.rpartition("_")[0] == stem), None)
         if channel is not None:
             count[channel] += 1
-    return [channel for channel, _ in count.most_common()] or [
+    return sorted(count, key=lambda channel: (-count[channel], channel)) or [
         curve.channel for curve in curves_of(names.campaign) if curve.channel in recorded
     ]
 
@@ -111,19 +172,25 @@ def _limits(channel: str, names: Names, recorded: set[str]) -> tuple[tuple[Float
 
     A level is NaN when the requirement does not apply.
     """
-    clock = names.results.reference.get("time")
-    limits = []
-    for name in dict.fromkeys(item.metric for item in names.requirements):
-        metric = names.metrics[name]
-        if channel_of(metric, recorded) != channel:
-            continue
-        time = np.array([metric.start, metric.end]) if clock is None else clock
-        applies = (time >= metric.start) & (time <= metric.end)
-        for first, end in names.campaign.simulator.find_transients() if metric.settled else ():
-            applies &= (time < first) | (time >= end)
-        limits += [
-            (time, np.where(applies, side * limit, np.nan))
-            for limit in names.campaign.limits_of(name)
-            for side in limit_sides(metric, recorded)
-        ]
-    return tuple(limits)
+    metrics = dict.fromkeys(item.metric for item in names.requirements)
+    return tuple(
+        curve
+        for metric in metrics
+        if names.metrics[metric].of in recorded
+        and channel_of(names.metrics[metric], recorded) == channel
+        for curve in _limit_curves(metric, names)
+    )
+
+
+def _limit_curves(name: str, names: Names) -> tuple[tuple[Floats, Floats], ...]:
+    """Return the limits of a metric: times in s, and levels [time], NaN where not applicable."""
+    clock, metric = names.results.reference.get("time"), names.metrics[name]
+    time = np.array([metric.start, metric.end]) if clock is None else clock
+    applies = (time >= metric.start) & (time <= metric.end)
+    for first, end in names.campaign.simulator.find_transients() if metric.settled else ():
+        applies &= (time < first) | (time >= end)
+    return tuple(
+        (time, np.where(applies, side * limit, np.nan))
+        for limit in names.campaign.limits_of(name)
+        for side in limit_sides(metric, {metric.of})
+    )

@@ -9,10 +9,8 @@ from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.margins.model import (
     LISTED,
     FlightMargins,
-    LeastMargins,
     Margins,
     compute_margins,
-    least_margins,
     loop_name,
 )
 from abhv_mc.topics.names import Names
@@ -31,12 +29,6 @@ from abhv_mc.topics.section import (
 from abhv_mc.topics.topic import Topic, figures_of
 
 
-def margin_sentences(margins: Margins, names: Names) -> Sequence[str]:
-    """Return a sentence on the margins of each controller whose control loops are known."""
-    margin_texts = {name: margin_words(margins, name) for name in names.controllers}
-    return [f"{names.subject(name)}: {text}." for name, text in margin_texts.items() if text]
-
-
 def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
     """Return clauses on the flights whose margins could not be computed."""
     clauses = []
@@ -49,8 +41,8 @@ def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
     return clauses
 
 
-def margin_words(margins: Margins, controller: str) -> str:
-    """Return a controller's smallest margins in steady flight; '' if unknown."""
+def _margin_fault(margins: Margins, controller: str) -> str:
+    """Return why a controller has no margins in steady flight; '' if it has margins."""
     entry = margins.steady.controllers.get(controller)
     if entry is None:
         return ""
@@ -60,18 +52,7 @@ def margin_words(margins: Margins, controller: str) -> str:
     if not together.stable:
         poles = ", ".join(_pole(*pole) for pole in together.poles if pole[0] > 0.0)
         return f"unstable in steady, level flight (poles at {poles} per second)"
-    least = least_margins(margins, controller) or LeastMargins(stable=True)
-    gain, phase = least.words
-    text = " and ".join(filter(None, (gain or "no limit on the gain", phase)))
-    if least.little:
-        text = f"small margins in steady, level flight: {text}; 6 dB and 30 to 45 deg are customary"
-    else:
-        text = f"smallest margins in steady, level flight: {text}"
-    if entry.corners_unstable:
-        noun = "corner" if margins.steady.all_corners else "randomly drawn corner"
-        corners = count_of(entry.corners_unstable, margins.steady.corners, noun)
-        text += f"; unstable at {corners} of the dispersions"
-    return text
+    return ""
 
 
 def _pole(real: float, imaginary: float) -> str:
@@ -102,7 +83,7 @@ def margin_section(margins: Margins, names: Names) -> Section | None:
             "corners",
         ),
         tuple(
-            _steady_group(names.label(name), entry, steady.corners, margin_words(margins, name))
+            _steady_group(names.label(name), entry, steady.corners, _margin_fault(margins, name))
             for name, entry in steady.controllers.items()
         ),
     )
@@ -227,6 +208,4 @@ def _least_group(controller: str, entry: FlightMargins, names: Names) -> tuple[R
     return grouped(rows, Cell(names.label(controller), head=True))
 
 
-MARGINS = Topic(
-    "margins", Margins, compute_margins, margin_section, margin_sentences, figures_of(__name__)
-)
+MARGINS = Topic("margins", Margins, compute_margins, margin_section, figures_of(__name__))

@@ -65,7 +65,7 @@ def compute_metrics(results: FlownCampaign) -> Metrics:
             records[metric].as_texts(),
             _unsettled(results, records[metric]),
             {
-                name: _of(results.flights[name], metric, records[metric])
+                name: metric_statistics(results.flights[name], metric, records[metric])
                 for name in results.controllers
             },
         )
@@ -74,7 +74,8 @@ def compute_metrics(results: FlownCampaign) -> Metrics:
     return Metrics(results.asked, results.compared, table)
 
 
-def _of(flights: ControllerFlights, metric: str, record: Metric) -> ControllerMetric:
+def metric_statistics(flights: ControllerFlights, metric: str, record: Metric) -> ControllerMetric:
+    """Return the quantiles and the worst value of one controller's metric."""
     measured = flights.metrics[metric]
     values = severity(measured, record.bad, flights.failed)
     levels = {

@@ -1,10 +1,9 @@
 """Report topic: verdicts on the requirements, for each controller and jointly."""
 
-from collections.abc import Sequence
+from collections.abc import Set
 
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.io.phrases import counted, joined
 from abhv_mc.topics.formatting import count_of, percent, significant
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped
@@ -16,8 +15,8 @@ from abhv_mc.topics.verdicts.model import (
     compute_verdicts,
 )
 
-_DROPPED = 4  # maximum number of verdicts listed that do not hold jointly
 _DASH = "\N{EM DASH}"
+_ALONE = "not jointly"
 _HEADS = (
     "Verdict",
     "Failed",
@@ -33,7 +32,8 @@ _RULE = (
     "met, the chance of observing this many failures would be at most the producer's risk. NOT "
     "SHOWN: neither PASS nor FAIL. The rule stays valid when results are checked repeatedly or the "
     "campaign is extended. The tolerance limit contains the required share of flights with a "
-    "confidence of 1 minus the consumer's risk; for a PASS, it lies within the requirement."
+    "confidence of 1 minus the consumer's risk; for a PASS, it lies within the requirement. Joint "
+    "verdicts limit the risk of any false PASS (Holm)."
 )
 _LATER = " Verdicts marked 'set later' have no stated risk: the results were already known."
 _ESTIMATES = (
@@ -42,61 +42,17 @@ _ESTIMATES = (
 _RANDOM = "; run the campaign with `sampling: random` for verdicts"
 
 
-def verdict_sentences(verdicts: Verdicts, names: Names) -> Sequence[str]:
-    """Return sentences that count each controller's met requirements and joint PASS verdicts.
-
-    The result is empty without requirements.
-    """
-    if not verdicts.requirements:
-        return []
-    parts = []
-    for name in names.controllers:
-        statuses = verdicts.statuses(name)
-        counts = [
-            f"{statuses.count(word)} {word}"
-            for word in ("PASS", "FAIL", "NOT SHOWN")
-            if word in statuses
-        ]
-        if "ESTIMATE" in statuses:
-            kept = count_of(verdicts.kept(name), len(statuses), "requirement")
-            counts = [f"{kept} met in every flight"]
-        parts.append(f"{names.subject(name)} {joined(counts)}")
-    return [f"Requirements: {'; '.join(parts)}.{_together_words(verdicts, names)}"]
-
-
-def _together_words(verdicts: Verdicts, names: Names) -> str:
-    """State how many PASS verdicts hold jointly at one risk, and which PASS verdicts do not."""
-    joint = verdicts.held_together
-    if joint is None or joint.stand + len(joint.dropped) < 2:
-        return ""
-    judged = counted(joint.verdicts, "verdict")
-    if verdicts.family_risk or not joint.dropped:
-        return (
-            f" {'They hold' if verdicts.family_risk else 'All PASS verdicts also hold'} jointly: "
-            f"the chance of any false PASS among {judged} is at most {percent(joint.risk, 2)} "
-            "(Holm)."
-        )
-    dropped = [
-        f"{verdicts.requirements[i].words} ({names.subject(name)})" for i, name in joint.dropped
-    ]
-    passed = joint.stand + len(dropped)
-    none = "neither" if passed == 2 else "none"
-    verb = "hold" if joint.stand > 1 else "holds"
-    exception = "The exception is" if len(dropped) == 1 else "The exceptions are"
-    named = f" {exception} {joined(dropped)}." if joint.stand and len(dropped) <= _DROPPED else ""
-    return (
-        f" After the joint correction (Holm), {joint.stand or none} of the {passed} PASS verdicts "
-        f"{verb}: the correction limits the chance of any false PASS among {judged} to "
-        f"{percent(joint.risk, 2)}.{named}"
-    )
-
-
 def verdict_section(verdicts: Verdicts, names: Names) -> Section:
     """Return the section with the decision rule and the verdicts on each requirement."""
     title = "Requirements"
     if not verdicts.requirements:
         return Section(title, (Text("The campaign has no requirements."),))
-    groups = tuple(_group(entry, names) for entry in verdicts.requirements)
+    joint = verdicts.held_together
+    dropped = joint.dropped if joint else ()
+    groups = tuple(
+        _group(entry, names, {name for number, name in dropped if number == k})
+        for k, entry in enumerate(verdicts.requirements)
+    )
     heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
     text = _RULE
@@ -142,7 +98,7 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
     return Fold(title, (Text(text), Table(title, heads, groups)))
 
 
-def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
+def _group(entry: JudgedRequirement, names: Names, dropped: Set[str]) -> tuple[Row, ...]:
     item, traced = entry.asked, entry.asked.traced
     note = (
         f"in {percent(item.probability)} of the flights, consumer's risk "
@@ -151,16 +107,31 @@ def _group(entry: JudgedRequirement, names: Names) -> tuple[Row, ...]:
     trace = " \N{MIDDLE DOT} ".join(traced[key] for key in TRACED if key != "id" and key in traced)
     notes = "; ".join(filter(None, (note, trace)))
     rows = [
-        _row(names.label(name), name, item, verdict, names)
+        _row(
+            names.label(name),
+            name,
+            item,
+            verdict,
+            names=names,
+            note=_ALONE * (name in dropped),
+        )
         for name, verdict in entry.controllers.items()
     ]
     return grouped(rows, Cell(f"{traced.get('id', '')} {entry.words}".strip(), notes, head=True))
 
 
-def _row(label: str, name: str, item: Requirement, verdict: ControllerVerdict, names: Names) -> Row:
+def _row(
+    label: str,
+    name: str,
+    item: Requirement,
+    verdict: ControllerVerdict,
+    *,
+    names: Names,
+    note: str,
+) -> Row:
     return (
         Cell(label, "binding" if name in item.controllers else "", head=True),
-        Cell(verdict.label, verdict.note, verdict=True),
+        Cell(verdict.label, verdict.note or note, verdict=True),
         Cell(count_of(verdict.failures, verdict.flights)),
         Cell(str(verdict.ended_early)),
         Cell(str(verdict.uncomputed)),
@@ -188,4 +159,4 @@ def _tolerance(verdict: ControllerVerdict, item: Requirement, names: Names) -> t
     return limit, f"{percent(abs(verdict.room), 2)} {side}"
 
 
-VERDICTS = Topic("verdicts", Verdicts, compute_verdicts, verdict_section, verdict_sentences)
+VERDICTS = Topic("verdicts", Verdicts, compute_verdicts, verdict_section)

@@ -8,7 +8,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.folder.controller_flights import ControllerFlights, pooled_values
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.binomial import jeffreys, success_lower_bound
 from abhv_mc.statistics.estimates import spread
@@ -71,6 +71,7 @@ class GlanceCell:
     low: float
     median: float
     high: float
+    worst: float | None  # worst completed flight; None if no flight was completed
     tolerance: float | None = None
     status: str = ""
 
@@ -116,9 +117,12 @@ class Verdicts:
         """Return the statuses of all verdicts on a controller."""
         return [entry.controllers[controller].status for entry in self.requirements]
 
-    def kept(self, controller: str) -> int:
-        """Return the number of requirements that a controller meets in every flight."""
-        return sum(entry.controllers[controller].failures == 0 for entry in self.requirements)
+    def verdicts_of(self, controller: str) -> list[tuple[Requirement, ControllerVerdict]]:
+        """Return the requirements on a controller, or else all, with its verdicts."""
+        entries = [
+            entry for entry in self.requirements if controller in entry.asked.controllers
+        ] or self.requirements
+        return [(entry.asked, entry.controllers[controller]) for entry in entries]
 
 
 def compute_verdicts(results: FlownCampaign) -> Verdicts:
@@ -277,13 +281,14 @@ def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
 
 
 def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
-    """Return the row of a metric without a requirement, scaled by the first finite median."""
+    """Return the row of a metric without a requirement, scaled by the median of all controllers."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
     cells = {
         name: GlanceCell(*_quantiles(results, name, metric, side)) for name in results.controllers
     }
-    middle = next((cell.median for cell in cells.values() if np.isfinite(cell.median)), 0.0)
+    values = pooled_values(results.flights, metric)
+    middle = float(np.nanmedian(values)) if values.size and not np.isnan(values[0]) else 0.0
     text = f"median {significant(middle, 3)} {'' if record.unit == '-' else record.unit}".strip()
     size = abs(middle) or _size(side, results, metric)
     return GlanceRow(
@@ -299,14 +304,13 @@ def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
 
 
 def _size(limits: Bounds, results: FlownCampaign, metric: str) -> float:
-    first = results.flights[results.controllers[0]]
-    return limits.size or float(spread(first.metrics[metric][~first.failed]))
+    return limits.size or spread(pooled_values(results.flights, metric))
 
 
 def _quantiles(
     results: FlownCampaign, name: str, metric: str, limits: Bounds
-) -> tuple[float, float, float]:
-    """Return the quantiles of a metric, or of its distance outside two limits.
+) -> tuple[float, float, float, float | None]:
+    """Return the quantiles and worst value of a metric, or of its distance outside two limits.
 
     The distance is negative inside the limits. With several points of the unknowns, the result is
     the lowest and the highest quantiles over the points (a probability box).
@@ -327,4 +331,6 @@ def _quantiles(
         np.median(point_quantiles[:, 1]),
         point_quantiles[:, 2].max(),
     )
-    return float(low), float(median), float(high)
+    finite = values[np.isfinite(values)]
+    worst = limits.sign * float(np.max(limits.sign * finite)) if finite.size else None
+    return float(low), float(median), float(high), worst
