@@ -332,7 +332,7 @@ def whatif(
 
 
 def _print_whatif(estimates: "Whatif") -> None:
-    from abhv_mc.io.phrases import counted, joined
+    from abhv_mc.io.phrases import grouped_digits
     from abhv_mc.topics.formatting import bounds, estimate, percent, significant
     from abhv_mc.topics.names import controller_label
 
@@ -343,17 +343,14 @@ def _print_whatif(estimates: "Whatif") -> None:
             for key in dict.fromkeys((*before, *after))
             if before.get(key) != after.get(key)
         ]
-        say(f"{name}: {joined(changes)}")
+        say(f"{name}: {', '.join(changes)}")
     if estimates.stopped_when_proven:
-        say(
-            "The campaign stopped once its requirements were proven; the intervals do not account "
-            "for early stopping."
-        )
+        say("stopped when proven: intervals without correction for early stopping")
     for name, controller in estimates.controllers.items():
         worth = significant(controller.effective_flights)
         title = (
-            f"{controller_label(name)}: {counted(controller.flights, 'flight')}, equivalent to "
-            f"{worth} under the changed dispersions"
+            f"{controller_label(name)}: {grouped_digits(controller.flights)} flights, effective "
+            f"number for the changed dispersions {worth}"
         )
         table = new_table(("",), ("quantile", "stored", "changed"), title)
         required = dict.fromkeys(entry.metric for entry in controller.requirements)
