@@ -13,9 +13,8 @@ from abhv_mc.plant.parameters import PARAMETERS
 
 _EXIT_CODES = {
     ExitCode.DONE: "done",
-    ExitCode.FAILED: "done, but a verification failed or a requirement got FAIL for one of its "
-    "`controllers:` (by "
-    "default the first of the campaign)",
+    ExitCode.FAILED: "done, but a verification failed or a requirement got FAIL for a controller "
+    "under test (`under_test:`, or the requirement's `controllers:`)",
     ExitCode.BAD_INPUT: "bad input: the message gives file, line, column, the value found and "
     "the value expected. No "
     "files are created, and no flight is run",

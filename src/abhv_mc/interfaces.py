@@ -97,7 +97,7 @@ class Simulator(Protocol):
     """Source of a campaign's flights: a program that computes them, or a table of results."""
 
     kind: str  # noun for a compared system, such as 'controller'
-    systems: tuple[str, ...]  # names of the systems; the first system must meet the requirements
+    systems: tuple[str, ...]  # names of the systems
     outcomes: Outcomes  # possible outcomes of flights
     channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
     capabilities: Capabilities

@@ -147,7 +147,17 @@ def _replace_vehicle(
     text = re.sub(
         r"(?m)^(controllers:.*\n)(?:  .*\n)*", lambda head: head[1] + "".join(lines), text
     )
+    text = re.sub(
+        r"(?m)^under_test: \[(.*?)\]",
+        lambda key: f"under_test: [{', '.join(_tested(key[1].split(', '), list(fitting)))}]",
+        text,
+    )
     return re.sub(r"(?m)^asks:.*\n", "", text), fitting
+
+
+def _tested(names: list[str], fitting: list[str]) -> list[str]:
+    """Return the names among ``fitting``, or else the first of ``fitting``."""
+    return [name for name in names if name in fitting] or fitting[:1]
 
 
 def refuse_filled(folder: Path) -> None:
@@ -206,6 +216,7 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     text = campaign.read_text(encoding="utf-8")
     mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
     text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
+    text = re.sub(r"(?m)^under_test: \[.*?\]", "under_test: [my_law]", text)
     text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
     text = re.sub(r"(?m)^asks:.*\n", "", text)  # 'asks' would not name my_law.
     campaign.write_text(text, encoding="utf-8")

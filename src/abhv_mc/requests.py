@@ -91,7 +91,7 @@ _CHECKS: dict[
 
 CampaignPath = Annotated[Paths, Option("Campaign file, or the name of a shipped file.", "campaign")]
 Controller = Annotated[
-    str | None, Option("Controller to use.", "controller", "the first controller")
+    str | None, Option("Controller to use.", "controller", "the only controller under test")
 ]
 Seed = Annotated[
     int | None, Option("Seed of the random numbers.", "count", "the campaign's seed", low=0)

@@ -264,14 +264,15 @@ class Results:
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
         """Re-run one flight and return its channels at the full sampling rate.
 
-        The first controller is the default. Raise RuntimeError if any bit differs from the stored
-        flight, for instance because another version of the program computed it.
+        The only controller under test is the default. Raise RuntimeError if any bit differs from
+        the stored flight, for instance because another version of the program computed it.
         """
         import pandas as pd
 
         from abhv_mc.analysis.replay import replay_flight
 
-        again = replay_flight(self.folder, controller or self.controllers[0], flight)
+        name = self._results.campaign.choose_controller(controller)
+        again = replay_flight(self.folder, name, flight)
         refuse_changes(self._paths, self.manifest)
         if again.differences:
             raise RuntimeError(
@@ -292,7 +293,7 @@ class Results:
         from abhv_mc.analysis.explain import explain_flight
 
         refuse_changes(self._paths, self.manifest)
-        name = controller or self.controllers[0]
+        name = self._results.campaign.choose_controller(controller)
         return explain_flight(self.folder, name, flight, requirement=requirement)
 
     @staticmethod

@@ -7,19 +7,18 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.topics.figure_style import BLUE, INK, SKY, VERMILION, new_figure, styled
-from abhv_mc.topics.formatting import significant
+from abhv_mc.topics.formatting import fixed, significant
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
+from abhv_mc.topics.section import FigureText, Picture, Records, Section, Table, make_records
 from abhv_mc.topics.topic import Drawn
 from abhv_mc_tune.tuning import TuneFound
 
 
 def make_tune_answer(result: TuneFound) -> Answer:
     """Return the content of the page for a tuning run."""
-    items = *_answers(result), Picture("front"), _comparisons(result), _numbers(result)
+    items = _answers(result), Picture("front"), _comparisons(result), _numbers(result)
     title = f"{controller_label(result.controller)} tuned for {result.objective.phrase}"
     return Answer(title, "Tuning", Section("Answer", items), _draw(result))
 
@@ -94,51 +93,28 @@ def plot_front(
     return figure
 
 
-def _answers(result: TuneFound) -> tuple[Lead, Bullets]:
-    """Return sentences about the improvement, the limits and the validity of the result."""
+def _answers(result: TuneFound) -> Records:
+    """Return the improvement on new flights, the missed limits and the scope as records."""
     gain, block, main = result.difference, result.block, result.comparisons[0]
-    interval = f"difference {gain.value:.4g}, 95 % interval {gain.low:.4g} to {gain.high:.4g}"
-    quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
     start, best = (result.objective.with_unit(f"{x:.4g}") for x in (main.start, main.best))
+    quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
+    is_searched = result.tuning.best > 0
     change = (
-        f"On {counted(block.validation, 'new flight')}, the {quantile} is {best} with the tuned "
-        f"parameters, compared with {start} with the initial parameters ({interval})."
+        f"{start} -> {best}, difference {gain.value:.4g} (95 % interval {gain.low:.4g} to "
+        f"{gain.high:.4g})"
     )
-    violations = [item.phrase for item in result.comparisons if not item.keeps]
-    violated = f"the limit{'s' if len(violations) > 1 else ''} on {joined(violations)}"
-    if result.shown:
-        answers = [change]
-    elif result.tuning.best == 0:
-        answers = [
-            "No new file was written, because no candidate was better than the initial parameters "
-            "on the common flights."
-        ]
-    elif not result.tuning.scores.allowed.any():
-        answers = [
-            "No new file was written, because no candidate met all limits. The table shows the "
-            "candidate with the smallest violation"
-            + (f"; on new flights, it violates {violated}." if violations else "."),
-            change,
-        ]
-    else:
-        reason = (
-            f"the best candidate violates {violated} on new flights"
-            if violations
-            else "the best candidate is not shown to be better"
+    missed = ", ".join(item.phrase for item in result.comparisons if not item.keeps)
+    return make_records(
+        (
+            ("New file", "written" if result.shown else "none: improvement and limits not shown"),
+            ("Objective", quantile),
+            (f"On {fixed(block.validation, 0)} new flights", change * is_searched),
+            ("Best candidate", "" if is_searched else "the initial parameters"),
+            ("Limits missed", missed),
+            ("At a bound", ", ".join(result.numbers.at_ends(result.tuning.best_point))),
+            ("Scope", "dispersions, mission, vehicle and limits of this campaign"),
         )
-        answers = [f"No new file was written, because {reason}.", change]
-    ends = result.numbers.at_ends(result.tuning.best_point)
-    if ends:
-        answers.append(
-            f"Parameters at a bound of their range: {quoted(ends)}. Better values may lie "
-            "outside the ranges; to include them, give these parameters a larger factor."
-        )
-    if result.shown:
-        answers.append(
-            "The improvement is shown for this campaign's dispersions, mission, vehicle and limits."
-            " It may differ in other campaigns, and better parameters may exist."
-        )
-    return Lead(answers[0]), Bullets(tuple(answers[1:]))
+    )
 
 
 def _comparisons(result: TuneFound) -> Table:

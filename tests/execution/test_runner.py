@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -21,9 +22,9 @@ from abhv_mc.execution import runner
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
-from abhv_mc.folder.layout import CampaignFolder, StorageFullError
+from abhv_mc.folder.layout import CampaignFolder, StorageFullError, hash_file
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
 
 
@@ -168,7 +169,11 @@ def test_requirements_of_controllers_that_run_one_after_the_other(tmp_path):
         f" {{metric: altitude_error_max_m, below: 1.9, {limits}}}]"
     )
     campaign = write_campaign(
-        tmp_path / "f", runs="60", requirements=requirements, family="{method: holm, risk: 0.10}"
+        tmp_path / "f",
+        runs="60",
+        requirements=requirements,
+        family="{method: holm, risk: 0.10}",
+        under_test="[one, two]",
     )
     reference = run(campaign, tmp_path / "whole").manifest
 
@@ -186,33 +191,28 @@ def test_requirements_of_controllers_that_run_one_after_the_other(tmp_path):
     assert run(campaign, tmp_path / "0", runs=90).complete
 
 
-def test_requirements_without_controllers_follow_the_first_of_the_file(campaign, tmp_path):
-    """The first controller of the campaign file is judged, whichever was run first."""
-
+def test_requirements_without_controllers_bind_those_under_test(campaign, tmp_path):
     def judged(file, out, **options):
         result = run(file, tmp_path / out, **options)
-        assert result.complete
+        damage = find_damage(CampaignFolder(result.folder), result.manifest)
+        assert result.complete and not [*damage]
         return [entry.controller for entry in result.manifest.requirements]
 
-    turned = write_campaign(tmp_path / "turned", controllers="{two: two.yaml, one: one.yaml}")
-    assert judged(campaign, "a") == ["one"]
-    assert judged(turned, "a") == ["two"]
-    assert (
-        json.loads((tmp_path / "a/manifest.json").read_text())["requirements"][0]["controller"]
-        == "two"
-    )
-    assert judged(turned, "a", controllers=("one",)) == [
-        "two"
-    ]  # a smaller selection does not change the campaign
-    assert judged(campaign, "b", controllers=("one",)) == ["one"]
-    assert judged(campaign, "b", controllers=("two",)) == ["one"]
-    assert judged(turned, "b") == ["two"]
-    assert (
-        list(
-            find_damage(CampaignFolder(tmp_path / "a"), read_manifest(tmp_path / "a/manifest.json"))
-        )
-        == []
-    )
+    two = write_campaign(tmp_path / "two", under_test="[two]")
+    both = write_campaign(tmp_path / "both", under_test="")
+    assert judged(campaign, "a") == ["one"] and judged(two, "a") == ["two"]
+    assert judged(both, "a", controllers=("one",)) == ["one", "two"]
+    with pytest.raises(InputError, match=r"'one'.* 'two'"):
+        run(two, tmp_path / "a", controllers=("one",))
+    # A folder without the key keeps its first controller.
+    assert judged(both, "b") == ["one", "two"]
+    folder = CampaignFolder(tmp_path / "b")
+    text = re.sub(r"under_test: .*", "", folder.campaign.read_text())
+    folder.campaign.write_text(text)
+    manifest = read_manifest(folder.manifest)
+    files = {**manifest.files, "campaign.yaml": hash_file(folder.campaign)}
+    write_manifest(folder.manifest, replace(manifest, files=files))
+    assert judged(both, "b") == ["one"] and judged(two, "b") == ["two"]
 
 
 @pytest.mark.parametrize(

@@ -97,11 +97,7 @@ def place_flights(
     its sensors. Raise InputError if flights cannot be compared.
     """
     results = read_flown(root)
-    controller = controller or results.controllers[0]
-    if controller not in results.controllers:
-        raise InputError(
-            root, f"unknown controller '{controller}'", one_of(results.controllers, controller)
-        )
+    controller = results.campaign.choose_controller(controller)
     if not results.campaign.independent or len(results.campaign.unknowns.points) > 1:
         expected = "a campaign with 'sampling: random' and no unknowns"
         raise InputError(

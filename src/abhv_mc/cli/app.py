@@ -180,8 +180,8 @@ app = typer.Typer(
     cls=Group,
     help="Monte Carlo dispersion analysis of a six-degree-of-freedom air-breathing hypersonic "
     "vehicle.",
-    epilog="Exit codes: 0 success; 1 a requirement or a verification failed; 2 bad input; "
-    "3 interrupted or incomplete (run the same command to resume).",
+    epilog="Exit codes: 0 success; 1 a controller under test or a verification failed; 2 bad "
+    "input; 3 interrupted or incomplete (run the same command to resume).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -103,7 +103,8 @@ ControllerFiles = Annotated[
     ),
 ]
 Controller = Annotated[
-    str | None, controller_option("Controller to use.", "NAME", show_default="the first controller")
+    str | None,
+    controller_option("Controller to use.", "NAME", show_default="the only controller under test"),
 ]
 
 

@@ -264,10 +264,10 @@ def print_section_table(table: "SectionTable") -> None:
 
 def print_section(section: "Section") -> None:
     """Print the sentences and tables of a report section, without collapsed content."""
-    from abhv_mc.topics.section import Bullets, Lead, Records, Table
+    from abhv_mc.topics.section import Bullets, Records, Table
 
     for item in section.items:
-        if isinstance(item, Bullets | Lead):
+        if isinstance(item, Bullets):
             say(*item.sentences, sep="\n")
         elif isinstance(item, Records):
             say(item, folds=False)

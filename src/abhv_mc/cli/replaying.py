@@ -11,7 +11,7 @@ from abhv_mc.cli.options import Controller, Folder, Json, TrustCode, metric_opti
 from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import announce_compiling, print_section_table, say, show_result
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.child import run_in_thread
 
 
@@ -33,13 +33,13 @@ def replay(
     from abhv_mc.analysis.replay import EQUAL_BITS, replay_flight
     from abhv_mc.flight.repeatability import ROUNDING, Repeatability
     from abhv_mc.folder.histories import write_histories
-    from abhv_mc.folder.inputs import first_controller
+    from abhv_mc.folder.inputs import read_folder_campaign
 
     if out is not None and out.suffix != ".parquet":
         raise InputError(
             "--output", f"'{out.name}' is not a Parquet file", "a name that ends in .parquet"
         )
-    controller = controller or first_controller(folder)
+    controller = read_folder_campaign(CampaignFolder(folder)).choose_controller(controller)
     announce_compiling()
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))
     block = replay.block
@@ -133,14 +133,14 @@ def explain(
         _map_all(folder, controller, json, trust_code)
         return
     from abhv_mc.analysis.explain import explain_flight
-    from abhv_mc.folder.inputs import first_controller
+    from abhv_mc.folder.inputs import read_folder_campaign
     from abhv_mc.report.pages.single_flights import (
         explanation_numbers,
         explanation_words,
         make_explained_figure,
     )
 
-    name = controller or first_controller(folder)
+    name = read_folder_campaign(CampaignFolder(folder)).choose_controller(controller)
     explanation = run_in_thread(
         lambda: explain_flight(folder, name, flight, requirement=requirement, trust_code=trust_code)
     )
@@ -162,11 +162,9 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     from abhv_mc.topics.names import names_of
 
     results = read_flown(folder)
-    if controller is not None and controller not in results.controllers:
-        raise InputError(
-            folder, f"unknown controller '{controller}'", one_of(results.controllers, controller)
-        )
-    names = results.controllers if controller is None else (controller,)
+    names = results.controllers
+    if controller is not None:
+        names = (results.campaign.choose_controller(controller),)
     failed = {name: rank_failed(results, name) for name in names}
     if not any(failed.values()):
         say("No flight terminated early or missed a requirement.")

@@ -31,7 +31,12 @@ from abhv_mc.cli.printing import (
     show_result,
     text_stream,
 )
-from abhv_mc.cli.running import describe_outcomes, print_requirements, print_summary
+from abhv_mc.cli.running import (
+    describe_outcomes,
+    exit_by_verdicts,
+    print_requirements,
+    print_summary,
+)
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
@@ -78,8 +83,9 @@ def report(
 ) -> None:
     """Create the report page, figures and report.json from the stored results of a campaign.
 
-    No flight is run. With --requirements, the stored flights are judged against the requirements
-    in FILE, and the exit code is 1 if any of them fails.
+    No flight is run. The exit code is 0, whatever the verdicts. With --requirements, the stored
+    flights are judged against the requirements in FILE, and the exit code is 1 if a controller
+    under test fails any of them; the controllers under test are those of FILE, or else of DIR.
     """
     import json
 
@@ -88,6 +94,7 @@ def report(
     from abhv_mc.report.numbers.summary import parse_summary
     from abhv_mc.report.pages.build import build_report
     from abhv_mc.report.pages.pdf import find_browser, print_pdf
+    from abhv_mc.statistics.verdicts import SET_LATER, label_status
 
     if requirements is not None and out is None:
         raise InputError(
@@ -120,13 +127,12 @@ def report(
     if requirements is not None:
         numbers = json.loads(page.with_suffix(".json").read_text("utf-8"))
         say(parse_summary(numbers["summary"]).at(shlex.quote(str(folder))), folds=False)
-        if any(
-            entry["controllers"][name]["status"] == "FAIL"
+        exit_by_verdicts(
+            (name, label_status(verdict["status"], SET_LATER in verdict["note"]))
             for entry in numbers["verdicts"]["requirements"]
-            for name in entry["asked"]["controllers"]
-            if name in entry["controllers"]
-        ):
-            raise typer.Exit(ExitCode.FAILED)
+            for name, verdict in entry["controllers"].items()
+            if name in entry["asked"]["controllers"]
+        )
 
 
 def show(
@@ -326,7 +332,7 @@ def whatif(
 
 
 def _print_whatif(estimates: "Whatif") -> None:
-    from abhv_mc.io.phrases import counted, joined
+    from abhv_mc.io.phrases import grouped_digits
     from abhv_mc.topics.formatting import bounds, estimate, percent, significant
     from abhv_mc.topics.names import controller_label
 
@@ -337,17 +343,14 @@ def _print_whatif(estimates: "Whatif") -> None:
             for key in dict.fromkeys((*before, *after))
             if before.get(key) != after.get(key)
         ]
-        say(f"{name}: {joined(changes)}")
+        say(f"{name}: {', '.join(changes)}")
     if estimates.stopped_when_proven:
-        say(
-            "The campaign stopped once its requirements were proven; the intervals do not account "
-            "for early stopping."
-        )
+        say("stopped when proven: intervals without correction for early stopping")
     for name, controller in estimates.controllers.items():
         worth = significant(controller.effective_flights)
         title = (
-            f"{controller_label(name)}: {counted(controller.flights, 'flight')}, equivalent to "
-            f"{worth} under the changed dispersions"
+            f"{controller_label(name)}: {grouped_digits(controller.flights)} flights, effective "
+            f"number for the changed dispersions {worth}"
         )
         table = new_table(("",), ("quantile", "stored", "changed"), title)
         required = dict.fromkeys(entry.metric for entry in controller.requirements)

@@ -3,11 +3,12 @@
 import shlex
 import sys
 from collections import Counter
+from collections.abc import Iterable
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
@@ -34,7 +35,7 @@ from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import Refusal
-from abhv_mc.io.phrases import counted, grouped_digits, joined
+from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.requests import Request
 from abhv_mc.shipped import find_input
 
@@ -64,7 +65,8 @@ def run(
     """Run or resume a campaign, and create its report.
 
     After Ctrl-C, completed flights are kept; run the same command to resume. The exit code is 1 if
-    a requirement failed, and 3 if flights are missing or failed to run.
+    a controller under test fails a requirement (see 'under_test' in the campaign file), and 3 if
+    flights are missing or failed to run.
     """
     announce_compiling()
     from abhv_mc.execution.runner import run_campaign
@@ -146,13 +148,7 @@ def finish(
     sentence, command = suggest_merge(result.folder, result.manifest)
     if sentence:
         say(f"{sentence} To judge all flights together, run: {command}", file=stream)
-    if entries:
-        text = describe_verdicts(result.manifest)
-        say(
-            fill(text, _WIDTH, initial_indent="verdicts  ", subsequent_indent=" " * 10), file=stream
-        )
-    if any(entry.verdict == "FAIL" for entry in entries):
-        raise typer.Exit(ExitCode.FAILED)
+    exit_by_verdicts(((entry.controller, entry.label) for entry in entries), stream)
 
 
 def _print_result(result: "RunResult", folder_name: str) -> None:
@@ -217,7 +213,7 @@ def print_requirements(manifest: "Manifest") -> None:
         + (f" in {counted(common_count, 'flight')}" if common_count else ""),
         end="",
     )
-    say(" (* determines the exit code)")
+    say(" (* must meet its requirements)")
     names = list(dict.fromkeys(entry.controller for entry in entries))
     headings = {name: name + " *" * (name in binding_controllers) for name in names}
     width = max(
@@ -239,26 +235,23 @@ def print_requirements(manifest: "Manifest") -> None:
     say()
 
 
-def describe_verdicts(manifest: "Manifest") -> str:
-    """Describe each controller's verdicts; name the verdicts that determine the exit code.
-
-    Example: "'a': 2 PASS and 1 FAIL; 'b': 3 FAIL. The exit code depends on the verdicts of 'a'."
-    """
-    binding, informative = manifest.requirements, manifest.requirements_shown
-    summaries, verdict_counts = [], {}
-    for name in manifest.controllers:
-        counts = Counter(
-            entry.label for entry in (*binding, *informative) if entry.controller == name
-        )
-        summaries.append(
-            f"'{name}': {joined([f'{count} {status}' for status, count in counts.items()])}"
-        )
-        verdict_counts[name] = counts.total()
-    basis = []
-    for name, number in Counter(entry.controller for entry in binding).items():
-        number_words = f"{number} of " * (number < verdict_counts[name])
-        basis.append(f"{number_words}the verdict{'s' * (verdict_counts[name] > 1)} of '{name}'")
-    return f"{'; '.join(summaries)}. The exit code depends on {joined(basis)}."
+def exit_by_verdicts(labels: Iterable[tuple[str, str]], stream: IO[str] | None = None) -> None:
+    """Print the binding verdicts (controller, label) with the exit code, and exit if one failed."""
+    counts: dict[str, Counter[str]] = {}
+    for controller, label in labels:
+        counts.setdefault(controller, Counter())[label] += 1
+    is_failed = any(label.startswith("FAIL") for own in counts.values() for label in own)
+    code = ExitCode.FAILED if is_failed else ExitCode.DONE
+    texts = [
+        f"{controller}: {', '.join(f'{count} {label}' for label, count in own.items())}"
+        for controller, own in counts.items()
+    ]
+    if texts:
+        text = "; ".join([*texts, f"exit code {code}"])
+        text = fill(text, _WIDTH, initial_indent="verdicts  ", subsequent_indent=" " * 10)
+        say(text, file=stream)
+    if code:
+        raise typer.Exit(code)
 
 
 @imports.command()

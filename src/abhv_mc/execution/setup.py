@@ -194,7 +194,7 @@ def _resume(
         problem = f"the values of the unknowns in this folder were selected without {quoted(added)}"
         raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
-    states_test = "under_test" in requested.document.entries or states_under_test(folder)
+    states_test = requested.model.under_test is not None or states_under_test(folder)
     merged = merge_inputs(before, inputs, request.controllers is not None, states_test)
     limits = [*map(str, find_requirement_changes(before.data, merged.data))]
     is_rejudged = any(merged.data.get(key) != before.data.get(key) for key in JUDGING)

@@ -261,8 +261,3 @@ def _read_stored(folder: CampaignFolder) -> Document:
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
     """Return the campaign of a results folder. Raise InputError if there is no campaign."""
     return check_campaign(_read_stored(folder))
-
-
-def first_controller(folder: Path) -> str:
-    """Return the first controller or system of a results folder."""
-    return read_folder_campaign(CampaignFolder(folder)).controllers[0]

@@ -14,7 +14,7 @@ from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.phrases import counted, grouped_digits, quoted
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.evaluation import LANES, make_generator
@@ -78,46 +78,27 @@ class RareFound:
 
     @property
     def unwarned(self) -> str:
-        """Clause on failures without warning, which ends the sentence with the estimate."""
+        """Bound on the probability of failures without warning, and its use, as text."""
         high, (_, flights) = self.estimate.unwarned_high, self.estimate.plain
         if high is None:
             return ""
-        if self.includes_unwarned and self.estimate.high <= high:
-            return (
-                "; the upper bound of the interval is the bound on failures without warning, which "
-                f"follows from the {counted(flights, 'plain flight')} alone"
-            )
+        bound = f"below {high:.1e} ({grouped_digits(flights)} plain flights)"
         if self.includes_unwarned:
-            return (
-                "; the upper bound of the interval comes from the levels, because the probability "
-                f"of failures without warning is below {high:.1e}"
-            )
-        if len(self.space.names) <= MOST_LOOKED:
-            return ""
-        return (
-            ". Failures without warning are not included; their probability is below "
-            f"{high:.1e} according to the {counted(flights, 'plain flight')}"
-        )
+            source = "this bound" if self.estimate.high <= high else "the levels"
+            return f"{bound}, included; upper end of the interval from {source}"
+        return "" if len(self.space.names) <= MOST_LOOKED else f"{bound}, not included"
 
     @property
     def second_opinion(self) -> str:
-        """Result of importance sampling, as text."""
+        """Result of a second method, as text."""
         check = self.estimate.check
         if isinstance(self.estimate, SurrogateEstimate):
             rough, smooth = self.estimate.steps[-1].probabilities
-            return (
-                f"{rough:.1e} according to the Gaussian process with a Matern kernel, and "
-                f"{smooth:.1e} according to the infinitely smooth Gaussian process"
-            )
+            return f"{rough:.1e} (Matern kernel), {smooth:.1e} (infinitely smooth kernel)"
         if check is None:
-            return (
-                "none, because importance sampling requires unused flights and at most "
-                f"{MOST_SAMPLED} dispersions"
-            )
-        return (
-            f"{check.probability:.1e} by importance sampling ({check.effective:.0f} effective "
-            "failures)"
-        )
+            return f"none (needs unused flights and at most {MOST_SAMPLED} dispersions)"
+        count = f"{check.effective:.0f} effective failures"
+        return f"{check.probability:.1e} by importance sampling ({count})"
 
     @property
     def failures(self) -> int:

@@ -74,13 +74,7 @@ def read_searched(
     for source in check_user_code(campaign):
         # By passing the campaign file directly, the user consents to running its custom code.
         trust(source)
-    controllers = campaign.controllers
-    name = controller or next(iter(controllers))
-    if name not in controllers:
-        raise campaign.document.error(
-            ("controllers",), f"unknown controller '{name}'", one_of(controllers, name)
-        )
-    return campaign, name
+    return campaign, campaign.choose_controller(controller)
 
 
 def find_metric(

@@ -259,7 +259,7 @@ def controller_colors(names: Sequence[str]) -> dict[str, str]:
 def line_look(number: int, count: int) -> dict[str, Any]:
     """Return the look of a controller's line by its position among ``count`` controllers.
 
-    The first controller, to which the requirements apply, is drawn last, as a solid line. The
+    The first controller is drawn last, as a solid line. The
     other lines are wider, paler and dashed, so that they remain visible if all lines coincide.
     """
     return {

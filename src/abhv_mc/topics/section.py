@@ -4,7 +4,7 @@ Text between backticks is literal, such as a command, a file name or a key.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from textwrap import wrap
@@ -164,21 +164,6 @@ class Text:
 
 
 @dataclass(frozen=True)
-class Lead:
-    """Summary of a report: the first item of the page and the only bold text."""
-
-    answer: str
-    because: tuple[str, ...] = ()
-    sure: str = ""
-    next: str = ""
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """All sentences of the summary."""
-        return tuple(filter(None, (self.answer, *self.because, self.sure, self.next)))
-
-
-@dataclass(frozen=True)
 class Entry:
     """One line of a record: labels of controllers, and text such as metrics and numbers."""
 
@@ -237,6 +222,15 @@ class Records:
         return "\n".join(lines)
 
 
+def make_records(texts: Iterable[tuple[str, str]]) -> Records:
+    """Return the records of labels with their texts; empty texts are omitted."""
+    labelled: dict[str, list[Entry]] = {}
+    for label, text in texts:
+        if text:
+            labelled.setdefault(label, []).append(Entry((), text))
+    return Records(tuple(Record(label, tuple(entries)) for label, entries in labelled.items()))
+
+
 @dataclass(frozen=True)
 class Bullets:
     """List of sentences, one per line."""
@@ -283,7 +277,7 @@ class Fold:
     items: "tuple[Item, ...]"
 
 
-Item: TypeAlias = Text | Records | Lead | Bullets | Table | Picture | Widget | Heading | Fold
+Item: TypeAlias = Text | Records | Bullets | Table | Picture | Widget | Heading | Fold
 
 
 @dataclass(frozen=True)

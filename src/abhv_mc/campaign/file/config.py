@@ -235,7 +235,7 @@ class Compared(StrictModel):
     """Controllers that a campaign compares."""
 
     compare: Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
-        description="controllers to compare, starting with the first controller of the campaign"
+        description="controllers to compare"
     )
 
 
@@ -298,8 +298,8 @@ class Campaign(StrictModel):
     under_test: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
         None,
         description=(
-            "controllers that must meet the requirements without 'controllers'; their verdicts "
-            "determine the exit code; default: all controllers"
+            "controllers under test, which must meet the requirements without 'controllers'; the "
+            "exit code depends on their verdicts; default: all controllers"
         ),
     )
     runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(

@@ -31,7 +31,8 @@ from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.flight.outcome import Outcomes
 from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.interfaces import Engine, Plan, Simulator
-from abhv_mc.io.documents import Document
+from abhv_mc.io.documents import Document, InputError, one_of
+from abhv_mc.io.phrases import quoted
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
@@ -127,6 +128,20 @@ class Experiment:
         """Controllers that must meet the requirements without controllers of their own."""
         tested = self.model.under_test
         return tuple(name for name in self.controllers if tested is None or name in tested)
+
+    def choose_controller(self, name: str | None) -> str:
+        """Return the named controller, or else the only controller under test.
+
+        Raise InputError if the name is unknown, or if it is missing and several are under test.
+        """
+        if name is None and len(self.under_test) == 1:
+            return self.under_test[0]
+        if name not in self.controllers:
+            problem, choices = f"unknown {self.kind} '{name}'", self.controllers
+            if name is None:
+                problem, choices = f"under test: {quoted(self.under_test)}", self.under_test
+            raise InputError("--controller", problem, one_of(choices, name))
+        return name
 
     @cached_property
     def outcomes(self) -> Outcomes:

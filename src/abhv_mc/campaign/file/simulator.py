@@ -244,10 +244,7 @@ class SimulatorCampaign(Campaign):
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
         {"system": {}},
-        description=(
-            "systems to compare, keyed by name, each with its own simulator settings; the first "
-            "system must meet the requirements"
-        ),
+        description=("systems to compare, keyed by name, each with its own simulator settings"),
     )
     inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")
     metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(  # type: ignore[assignment]

@@ -222,41 +222,21 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
     return Baseline(**vars(comparison), folder=baseline.as_posix(), digest=earlier.manifest.digest)
 
 
-def gate_words(
-    pair: CampaignPair, metric: str, sides: tuple[str, str], requirements: Sequence[str]
-) -> str:
-    """Describe the result of the non-inferiority test of a metric.
-
-    ``sides`` are the names of the first controller, which is the reference, and of the second.
-    """
+def gate_text(pair: CampaignPair, metric: str, requirements: Sequence[str]) -> str:
+    """Return the result of the non-inferiority test of a metric, with its counts and reasons."""
     gate, worst = pair.not_worse[metric], pair.metrics[metric].worst
-    reference, tested = sides
-    result = (
-        f"passes the test against {reference}"
-        if gate.shown
-        else f"fails the test against {reference}"
-    )
-    at_point = f" at the worst values of the unknowns ({gate.at})" if gate.at else ""
-    text = (
-        f"{tested} {result}{at_point}: "
-        f"it is {'' if gate.within_low > 0.5 else 'NOT '}shown to be at most "
-        f"{100.0 * gate.margin:g} % worse on more than half of the flights (on "
-        f"{grouped_digits(gate.within)} of {counted(gate.pairs, 'flight')}; with 95 % confidence, "
-        f"on at least {percent(gate.within_low, 2)} of all flights)"
-    )
-    reasons = [
-        f"its {100.0 * level:.4g} % quantile is shown to be worse by more than this margin"
-        for level in gate.worse_tails
+    texts = [
+        "passed" if gate.shown else "not passed",
+        f"within {100.0 * gate.margin:g} % on {grouped_digits(gate.within)} of "
+        f"{grouped_digits(gate.pairs)} flights (at least {percent(gate.within_low, 2)} of all, "
+        "required: over 50 %)",
     ]
-    if gate.worst_doubled:
-        reasons.append(
-            f"its worst value is {significant(worst[1])}, compared with {significant(worst[0])}"
-        )
-    reasons += ["more of its flights terminate early"] if gate.loses_more else []
-    reasons += [
-        f"it misses the requirement '{requirements[k]}' more often" for k in gate.misses_more
-    ]
-    return "; ".join([text, *reasons])
+    texts += [f"unknowns {gate.at}"] if gate.at else []
+    texts += [f"worse {100.0 * level:.4g} % quantile" for level in gate.worse_tails]
+    texts += [f"worst flight {' -> '.join(map(significant, worst))}"] if gate.worst_doubled else []
+    texts += ["more early terminations"] if gate.loses_more else []
+    texts += [f"more violations of {requirements[k]}" for k in gate.misses_more]
+    return "; ".join(texts)
 
 
 def _gate(

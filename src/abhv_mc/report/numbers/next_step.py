@@ -115,19 +115,19 @@ def _advise_flights(models: Models, binding: Sequence[Verdict]) -> NextStep | No
             f"all PASS with {counted(advice.flights, 'flight')}{at_points}: {about(advice.chance)}"
         )
         return _longer_run(models, advice.flights, why, _ASSUMPTION)
-    flights = max(verdict.flights for verdict in open_ones)
+    present = max(verdict.flights for verdict in open_ones)
     least = max(
         flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
         for verdict in open_ones
     )
     separate = [single for verdict in open_ones if (single := advise([verdict]))]
-    if least > MOST_TIMES * flights and not separate:
+    if least > MOST_TIMES * present and not separate:
         chance = about(min(predict_pass(verdict, least) for verdict in open_ones))
         why = f"PASS needs at least {counted(least, 'flight')}{at_points}: {chance}"
-        if least > _MOST_LONGER * flights:
+        if least > _MOST_LONGER * present:
             return NextStep(why, assumption=_ASSUMPTION)
         return _longer_run(models, least, why, _ASSUMPTION)
-    most = counted(MOST_TIMES * flights, "flight")
+    most = counted(MOST_TIMES * present, "flight")
     return NextStep(
         f"PASS of all verdicts unlikely up to {most}{at_points}", assumption=_ASSUMPTION
     )

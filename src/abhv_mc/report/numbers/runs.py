@@ -28,8 +28,9 @@ class CampaignRun:
     started: str = ""
     question: str = ""
     answer: str = ""
-    # numbers of binding requirements by verdict
+    # numbers of binding requirements by verdict, and the controllers that they bind
     verdicts: Mapping[str, int] = field(default_factory=dict)
+    controllers: tuple[str, ...] = ()
     flights: int = 0  # flights of each controller
     flights_planned: int = 0
     version: str = ""
@@ -101,6 +102,7 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
         question=_question(folder) if summary else "",
         answer=summary.records[0].line if summary else "",
         verdicts=dict(Counter(entry.label for entry in manifest.requirements)),
+        controllers=tuple(dict.fromkeys(entry.controller for entry in manifest.requirements)),
         flights=manifest.runs_done,
         flights_planned=manifest.runs_planned,
         version=manifest.versions.get("abhv_mc", ""),

@@ -13,12 +13,12 @@ from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted, joined
+from abhv_mc.io.phrases import joined
 from abhv_mc.report.numbers.compare import (
     CampaignPair,
     Compared,
     compare_results,
-    gate_words,
+    gate_text,
     pair_campaigns,
     select_flights,
 )
@@ -26,15 +26,14 @@ from abhv_mc.report.numbers.contrast import Contrast, contrast_results
 from abhv_mc.report.numbers.runs import COMPARISON_FILE
 from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_rows, contrast_section
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
-from abhv_mc.report.pages.pair_sentences import pair_words, shorten_list, standing, verdict_of
 from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.figure_style import controller_colors
-from abhv_mc.topics.formatting import ends_of, fixed, p_equation
+from abhv_mc.topics.formatting import ends_of, fixed, p_equation, percent, significant
 from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.names import Names, full_labels, names_of
-from abhv_mc.topics.section import Bullets, FigureText, Fold, Item, Lead, Picture, Section, Table
+from abhv_mc.topics.section import FigureText, Fold, Item, Picture, Section, Table, make_records
 from abhv_mc.topics.topic import Drawn
 
 if TYPE_CHECKING:
@@ -198,38 +197,27 @@ def _section(
     comparison: Compared,
     pairs: Sequence[tuple[str, CampaignPair, Names]],
 ) -> Section:
-    answers: list[str] = []
+    texts: list[tuple[str, str]] = []
     tables: list[Item] = []
     for title, pair, names in pairs:
-        answers += _sentences(title, pair, names, comparison)
+        texts += _pair_texts(title, pair, names, comparison)
         if not _is_identical(pair):
             tables += _tables(title, pair, names, comparison)
-    answers.append(
-        "Differences are computed flight by flight, first minus second, with 95 % intervals; an "
-        "early termination counts as worse than any completed flight."
-    )
-    if any(names.campaign.judged for _, _, names in pairs):
-        answers[-1] += (
-            " The better side is determined over all required metrics and the control effort, "
-            "with a correction for their number."
-        )
+    texts.append(("Differences", "flight by flight, first minus second, 95 % intervals"))
     unknowns = a.campaign.unknowns
     if unknowns.names:
         count = len(unknowns.points)
-        answers.append(
-            f"The campaigns are compared at the {counted(count, 'value')} of the unknowns that "
-            f"both ran; flight {count} k + p is sample k at value p."
+        texts.append(
+            ("Unknowns", f"{count} common values; flight {count} k + p: sample k, value p")
         )
     folders = dict.fromkeys(str(results.folder) for results in (a, b) if results.campaign.can_rerun)
-    commands = (
-        f"`{shlex.join(['abhv-mc', 'replay', folder])} --controller NAME --flight NUMBER`"
-        for folder in folders
-    )
-    if folders and not unknowns.names:
-        answers.append(f"Re-run a flight, bit for bit, with {' or '.join(commands)}.")
-    return Section(
-        "Summary", (_lead(pairs, b), Bullets(tuple(answers)), Picture("differences"), *tables)
-    )
+    for folder in folders if not unknowns.names else ():
+        command = shlex.join(["abhv-mc", "replay", folder])
+        texts.append(("Re-run a flight", f"`{command} --controller NAME --flight NUMBER`"))
+    if any(pair.any_failure.only_b for _, pair, _ in pairs) and b.campaign.can_rerun:
+        command = shlex.join(["abhv-mc", "explain", b.folder.as_posix(), "--all"])
+        texts.append(("Next", f"`{command}`: flights that fail in the second campaign only"))
+    return Section("Summary", (make_records(texts), Picture("differences"), *tables))
 
 
 def _label_pairs(
@@ -262,51 +250,6 @@ def _folder_names(a: FlownCampaign, b: FlownCampaign) -> tuple[str, str]:
     """Return names that distinguish two folders; for the same folder the names are equal."""
     path_a, path_b = a.folder.resolve(), b.folder.resolve()
     return (str(path_a), str(path_b)) if path_a.name == path_b.name else (path_a.name, path_b.name)
-
-
-def _lead(pairs: Sequence[tuple[str, CampaignPair, Names]], b: FlownCampaign) -> Lead:
-    """Return the lead of the page: the better side of each pair, reasons, and the next step."""
-    answers: dict[str, list[str]] = {}
-    because = []
-    for title, pair, names in pairs:
-        metrics_by_side, first, second = (
-            standing(pair, names),
-            names.subject(pair.a),
-            names.subject(pair.b),
-        )
-        answer_of = {
-            "better": f"{first} is better than {second}",
-            "worse": f"{second} is better than {first}",
-            "mixed": "mixed",
-            "open": "no difference is shown",
-        }
-        answer = "no winner is named, because the flights are not independent"
-        if names.campaign.judged:
-            answer = answer_of[verdict_of(pair, names)]
-            differences = (
-                [f"has {'more' if pair.losing == pair.b else 'fewer'} early terminations"]
-                if pair.losing
-                else []
-            )
-            directions = (
-                ("worse", metrics_by_side["better"]),
-                ("better", metrics_by_side["worse"]),
-            )
-            differences += [
-                f"is {direction} in {shorten_list(metrics)}"
-                for direction, metrics in directions
-                if metrics
-            ]
-            because += [f"{_spoken(title)}: {second} {joined(differences)}."] if differences else []
-        answers.setdefault(answer, []).append(title)
-    text = "; ".join(f"{answer} ({joined(titles)})" if len(answers) > 1 else answer
-                         for answer, titles in answers.items())  # fmt: skip
-    command = f": `{shlex.join(['abhv-mc', 'explain', b.folder.as_posix(), '--all'])}`"
-    if not b.campaign.can_rerun:
-        command = " in the report of the second campaign."
-    failed = any(pair.any_failure.only_b for _, pair, _ in pairs)
-    following = f"Next: find out why flights fail{command}" if failed else ""
-    return Lead(f"{text[0].upper()}{text[1:]}.", tuple(because[:3]), next=following)
 
 
 def _is_identical(pair: CampaignPair) -> bool:
@@ -343,54 +286,56 @@ def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder
     return make_table("Compared campaigns", caption, heads, rows)
 
 
-def _spoken(title: str) -> str:
-    """Return a pair's title for use in a sentence; lower-case names are quoted."""
-    return _AGAINST.join(
-        f"'{name}'" if name[:1].islower() else name for name in title.split(_AGAINST)
-    )
-
-
-def _sides(title: str, pair: CampaignPair, names: Names) -> tuple[str, str]:
-    """Return names of both sides; the title is the controller if the labels are folders."""
-    a, b = names.subject(pair.a), names.subject(pair.b)
-    if _AGAINST in title:
-        return a, b
-    controller = _spoken(title)
-    return f"{controller} of campaign {a}", f"{controller} of campaign {b}"
-
-
-def _sentences(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> list[str]:
-    a, b = names.subject(pair.a), names.subject(pair.b)
-    sides, title = _sides(title, pair, names), _spoken(title)
-    sentences = [
-        f"In {names.metrics[metric].phrase}, "
-        f"{gate_words(pair, metric, sides, comparison.requirements)}."
-        for metric in pair.not_worse
-    ]
-    flights = counted(pair.pairs, "flight")
+def _pair_texts(
+    title: str, pair: CampaignPair, names: Names, comparison: Compared
+) -> Iterator[tuple[str, str]]:
+    """Yield the labelled results of a pair: gates, winners, early terminations and failures."""
+    for metric in pair.not_worse:
+        gate = gate_text(pair, metric, comparison.requirements)
+        yield "Gate", f"{title}: {names.metrics[metric].phrase}, {gate}"
+    flights = f"{title}, {fixed(pair.pairs, 0)} flights"
     if _is_identical(pair):
-        agree = "the only flight agrees" if pair.pairs == 1 else f"all {flights} agree"
-        return [*sentences, f"{title}: {agree} in every metric."]
-    judged = names.campaign.judged
-    verdict = (
-        pair_words(pair, names) if judged else "no winner is named: the flights are not independent"
-    )
-    sentences.append(f"{title}, on the same {flights}: {verdict}.")
-    failed = pair.any_failure
-    if failed.only_a or failed.only_b:
-        sentences.append(
-            f"{title}: {counted(failed.only_a, 'flight fails/flights fail')} with {a} only, "
-            f"{fixed(failed.only_b, 0)} with {b} only, {fixed(failed.both, 0)} with both "
-            f"(McNemar's test, {p_equation(failed.p_value)})."
+        yield "Identical", flights
+        return
+    for label, metrics in _group_metrics(pair, names).items():
+        yield label, f"{title}: {', '.join(metrics)}" if metrics else ""
+    effort = [
+        f"{names.metrics[metric].label} {significant(ratio.value, 2)}"
+        for metric, ratio in pair.surfaces.items()
+        if ratio
+    ]
+    yield "Control effort, first / second", f"{title}: {', '.join(effort)}" if effort else ""
+    failed, early = pair.any_failure, pair.ended_early
+    for label, counts in (("Failed flights", failed), ("Early terminations", early)):
+        text = (
+            f"{names.label(pair.a)} only {fixed(counts.only_a, 0)}, {names.label(pair.b)} only "
+            f"{fixed(counts.only_b, 0)}, both {fixed(counts.both, 0)}"
         )
-    elif not failed.both:
-        sentences.append(f"{title}: no flight fails.")
-    else:
-        sentences.append(
-            f"{title}: the same flights fail with both controllers "
-            f"({counted(failed.both, 'flight')})."
-        )
-    return sentences
+        yield label, f"{flights}: {text} ({p_equation(counts.p_value)})"
+
+
+def _group_metrics(pair: CampaignPair, names: Names) -> dict[str, list[str]]:
+    """Return the leading metrics with shares of flights, by the result of the comparison."""
+    undecided = "No difference shown" if names.campaign.judged else "Estimates, no winner"
+    groups: dict[str, list[str]] = {
+        f"Better: {names.label(pair.a)}": [],
+        f"Better: {names.label(pair.b)}": [],
+        "Mixed": [],
+        undecided: [],
+    }
+    for metric, entry in pair.metrics.items():
+        if metric not in names.asked:
+            continue
+        label = "Mixed" if entry.mixed else undecided
+        if entry.winner:
+            label = f"Better: {names.label(entry.winner)}"
+        shares = (percent(count / pair.pairs, 2) for count in (entry.a_better, entry.b_better))
+        worst = " / ".join(map(significant, entry.worst))
+        texts = [f"better on {' / '.join(shares)}", f"worst {worst}"]
+        texts += [f"worse {100.0 * level:.4g} % quantile" for level in entry.worse_tails[:1]]
+        texts += ["more early terminations"] if entry.loses_more else []
+        groups[label].append(f"{names.metrics[metric].phrase} ({', '.join(texts)})")
+    return groups
 
 
 def _tables(title: str, pair: CampaignPair, names: Names, comparison: Compared) -> Iterator[Item]:

@@ -1,4 +1,4 @@
-"""Sentences, tables and figures of a comparison of two campaigns on different samples."""
+"""Records, tables and figures of a comparison of two campaigns on different samples."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import nan
@@ -11,14 +11,13 @@ from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import counted, joined
+from abhv_mc.io.phrases import counted
 from abhv_mc.report.numbers.compare import select_flights
 from abhv_mc.report.numbers.contrast import (
     Contrast,
     ContrastRequirement,
     SideVerdict,
 )
-from abhv_mc.report.pages.pair_sentences import shorten_list
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.figure_style import (
     CYCLE,
@@ -34,21 +33,19 @@ from abhv_mc.topics.figure_style import (
 from abhv_mc.topics.formatting import count_of, estimate, fixed, percent
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import (
-    Bullets,
     Cell,
     FigureText,
     Fold,
     Item,
-    Lead,
     Picture,
     Section,
     Table,
     grouped,
     interval_cell,
+    make_records,
 )
 from abhv_mc.topics.topic import Drawn
 
-_MOST_CHANGES = 4  # maximum number of changed inputs in a sentence
 _MOST_PANELS = 6
 # line styles of the first and the second campaign
 _STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")
@@ -69,22 +66,12 @@ def contrast_section(
 ) -> Section:
     """Return the section with changed inputs, changed verdicts and tables."""
     labels = _labels(a, b, contrast)
-    answers = [*change_sentences(contrast, labels)]
-    lead = Lead(
-        answers[0] if answers else "The campaigns have no requirements.", tuple(answers[1:])
-    )
     changes = [change for change in contrast.changes if not change.startswith("name: ")]
-    if len(changes) > _MOST_CHANGES:
-        changes = [*changes[:_MOST_CHANGES], f"and {len(changes) - _MOST_CHANGES} more"]
-    sentences = []
-    if changes:
-        folders = f"the campaigns '{a.folder}' and '{b.folder}'"
-        sentences.append(f"Differences between {folders}: {'; '.join(changes)}.")
-    sentences.append(
-        "The samples differ, so flights are not paired. Differences are values of the second "
-        "campaign minus those of the first, with 95 % intervals (Newcombe's for shares, bootstrap "
-        "for quantiles). An interval that excludes 0 shows a difference."
-    )
+    texts = [
+        *change_texts(contrast, labels),
+        *(("Changed inputs", change) for change in changes),
+        ("Differences", "second minus first, 95 % intervals (Newcombe, bootstrap), not paired"),
+    ]
     differing, every = (
         _quantile_table(a, contrast, labels, titles, shows_all=shows_all)
         for shows_all in (False, True)
@@ -92,7 +79,7 @@ def contrast_section(
     tables = [_verdict_table(a, contrast, labels, titles), differing]
     items: list[Item] = [table for table in tables if table.groups]
     items += [Fold(every.title, (every,))] if every.groups else []
-    return Section("Summary", (lead, Bullets(tuple(sentences)), Picture("distributions"), *items))
+    return Section("Summary", (make_records(texts), Picture("distributions"), *items))
 
 
 def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]:
@@ -106,55 +93,27 @@ def _labels(a: FlownCampaign, b: FlownCampaign, contrast: Contrast) -> list[str]
     return labels
 
 
-def change_sentences(contrast: Contrast, labels: Sequence[str]) -> Iterator[str]:
-    """Yield sentences on each changed controller, then on the unchanged controllers."""
-    # number of verdicts that differ only because of the number of flights
-    undecided: dict[str, int] = {}
-    equal: dict[str, str] = {}
+def change_texts(contrast: Contrast, labels: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield each controller's changed verdicts and significant changes of failure shares."""
     for label, controller in zip(labels, contrast.contrasted, strict=True):
-        if not controller.requirements:
-            return
-        changes: dict[str, list[str]] = {}
-        for item in controller.requirements:
-            verb = _change_verb(item)
-            if verb:
-                changes.setdefault(verb, []).append(_change(item))
-            elif item.after.status != item.before.status:
-                undecided[label] = undecided.get(label, 0) + 1
-        if changes:
-            texts = [f"{verb} {shorten_list(items)}" for verb, items in changes.items()]
-            yield f"{label} {'; '.join(texts)}."
-        elif label not in undecided:
-            passed = sum(item.after.status == "PASS" for item in controller.requirements)
-            equal[label] = f"{passed} of {len(controller.requirements)} are PASS"
-    if undecided:
-        counts = joined([f"{count} of {label}" for label, count in undecided.items()])
-        yield (
-            "Verdicts that are open in the second campaign although no difference is shown: "
-            f"{counts}."
-        )
-    for passed_count in dict.fromkeys(equal.values()):
-        labels_of = [label for label, count in equal.items() if count == passed_count]
-        yield f"{joined(labels_of)}: verdicts are equal in both campaigns ({passed_count})."
-
-
-def _change_verb(item: ContrastRequirement) -> str:
-    """Return a verb for a changed verdict or a significant change of failures, else ''."""
-    before, after, difference = item.before.status, item.after.status, item.share_difference
-    if after != before and after in {"FAIL", "PASS"}:
-        return "newly misses" if after == "FAIL" else "newly meets"
-    if not _is_shown(difference):
-        return ""
-    if after != before:
-        return f"is no longer shown to {'meet' if before == 'PASS' else 'miss'}"
-    return f"{'more' if difference.low > 0.0 else 'less'} often misses"
+        items = controller.requirements
+        changes = [
+            (f"{item.before.status} -> {item.after.status}", f"{label}: {_change(item)}")
+            for item in items
+            if item.after.status != item.before.status or _is_shown(item.share_difference)
+        ]
+        yield from changes
+        if items and not changes:
+            passed = sum(item.after.status == "PASS" for item in items)
+            yield "Verdicts unchanged", f"{label}: {passed} PASS of {len(items)}"
+    if not any(controller.requirements for controller in contrast.contrasted):
+        yield "Requirements", "none"
 
 
 def _change(item: ContrastRequirement) -> str:
-    shares = " -> ".join(
-        percent(side.failures / side.flights, 2) for side in (item.before, item.after)
-    )
-    return f"'{item.words}' (failed flights: {shares})"
+    before, after = (percent(side.failures / side.flights, 2) for side in (item.before, item.after))
+    difference = "significant" if _is_shown(item.share_difference) else "not significant"
+    return f"{item.words}, failed {before} -> {after} ({difference})"
 
 
 def _verdict_table(

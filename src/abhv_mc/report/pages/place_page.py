@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
-from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.report.pages.page import Answer
 from abhv_mc.topics.figure_style import (
     BLUE,
@@ -20,7 +19,7 @@ from abhv_mc.topics.figure_style import (
 )
 from abhv_mc.topics.formatting import fixed, p_equation, p_value, percent, significant
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import Bullets, Cell, FigureText, Item, Lead, Picture, Section, Table
+from abhv_mc.topics.section import Cell, FigureText, Item, Picture, Section, Table, make_records
 from abhv_mc.topics.topic import Drawn
 
 _LISTED = 12  # maximum number of listed metrics per flight
@@ -29,24 +28,8 @@ _COLUMNS = 2
 
 def make_place_answer(placement: Placement, folder: Path) -> Answer:
     """Return the page content of `abhv-mc place`."""
-    risk = 1.0 - CONFIDENCE
-    outside = [flight for flight in placement.flights if _is_outside(flight, risk)]
-    names = joined([flight.name for flight in outside])
-    number = len(placement.flights)
-    tested = "the test flight" if number == 1 else f"each of the {fixed(number, 0)} test flights"
-    lead = f"The simulated flights cover {tested}."
-    if outside:
-        lead = f"The simulated flights do not cover {names}."
-    because = []
-    if placement.together_p_value is not None:
-        verb = "are" if placement.together_p_value <= risk else "are not shown to be"
-        because.append(
-            f"Together, the test flights {verb} different from the simulated flights "
-            f"({p_equation(placement.together_p_value)})."
-        )
     items: tuple[Item, ...] = (
-        Lead(lead, tuple(because)),
-        Bullets((*_sentences(placement), *_remarks(placement))),
+        make_records(_texts(placement)),
         Picture("placement"),
         *(_table(flight, placement.simulated) for flight in placement.flights),
     )
@@ -62,55 +45,38 @@ def _is_outside(flight: PlacedFlight, risk: float) -> bool:
     return min(p_values) * len(p_values) <= risk
 
 
-def _sentences(placement: Placement) -> Iterator[str]:
+def _texts(placement: Placement) -> Iterator[tuple[str, str]]:
+    """Yield the labelled results of the tests, and the basis of the comparison."""
+    risk, together = 1.0 - CONFIDENCE, placement.together_p_value
+    outside = [flight.name for flight in placement.flights if _is_outside(flight, risk)]
+    yield "Covered", ", ".join(f.name for f in placement.flights if f.name not in outside)
+    yield "Not covered", ", ".join(outside)
+    yield "All test flights", "" if together is None else p_equation(together)
     for flight in placement.flights:
-        first = flight.metrics[0]
-        text = (
-            f"{flight.name}: the joint p-value of {counted(len(flight.metrics), 'metric')} is "
-            f"{p_value(flight.joint_p_value)}; the most unusual metric is '{first.metric}', "
-            f"with rank {fixed(first.rank, 0)} of {fixed(placement.simulated + 1, 0)}"
-        )
-        if flight.joint_p_value <= 1.0 - CONFIDENCE < first.p_value:
-            text += "; only the combination of the metrics is unusual"
-        if flight.leaves:
-            text += (
-                f"; '{flight.leaves.channel}' is the first channel to leave the simultaneous band, "
-                f"at {flight.leaves.time_s:g} s"
-            )
-        elif flight.band_p_value is not None:
-            text += "; the time histories stay within the simultaneous band"
-        if flight.band_p_value is not None:
-            text += f" ({p_equation(flight.band_p_value)})"
-        yield f"{text}."
-
-
-def _remarks(placement: Placement) -> Iterator[str]:
-    yield (
-        f"The test flights are compared with {counted(placement.simulated, 'random flight')}. If "
-        "a test flight is a draw from the model, the probability that a p-value is at most "
-        f"{percent(1.0 - CONFIDENCE)} does not exceed {percent(1.0 - CONFIDENCE)}, and the "
-        "probability that the whole history stays within the simultaneous band is "
-        f"{percent(CONFIDENCE)}."
-    )
-    if placement.sensed:
+        first, p_band = flight.metrics[0], flight.band_p_value
+        rank = f"{fixed(first.rank, 0)} of {fixed(placement.simulated + 1, 0)}"
         yield (
-            "Bias, scale and noise of the campaign's sensors were added to simulated channels: "
-            f"{quoted(placement.sensed)}."
+            flight.name,
+            f"{p_equation(flight.joint_p_value)} for {len(flight.metrics)} metrics jointly; least "
+            f"{p_equation(first.p_value)}, {first.metric}, rank {rank}",
         )
-    if placement.bands and not (placement.noise or placement.sensed):
+        exit_text = (
+            f"left first by {flight.leaves.channel} at {flight.leaves.time_s:g} s"
+            if flight.leaves
+            else "not left"
+        )
         yield (
-            "No measurement noise is declared, although instrument noise alone can move a test "
-            "flight outside the band. Declare noise with `measured: {CHANNEL: SIGMA}` in the "
-            "campaign or with `--measured CHANNEL=SIGMA`."
+            flight.name,
+            "" if p_band is None else f"simultaneous band {exit_text} ({p_equation(p_band)})",
         )
-    elif placement.noise:
-        noise = joined([f"{sigma:g} in '{channel}'" for channel, sigma in placement.noise.items()])
-        yield f"White noise was added to the simulated histories (standard deviation: {noise})."
-    if placement.ignored:
-        yield (
-            "These columns are not compared, because the campaign lacks them: "
-            f"{quoted(placement.ignored)}."
-        )
+    yield "Simulated flights", fixed(placement.simulated, 0)
+    yield "Not covered if", f"p <= {percent(risk)}, divided by the number of tests of a flight"
+    yield "Sensor errors added", ", ".join(placement.sensed)
+    noise = ", ".join(f"{channel} {sigma:g}" for channel, sigma in placement.noise.items())
+    if placement.bands and not (noise or placement.sensed):
+        noise = "none; `--measured CHANNEL=SIGMA` declares it"
+    yield "Noise added (sigma)", noise
+    yield "Columns ignored", ", ".join(placement.ignored)
 
 
 def _table(flight: PlacedFlight, simulated: int) -> Table:

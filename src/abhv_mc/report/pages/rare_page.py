@@ -5,25 +5,24 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.io.phrases import counted
 from abhv_mc.report.figures.searches import plot_failures, plot_learning, plot_levels, plot_mixing
 from abhv_mc.report.pages.page import Answer, make_table
-from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
+from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, margin_text
 from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.methods.surrogate import SurrogateEstimate
 from abhv_mc.search.rare import RareFound
 from abhv_mc.search.severity import ENDED_EARLY
-from abhv_mc.topics.formatting import percent
+from abhv_mc.topics.formatting import fixed, percent
+from abhv_mc.topics.missed_requirements import limit_words
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import Bullets, FigureText, Lead, Picture, Section, Table
+from abhv_mc.topics.section import FigureText, Picture, Records, Section, Table, make_records
 from abhv_mc.topics.topic import Drawn
 
 
 def make_rare_answer(result: RareFound, folder: Path) -> Answer:
     """Return the page content of a rare-event search whose flights are in ``folder``."""
     metric, dimensions = result.metric, len(result.space.names)
-    requirement = f"{metric.phrase} {metric.with_unit(str(result.requirement.limits))}"
     flights = flights_table(
         result.flights,
         result.severities,
@@ -34,12 +33,13 @@ def make_rare_answer(result: RareFound, folder: Path) -> Answer:
         parameters=result.known,
     )
     items = (
-        *_answers(result, requirement),
+        _answers(result),
         *map(Picture, ("levels", "mixing", "learning", "failures", "flights")),
         *((_combinations(result),) if result.strata else ()),
         flights,
     )
-    title = f"Probability that {controller_label(result.controller)} violates: {requirement}"
+    label = limit_words(metric, result.requirement.limits)
+    title = f"Probability of violation, {controller_label(result.controller)}: {label}"
     return Answer(title, "Rare-event search", Section("Summary", items), _draw(result))
 
 
@@ -63,61 +63,45 @@ def _draw(result: RareFound) -> Iterator[Drawn]:
     yield from flight_figures(result.drawn, result.metric, (result.requirement,))
 
 
-def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
-    estimate = result.estimate
+def _answers(result: RareFound) -> Records:
+    """Return the estimate, its basis and its limitations as records."""
+    estimate, allowed = result.estimate, 1.0 - result.requirement.probability
+    is_surrogate = isinstance(estimate, SurrogateEstimate)
+    texts = [("No trustworthy estimate", estimate.refusal or "")]
     if estimate.refusal is None:
-        repeated = (
-            ""
-            if result.strata
-            else f" in {counted(len(estimate.repetitions), 'independent repetition')}"
+        text = (
+            f"{estimate.probability:.1e} ({estimate.low:.1e} to {estimate.high:.1e}), allowed "
+            f"{allowed:.1e}; an estimate, no verdict"
         )
-        if isinstance(estimate, SurrogateEstimate):
-            repeated = f" ({result.failures} failed) and two Gaussian processes fitted to them"
-        answers = [
-            f"The probability that {controller_label(result.controller)} violates "
-            f"'{requirement}' is about {estimate.probability:.1e} (95 % interval "
-            f"{estimate.low:.1e} to {estimate.high:.1e}), as estimated from "
-            f"{counted(estimate.flights, 'flight')}{repeated}{result.unwarned}.",
-        ]
+        basis = f"{fixed(estimate.flights, 0)} flights, 95 % interval"
+        if is_surrogate:
+            basis += f", {result.failures} failed, two Gaussian processes"
+        elif not result.strata:
+            basis += f", repetitions: {len(estimate.repetitions)}"
+        texts = [("P(violation)", text), ("Basis", basis), ("Without warning", result.unwarned)]
         if not (result.includes_unwarned and estimate.high == estimate.unwarned_high):
-            plain = counted(_plain_flights(result), "flight")
-            answers.append(
-                f"Plain Monte Carlo sampling would need about {plain} for an equally narrow "
-                "interval."
-            )
-    else:
-        answers = [f"There is no trustworthy estimate: {estimate.refusal}."]
+            plain = f"{fixed(_plain_flights(result), 0)} flights for the same interval"
+            texts.append(("Plain Monte Carlo", plain))
     worst = float(result.flights.column(result.metric.name)[int(np.argmax(result.severities))])
-    flights = result.flights.stop
-    answers.append(
-        limit_sentence(result.requirement, result.metric, worst, result.failures, flights)
-    )
-    answers.append(f"Second opinion: {result.second_opinion}.")
-    if result.noise_share is not None:
-        answers.append(
-            f"{percent(result.noise_share, 2)} of the variance of the severity's ranks is noise, "
-            "as estimated from points that were simulated with two seeds."
-        )
-    if isinstance(estimate, SurrogateEstimate):
-        answers.append(
-            "The estimate assumes that the metric is a smooth function of the dispersions. "
-            "Failures in regions far from all flights are not included."
-        )
-    looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
-    remark = (
-        " The search looked for separate failure regions in random directions; some regions may "
-        "remain undetected."
-    )
-    answers.append(
-        "This estimate is not a verdict, because verdicts require a campaign with random "
-        f"sampling.{remark if looked else ''}"
-    )
-    if result.failed_to_run:
-        answers.append(
-            f"{counted(result.failed_to_run, 'flight')} could not be computed and "
-            f"{'counts as a failure' if result.failed_to_run == 1 else 'count as failures'}."
-        )
-    return Lead(answers[0]), Bullets(tuple(answers[1:]))
+    is_looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
+    texts += [
+        ("Worst flight", margin_text(result.requirement, result.metric, worst)),
+        ("Second method", result.second_opinion),
+        (
+            "Noise",
+            ""
+            if result.noise_share is None
+            else f"{percent(result.noise_share, 2)} of the variance of the severity ranks",
+        ),
+        ("Assumption", "smooth metric; no failures far from all flights" * is_surrogate),
+        ("Separate regions", "sought in random directions; some may remain" * is_looked),
+        ("Counted as failures", _not_run(result.failed_to_run)),
+    ]
+    return make_records(texts)
+
+
+def _not_run(count: int) -> str:
+    return f"{fixed(count, 0)} failed to run" if count else ""
 
 
 def _combinations(result: RareFound) -> Table:

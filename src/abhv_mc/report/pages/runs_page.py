@@ -14,8 +14,9 @@ from abhv_mc.topics.formatting import fixed
 
 
 def verdict_counts(run: CampaignRun) -> str:
-    """Return verdict counts as text, such as '3 PASS, 2 FAIL'."""
-    return ", ".join(f"{count} {verdict}" for verdict, count in run.verdicts.items())
+    """Return verdict counts and controllers, such as '3 PASS, 2 FAIL of tlc'."""
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in run.verdicts.items())
+    return f"{counts} of {', '.join(run.controllers)}" if counts else ""
 
 
 def write_runs_page(campaigns: CampaignRuns, root: Path, file: Path) -> Path:

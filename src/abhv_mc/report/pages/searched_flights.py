@@ -11,14 +11,13 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
-from abhv_mc.io.phrases import counted
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
 from abhv_mc.topics.flights.model import channel_of, limit_sides
-from abhv_mc.topics.formatting import count_of, percent, shown_value
+from abhv_mc.topics.formatting import percent, shown_value
 from abhv_mc.topics.missed_requirements import limit_words
 from abhv_mc.topics.section import FigureText, Fold
 from abhv_mc.topics.topic import Drawn
@@ -65,27 +64,14 @@ def flight_figures(
     )
 
 
-def limit_sentence(
-    requirement: Requirement, metric: Metric, worst: float, failures: int, flights: int
-) -> str:
-    """Return a sentence on a requirement's violations and on the worst value's margin."""
+def margin_text(requirement: Requirement, metric: Metric, worst: float) -> str:
+    """Return a requirement with the worst value and its margin, which is negative if missed."""
     limits = requirement.limits
-    label = limit_words(metric, limits)
-    if failures:
-        text = f"The requirement '{label}' is violated in {count_of(failures, flights, 'flight')}"
-    else:
-        text = f"The requirement '{label}' is met in all {counted(flights, 'flight')}"
-    beyond = float(limits.worse(np.array([worst]))[0]) - limits.limit
-    if not limits.size or not np.isfinite(beyond):
-        return f"{text}."
-    if failures and beyond < 0.0:
-        return f"{text}; the worst flight terminated early."
-    share = percent(abs(beyond) / limits.size, 2)
-    if set(limits.as_entry()) == {"below", "above"}:
-        side = "outside" if beyond >= 0.0 else "inside"
-    else:
-        side = "above" if (beyond >= 0.0) == ("below" in limits.as_entry()) else "below"
-    return f"{text}: that value is {share} {side} the limit."
+    margin = limits.limit - float(limits.worse(np.array([worst]))[0])
+    text = f"{metric.with_unit(f'{worst:.5g}')}, required: {limit_words(metric, limits)}"
+    if not limits.size or not np.isfinite(margin):
+        return text
+    return f"{text}, margin {percent(margin / limits.size, 2)}"
 
 
 def flights_table(

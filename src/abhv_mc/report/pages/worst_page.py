@@ -6,15 +6,22 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.report.figures.searches import plot_convergence, plot_worst_point
 from abhv_mc.report.pages.page import Answer, make_table
-from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, limit_sentence
+from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, margin_text
 from abhv_mc.search.severity import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
-from abhv_mc.topics.formatting import percent, shown_value
+from abhv_mc.topics.formatting import fixed, percent, shown_value
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import Bullets, FigureText, Item, Lead, Picture, Section, Table
+from abhv_mc.topics.section import (
+    FigureText,
+    Item,
+    Picture,
+    Records,
+    Section,
+    Table,
+    make_records,
+)
 from abhv_mc.topics.topic import Drawn
 
 
@@ -33,7 +40,7 @@ def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
     )
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
     title = f"Worst case of {controller_label(result.controller)}: {metric.phrase}"
-    items: tuple[Item, ...] = (*_answers(result), *pictures, _range_table(result), flights)
+    items: tuple[Item, ...] = (_answers(result), *pictures, _range_table(result), flights)
     return Answer(title, "Worst-case search", Section("Summary", items), _draw(result))
 
 
@@ -43,68 +50,43 @@ def _draw(result: WorstFound) -> Iterator[Drawn]:
     yield from flight_figures(result.drawn, result.metric, result.requirements)
 
 
-def _answers(result: WorstFound) -> tuple[Lead, Bullets]:
-    metric = result.metric
-    worst, random = (_words(result, flight) for flight in (result.worst, result.random_worst))
-    searched = f"{counted(result.searched, 'flight')} of the search"
-    if _ended_early(result, result.worst):
-        first = (
-            f"The worst of {searched} {worst}. An early termination is worse than any value of "
-            f"{metric.phrase}."
+def _answers(result: WorstFound) -> Records:
+    """Return the worst flights, their margins and the limitations of the search as records."""
+    flights, random = fixed(result.searched, 0), fixed(result.random, 0)
+    return make_records(
+        (
+            ("Worst flight", f"{_words(result, result.worst)} ({flights} flights of the search)"),
+            ("Random flights", f"{_words(result, result.random_worst)} (worst of {random})"),
+            *(
+                ("Margin", margin_text(item, result.metric, result.value(result.worst)))
+                for item in result.requirements
+                if not _ended_early(result, result.worst)
+            ),
+            ("At a bound", ", ".join(result.at_bounds) or "none"),
+            ("In every flight", _occurrences(result)),
+            ("Turbulence, noise", "equal in all flights" * (result.flights.names != result.names)),
+            ("Other seeds", _other_seeds(result)),
+            ("Scope", "the box, not its probability; correlations ignored; no proof of a maximum"),
+            ("Not counted", f"{result.failed_to_run} failed to run" * bool(result.failed_to_run)),
         )
-    else:
-        first = f"The {result.side} value of {metric.phrase} in {searched} is {worst}."
-    for item in result.requirements:
-        value = result.value(result.worst)
-        failures = result.failures(item)
-        first += f" {limit_sentence(item, metric, value, failures, result.searched)}"
-    random_ended = _ended_early(result, result.random_worst)
-    answers = [
-        first,
-        f"In {counted(result.random, 'random flight')} in the same box, drawn from the campaign's "
-        "distributions, the worst "
-        f"{'flight' if random_ended else f'value of {result.metric.phrase} is'} {random}.",
-        f"Parameters at a bound of their range: {quoted(result.at_bounds)}."
-        + (" A wider box would probably contain a worse case." if result.at_bounds else ""),
-        "A search shows what can happen in the box, not how often: all points of the box have "
-        "equal weight, correlations are ignored, and a worse case far from all flights may remain "
-        "undetected.",
-    ]
-    if result.probabilities:
-        occurrences = joined(
-            [f"'{name}' ({percent(share, 3)})" for name, share in result.probabilities.items()]
-        )
-        answers.append(
-            "Every flight of the search contains these events, which have a probability below 1 in "
-            f"campaigns and random flights: {occurrences}. The worst case without these events was "
-            "not determined."
-        )
-    if result.flights.names != result.names:
-        answers.append(
-            "All flights of the search have the same turbulence and noise, so they differ only in "
-            "their parameters."
-        )
-        answers += _other_seeds(result)
-    if result.failed_to_run:
-        flights = counted(result.failed_to_run, "flight")
-        verb = "is" if result.failed_to_run == 1 else "are"
-        answers.append(f"{flights} failed to run and {verb} not counted.")
-    return Lead(answers[0]), Bullets(tuple(answers[1:]))
+    )
 
 
-def _other_seeds(result: WorstFound) -> Iterator[str]:
-    """Yield a sentence on the worst point with other seeds for turbulence and noise."""
+def _other_seeds(result: WorstFound) -> str:
+    """Return the outcomes at the worst point with other seeds for turbulence and noise."""
     if result.other_seeds is None:
-        return
+        return ""
     flights, lost, ends = result.other_seeds
-    outcomes = [f"{lost} terminated early"] if lost else []
+    text = f"{fixed(flights, 0)} flights at the worst point, {lost} terminated early"
     if ends is not None:
         low, median, high = (result.metric.with_unit(f"{value:.5g}") for value in ends)
-        outcomes.append(f"{result.metric.phrase} from {low} to {high}, median {median}")
-    yield (
-        f"Outcomes of {counted(flights, 'flight')} at the worst point with other turbulence and "
-        f"noise: {'; '.join(outcomes)}."
-    )
+        text += f", {low} to {high}, median {median}"
+    return text
+
+
+def _occurrences(result: WorstFound) -> str:
+    """Return the events that every flight of the search contains, with their probabilities."""
+    return ", ".join(f"{name} ({percent(p, 3)})" for name, p in result.probabilities.items())
 
 
 def _ended_early(result: WorstFound, flight: int) -> bool:
