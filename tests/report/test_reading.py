@@ -63,7 +63,7 @@ def folder(request):
 FIRST = """(() => {
   const bottom = (s) => { const e = document.querySelector(s); return e ? \
 e.getBoundingClientRect().bottom : 0; };
-  const words = [...document.querySelectorAll("#answer :is(.records, figcaption, .axis)")]
+  const words = [...document.querySelectorAll("#answer :is(.records, figcaption, p)")]
     .map((e) => e.innerText).join(" ");
   const count = words.trim().split(/\\s+/).length;
   return { ends: ["h1", ".records", ".lead figure", ".chart", ".axis"].map(bottom), words: count,

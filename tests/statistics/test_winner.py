@@ -14,7 +14,6 @@ from abhv_mc.statistics.evidence import log_coin_evidence
 from abhv_mc.statistics.paired import (
     compare_failures,
     compare_metric,
-    compare_usage,
     pairing_gain,
 )
 from abhv_mc.statistics.winner import decide
@@ -143,17 +142,3 @@ def test_failures_are_cross_counted():
         3,
     )
     assert comparison.p_value == 1.0
-
-
-def test_usage_quadrants():
-    comparison = compare_usage(
-        np.array([1.0, 1.0, 3.0, 3.0, np.inf]),
-        np.array([2.0, 2.0, 2.0, 2.0, 2.0]),
-        np.array([1.0, 3.0, 1.0, 3.0, 1.0]),
-        np.array([2.0, 2.0, 2.0, 2.0, 2.0]),
-    )
-    assert comparison.pairs == 4
-    assert comparison.less_error_less_usage == comparison.less_error_more_usage == 1
-    assert comparison.more_error_less_usage == comparison.more_error_more_usage == 1
-    assert comparison.error_ratio.value == 1.0
-    assert compare_usage(*np.zeros((4, 5))) is None

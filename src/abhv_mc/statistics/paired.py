@@ -69,48 +69,8 @@ def compare_failures(a: Mask, b: Mask) -> PairedFailures:
     )
 
 
-@dataclass(frozen=True)
-class PairedUsage:
-    """Tracking error and control effort of `a` relative to `b`, flight by flight."""
-
-    pairs: int  # number of pairs with finite, positive values
-    error_ratio: Interval  # median of a / b, with its exact interval
-    usage_ratio: Interval
-    # number of pairs in which `a` has the smaller error and no larger control effort
-    less_error_less_usage: int
-    less_error_more_usage: int
-    more_error_less_usage: int
-    more_error_more_usage: int
-
-
 def median_ratio(a: Floats, b: Floats) -> Interval | None:
     """Return the median of `a / b` with its exact interval; None if there are too few pairs."""
     usable = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
     with np.errstate(over="ignore"):  # Division by a tiny value may overflow.
         return quantile(a[usable] / b[usable], 0.5) if usable.sum() >= 3 else None
-
-
-def compare_usage(
-    error_a: Floats, error_b: Floats, usage_a: Floats, usage_b: Floats
-) -> PairedUsage | None:
-    """Compare tracking error and control effort; return None for fewer than three valid pairs."""
-    values = np.stack([error_a, error_b, usage_a, usage_b])
-    usable = np.all(np.isfinite(values) & (values > 0.0), axis=0)
-    if usable.sum() < 3:
-        return None
-    error_a, error_b, usage_a, usage_b = values[:, usable]
-    less_error, less_usage = error_a < error_b, usage_a <= usage_b
-    with np.errstate(over="ignore"):
-        error_ratio, usage_ratio = (
-            quantile(error_a / error_b, 0.5),
-            quantile(usage_a / usage_b, 0.5),
-        )
-    return PairedUsage(
-        pairs=int(usable.sum()),
-        error_ratio=error_ratio,
-        usage_ratio=usage_ratio,
-        less_error_less_usage=int(np.sum(less_error & less_usage)),
-        less_error_more_usage=int(np.sum(less_error & ~less_usage)),
-        more_error_less_usage=int(np.sum(~less_error & less_usage)),
-        more_error_more_usage=int(np.sum(~less_error & ~less_usage)),
-    )

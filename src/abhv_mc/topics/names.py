@@ -52,11 +52,6 @@ class Names:
         """Return a controller's printed name."""
         return self.controllers.get(controller, controller)
 
-    def subject(self, controller: str) -> str:
-        """Return a controller's name for use in a sentence; lower-case names are quoted."""
-        label = self.label(controller)
-        return f"'{label}'" if label[:1].islower() else label
-
 
 def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
     """Return a campaign's names; the results folder is relative to folder ``page``, if given."""

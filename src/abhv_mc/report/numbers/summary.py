@@ -26,7 +26,7 @@ from abhv_mc.topics.formatting import (
     spoken_name,
 )
 from abhv_mc.topics.margins import MARGINS, missing_margins
-from abhv_mc.topics.margins.model import least_margins
+from abhv_mc.topics.margins.model import corners_unstable, least_margins
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.section import Entry, Record, Records
 from abhv_mc.topics.topic import Models
@@ -261,9 +261,13 @@ def _least_margins(models: Models, *, only_poor: bool) -> dict[str, str]:
     customary = f"customary {GAIN_MARGIN.customary:g} dB, {PHASE_MARGIN.customary:g} deg"
     for name, label in _labels(models).items():
         least = least_margins(models[MARGINS], name)
-        if least is not None and not (only_poor and least.stable and not least.little):
-            margins = ", ".join(filter(None, least.words)) or "no limit"
-            texts[label] = f"{margins} ({customary})" if least.stable else "unstable"
+        corners, steady = corners_unstable(models[MARGINS], name)
+        if least is None or (only_poor and least.stable and not (least.little or corners)):
+            continue
+        margins = ", ".join(filter(None, least.words)) or "no limit"
+        texts[label] = f"{margins} ({customary})" if least.stable else "unstable"
+        if least.stable and corners:
+            texts[label] += f", unstable at {count_of(corners, steady)} corners"
     return texts
 
 

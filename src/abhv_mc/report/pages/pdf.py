@@ -31,11 +31,11 @@ def find_browser() -> str:
     return program
 
 
-# The first page shows the answer, the second the required metrics with their drivers.
+# The first page shows the summary, the second compares the controllers.
 _BRIEF = """
-main > section:not(#answer, #metrics, #drivers), nav, details, footer, .sign, figcaption .file,
-#metrics > p, #metrics > .scroll, #drivers > p { display: none !important; }
-#metrics { break-before: page; }
+main > section:not(#answer, #comparison), nav, details, footer, .sign, figcaption .file,
+#comparison figure { display: none !important; }
+#comparison { break-before: page; }
 """
 
 

@@ -13,7 +13,7 @@ from abhv_mc.topics.comparison.model import (
 )
 from abhv_mc.topics.formatting import count_of, fixed, p_value, percent, significant
 from abhv_mc.topics.metrics import metric_statistics
-from abhv_mc.topics.missed_requirements import requirement_words
+from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
     Cell,
@@ -56,6 +56,7 @@ def comparison_section(comparison: Comparison, names: Names) -> Section | None:
         for metrics in (leading, effort, angles)
         if metrics
     ]
+    groups.append(tuple(_failure_counts(names)))
     title = f"{names.campaign.kind.capitalize()} comparison"
     heads = ("Metric", *names.controllers.values())
     items: tuple[Item, ...] = (
@@ -76,6 +77,21 @@ def _metric_row(comparison: Comparison, metric: str, names: Names) -> Row:
         best = standing is not None and name in standing.not_beaten
         cells.append(Cell(median, f"{upper} / {significant(entry.worst, 3)}", best=best))
     return (Cell(record.label_with_unit, head=True), *cells)
+
+
+def _failure_counts(names: Names) -> Iterator[Row]:
+    """Yield the numbers of failures of each requirement, and of early terminations."""
+    flights = [names.results.flights[name] for name in names.controllers]
+    masks = {
+        f"Failures, {requirement_words(item, names.metrics)}": [
+            requirement_failures(entry, item) for entry in flights
+        ]
+        for item in names.requirements
+    }
+    masks["Early terminations"] = [entry.failed for entry in flights]
+    for text, failed in masks.items():
+        cells = [Cell(fixed(int(mask.sum()), 0), f"of {fixed(mask.size, 0)}") for mask in failed]
+        yield (Cell(text, head=True), *cells)
 
 
 def _overviews(comparison: Comparison, names: Names, metrics: Sequence[str]) -> Iterator[Table]:

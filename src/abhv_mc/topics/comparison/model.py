@@ -21,10 +21,8 @@ from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences
 from abhv_mc.statistics.paired import (
     PairedFailures,
     PairedMetric,
-    PairedUsage,
     compare_failures,
     compare_metric,
-    compare_usage,
     median_ratio,
 )
 from abhv_mc.statistics.quantile_pairs import quantile_differences
@@ -72,7 +70,6 @@ class ControllerPair:
     requirements: tuple[ListedFailures, ...]  # one entry per requirement, in the campaign's order
     ended_early: ListedFailures
     losing: str | None  # controller with significantly more early terminations
-    usage: Mapping[str, PairedUsage | None]  # control effort by tracking-error metric
     surfaces: Mapping[str, Interval | None]  # median ratio a / b of each control-effort metric
 
 
@@ -190,7 +187,6 @@ def compare_pair(
         ),
         ended_early=ended_early,
         losing=names[ended_early.only_a < ended_early.only_b] if loses_more else None,
-        usage=_usage(flights_a, flights_b, rows_a, rows_b, compared),
         surfaces={
             metric: median_ratio(
                 flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b]
@@ -306,24 +302,3 @@ def total_usage(metrics: Mapping[str, Floats]) -> Floats:
     """Return the root sum square of the rms deflections of three surfaces, deg [flight]."""
     squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
     return np.sqrt(squares)
-
-
-def _usage(
-    a: ControllerFlights,
-    b: ControllerFlights,
-    rows_a: NDArray[np.intp],
-    rows_b: NDArray[np.intp],
-    metrics: Sequence[str],
-) -> dict[str, PairedUsage | None]:
-    """Return the paired control effort for each tracking error in ``metrics``."""
-    if not set(SURFACE_USAGE) <= set(a.metrics) & set(b.metrics):
-        return {}
-    flown = ~(a.failed[rows_a] | b.failed[rows_b])
-    use_a, use_b = total_usage(a.metrics)[rows_a][flown], total_usage(b.metrics)[rows_b][flown]
-    return {
-        metric: compare_usage(
-            a.metrics[metric][rows_a][flown], b.metrics[metric][rows_b][flown], use_a, use_b
-        )
-        for metric in metrics
-        if a.records[metric].group == "tracking"
-    }

@@ -43,7 +43,7 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
         return envelope.time, {**envelope.bands, **simultaneous[controller].get(channel, {})}
 
     if rows := _rows(find, controllers, results.reference, curves_of(campaign)):
-        first = names.subject(controllers[0])
+        first = names.label(controllers[0])
         varies = np.ptp(results.reference.get("altitude_reference_m", np.zeros(1))) > 0.0
         text = FigureText(
             "channels",

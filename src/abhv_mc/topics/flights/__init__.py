@@ -170,7 +170,7 @@ def _kept_words(names: Names) -> str:
 
 def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
     flown = counted(next(iter(flights_model.counts.values())).flown, "dispersed flight")
-    text = f"{flown} of {joined(list(map(names.subject, names.controllers)))}"
+    text = f"{flown} of {joined(list(map(names.label, names.controllers)))}"
     text += ", on the same samples" * (len(names.controllers) > 1)
     if campaign.model.stop:
         text += (

@@ -35,7 +35,7 @@ def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
     for name, flights in margins.missing.items():
         listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
         clauses.append(
-            f"margins of {names.subject(name)} could not be computed in "
+            f"margins of {names.label(name)} could not be computed in "
             f"{counted(len(flights), 'flight')} ({listed})"
         )
     return clauses
