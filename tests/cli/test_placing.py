@@ -1,7 +1,6 @@
 """Tests of the command place, which compares test flights with a campaign."""
 
 import json
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -68,7 +67,7 @@ def test_declared_noise_widens_the_band(folder, tmp_path):
     assert read_exit(place(noisy, folder, "--json", "-")) is not None
     options = ["--measured", "altitude_m=50"]
     assert read_exit(place(noisy, folder, "--json", "-", *options)) is None
-    assert re.search(r"\b50 \w+ 'altitude_m'", place(noisy, folder, *options).stdout)
+    assert "altitude_m 50" in place(noisy, folder, *options).stdout
 
 
 def test_a_campaign_declares_the_noise(tmp_path):
@@ -79,7 +78,7 @@ def test_a_campaign_declares_the_noise(tmp_path):
     noise = 50.0 * np.random.default_rng(2).standard_normal(history["time"].size)
     noisy = write_flight(tmp_path / "noisy.csv", history, noise)
     assert read_exit(place(noisy, folder, "--json", "-")) is None
-    assert re.search(r"\b50 \w+ 'altitude_m'", place(noisy, folder).stdout)
+    assert "altitude_m 50" in place(noisy, folder).stdout
 
 
 def test_channels_without_declared_noise_have_the_errors_of_the_sensors():

@@ -131,7 +131,7 @@ def test_tune_writes_the_file_and_a_page_or_the_reason(abhv_mc, tmp_path, monkey
     code, out, _ = abhv_mc(*command, "-o", "new.yaml", "--json", "new.json")
     assert code == 0 and "95 %" in out
     page = Path("new.html").read_text(encoding="utf-8")
-    assert f" is {read_json('new.json')['fresh'][0]['best']:.4g}" in page
+    assert f"-&gt; {read_json('new.json')['fresh'][0]['best']:.4g}" in page
     assert read_json("new.json")["shown_better"] and page.count("<img ") == 1
     impossible = (
         Path("block.yaml")

@@ -211,15 +211,19 @@ class Records:
         )
 
     def __repr__(self) -> str:
-        """Return the records as text of at most 80 columns."""
+        """Return the records as text of at most 80 columns, with unbroken commands."""
         indent = max((len(record.label) for record in self.records), default=0) + 2
         lines = []
         for record in self.records:
             for k, entry in enumerate(record.entries):
                 head = f"{'' if k else record.label:<{indent}}"
-                first, *further = wrap(entry.line, _WIDTH - indent - 2) or [""]
+                text = re.sub(r"`[^`]*`", lambda code: code[0].replace(" ", "\0"), entry.line)
+                width = _WIDTH - indent - 2
+                first, *further = wrap(
+                    text, width, break_long_words=False, break_on_hyphens=False
+                ) or [""]
                 lines += [f"{head}{first}".rstrip(), *(f"{'':{indent + 2}}{x}" for x in further)]
-        return "\n".join(lines)
+        return "\n".join(lines).replace("\0", " ")
 
 
 def make_records(texts: Iterable[tuple[str, str]]) -> Records:

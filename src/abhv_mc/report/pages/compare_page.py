@@ -304,7 +304,8 @@ def _pair_texts(
         for metric, ratio in pair.surfaces.items()
         if ratio
     ]
-    yield "Control effort, first / second", f"{title}: {', '.join(effort)}" if effort else ""
+    text = f"{title}, first / second: {', '.join(effort)}"
+    yield "Control effort", text if effort else ""
     failed, early = pair.any_failure, pair.ended_early
     for label, counts in (("Failed flights", failed), ("Early terminations", early)):
         text = (
