@@ -20,6 +20,7 @@ from abhv_mc.topics.figure_style import (
     INK,
     LIMIT,
     REFERENCE,
+    WIDTH,
     line_look,
     new_panels,
     put_legend,
@@ -178,9 +179,9 @@ def plot_envelopes(
 @styled
 def plot_errors(panels: Sequence[tuple[str, str, str, EnvelopePanel]]) -> Figure:
     """Plot one flight per panel with its limits; panels have a title, a y label and a colour."""
-    columns = 2 if len(panels) <= 4 else 3
+    columns, width = (2, 5.0) if len(panels) <= 4 else (3, WIDTH)
     figure, grid = new_panels(
-        len(panels), min(columns, len(panels)), 0.8, between=(0.85, 0.4), left=0.85, width=5.0
+        len(panels), min(columns, len(panels)), 0.8, between=(0.85, 0.4), left=0.85, width=width
     )
     for axes, (title, label, color, panel) in zip(grid.flat, panels, strict=False):
         axes.plot(panel.x, panel.flights[0][1], color=color, linewidth=1.1)

@@ -34,7 +34,7 @@ def find_browser() -> str:
 # The first page shows the summary, the second compares the controllers.
 _BRIEF = """
 main > section:not(#answer, #comparison), nav, details, footer, .sign, figcaption .file,
-#comparison figure { display: none !important; }
+#comparison figure, #answer > .scroll { display: none !important; }
 #comparison { break-before: page; }
 """
 
