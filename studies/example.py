@@ -18,7 +18,7 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "reports/example"
-SHOWN = ("verdicts", "comparison", "drivers", "failures")
+SHOWN = ("summary", "verdicts", "comparison", "drivers", "failures")
 HASHES = {"digest", "digests", "files", "key", "pages", "pictures"}
 
 
