@@ -27,6 +27,7 @@ from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.parquet_columns import column_values, distinct_texts
+from abhv_mc.statistics.circular import follow
 
 _HISTORIES = "histories of flights"
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -63,6 +64,21 @@ class FlownCampaign:
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
     # changes of requirements that were made after results had been seen
     requirement_changes: tuple[RequirementChange, ...] = ()
+
+    @cached_property
+    def periods(self) -> dict[str, float]:
+        """Period of each channel in its unit, 0 if the channel is not circular."""
+        return {channel.name: channel.period for channel in self.campaign.channels}
+
+    def align(self, controller: str, curves: Mapping[str, Floats]) -> dict[str, Floats]:
+        """Return curves of channels over "time"; angles are near the controller's envelopes."""
+        aligned = dict(curves)
+        for channel, curve in curves.items():
+            if period := self.periods.get(channel):
+                envelope = self.envelopes.get((controller, channel))
+                leader = (envelope.time, envelope.median) if envelope else None
+                aligned[channel] = follow(curves["time"], curve, period, leader)
+        return aligned
 
     def refuse_changes(self) -> None:
         """Raise InputError if a run has changed the folder since it was read.

@@ -96,7 +96,8 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
             curves[band] = _thinned(curve, band, every)
     nominal = np.full(time.shape, np.nan)
     if channel in nominal_columns:
-        nominal = np.interp(time, nominal_columns["time"], nominal_columns[channel], right=np.nan)
+        aligned = results.align(controller, nominal_columns)
+        nominal = np.interp(time, aligned["time"], aligned[channel], right=np.nan)
     return time, np.stack([*curves.values(), nominal])
 
 
@@ -125,7 +126,8 @@ def envelope_data(
         reference = _beside(signal, "reference")
         has_reference = reference in _REFERENCES and reference in results.reference
         if has_reference:
-            arrays[f"reference:{reference}"] = results.reference[reference][::every]
+            curves = {"time": times, channel: results.reference[reference]}
+            arrays[f"reference:{reference}"] = results.align(names[0], curves)[channel][::every]
         channels.append(
             {
                 **describe_channel(channel, recorded, signals),

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
 from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.report.pages.page import Answer
+from abhv_mc.topics.envelopes import NO_BAND
 from abhv_mc.topics.figure_style import (
     BLUE,
     INK,
@@ -106,6 +107,8 @@ def _remarks(placement: Placement) -> Iterator[str]:
     elif placement.noise:
         noise = joined([f"{sigma:g} in '{channel}'" for channel, sigma in placement.noise.items()])
         yield f"White noise was added to the simulated histories (standard deviation: {noise})."
+    if placement.spread:
+        yield f"{NO_BAND} {quoted(placement.spread)}."
     if placement.ignored:
         yield (
             "These columns are not compared, because the campaign lacks them: "

@@ -17,7 +17,7 @@ from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.io.phrases import counted, joined
-from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
+from abhv_mc.report.figures.searches import flight_panels, plot_flights
 from abhv_mc.topics.envelopes.figures import plot_flown
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc.topics.formatting import shown_value
@@ -119,10 +119,7 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     early = bool((explanation.block.outcome[1:] != Outcome.OK).all())
     until = _AFTER * float(ends.max()) if early else float(ends.max())
     mask = explanation.block.times <= until
-    history = explanation.block.history[:, mask].astype(np.float64)
-    panels = {
-        label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS
-    }
+    panels = flight_panels(explanation.block.history[:, mask].astype(np.float64))
     total = counted(len(explanation.samples), "dispersion")
     label = f"only {len(explanation.causes)} of {total}"
     return plot_flights(

@@ -8,13 +8,14 @@ import numpy as np
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
 from abhv_mc.topics.topic import Topic, figures_of
 
 _SIGN = ", sign open"
+NO_BAND = "No band where the flights spread over the circle (resultant length below 0.6):"
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class Envelopes:
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
     step_s: float | None  # time between two samples of the bands
     flights: int  # number of flights of each controller, counted from flight 0
+    spread: tuple[str, ...] = ()  # channels with times at which the flights spread over the circle
 
 
 def compute_envelopes(results: FlownCampaign) -> Envelopes:
@@ -108,7 +110,13 @@ def compute_envelopes(results: FlownCampaign) -> Envelopes:
         default=0,
     )
     flights = min(flown, envelope_states.ENVELOPE_FLIGHTS)
-    return Envelopes(ranges, None if times is None else float(times[1] - times[0]), flights)
+    spread = {
+        channel: None
+        for (_, channel), envelope in results.envelopes.items()
+        if np.isnan(envelope.median[envelope.count > 0]).any()
+    }
+    step = None if times is None else float(times[1] - times[0])
+    return Envelopes(ranges, step, flights, tuple(spread))
 
 
 def envelope_section(model: Envelopes, names: Names) -> Section | None:
@@ -142,6 +150,8 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
                 f"{model.step_s:.4g}{spacing}."
             )
         )
+        if model.spread:
+            items.append(Text(f"{NO_BAND} {quoted(model.spread)}."))
         points = len(campaign.unknowns.points)
         if points > 1:
             items.append(

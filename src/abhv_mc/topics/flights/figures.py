@@ -33,7 +33,10 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         ]
         for name in controllers
     }
-    histories = {name: [kept_histories[name][k] for k in listed[name]] for name in controllers}
+    histories = {
+        name: [results.align(name, kept_histories[name][k]) for k in listed[name]]
+        for name in controllers
+    }
     if not any(histories.values()):
         return
     recorded = set.intersection(*({*history} for own in histories.values() for history in own))
