@@ -139,16 +139,18 @@ def place_flights(
         }
         simulated, sensed = measure(results, histories, channels, noise, units)
         pool, number = np.vstack([simulated, tests]), len(simulated)
+        aligned = {}
         for c, channel in enumerate(channels):
-            pool[:, :, c] = align_flights(pool[:, :, c], results.periods[channel], number)
-        is_spread = np.isnan(pool[:number]) & np.isfinite(simulated)
-        spread = np.array(channels)[is_spread.any(axis=(0, 1))].tolist()
-        has_values = np.isfinite(pool).any(axis=1).all(axis=0) | ~np.isin(channels, spread)
-        if not has_values.any():
+            column = align_flights(pool[:, :, c], results.campaign.periods[channel], number)
+            if np.isnan(column[:number]).sum() > np.isnan(simulated[:, :, c]).sum():
+                spread.append(channel)
+            if channel not in spread or np.isfinite(column).any(axis=1).all():
+                aligned[channel] = column
+        if not aligned:
             expected = "a channel in which the flights do not spread over the circle"
             raise InputError(root, "no channel can be compared", expected)
-        channels = np.array(channels)[has_values].tolist()
-        simulated, tests = np.split(pool[:, :, has_values], [number])
+        channels = [*aligned]
+        simulated, tests = np.split(np.stack([*aligned.values()], axis=2), [number])
         names = [f"{channel}, {summary}" for summary in _SUMMARIES for channel in channels]
         values, own = summarize(simulated), summarize(tests)
     else:
@@ -268,7 +270,7 @@ def _read_histories(
             f"times from 0 to {end:g} s",
         )
     times = times[:: max(1, times.size // _MOST_TIMES)]
-    periods = results.periods
+    periods = results.campaign.periods
     sampled = ((k, _sample(history, channels, times, periods)) for k, history in histories.items())
     simulated = {k: values for k, values in sampled if np.isfinite(values).any()}
     tests = np.stack(
@@ -367,7 +369,7 @@ def find_band(
     shared = [name for name in channels if histories and name in histories[0]]
     if len(histories) < FEWEST_FLIGHTS or not shared:
         return None
-    periods = results.periods
+    periods = results.campaign.periods
     sampled = np.stack([_sample(history, shared, times, periods) for history in histories])
     for c, channel in enumerate(shared):
         sampled[:, :, c] = align_flights(sampled[:, :, c], periods[channel])

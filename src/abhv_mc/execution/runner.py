@@ -200,14 +200,18 @@ class _Run:
         keep, points = self.campaign.model.keep.envelopes, len(self.campaign.unknowns.points)
         plan = next(iter(self.plans.values()))
         if (timing := plan.timing) is None:
-            every, times, columns = 1, None, tuple(range(len(self.campaign.channels)))
-        else:
-            every = self.simulator.find_stride(plan, "envelopes")
-            times = np.arange(timing.ticks // every + 1).astype(np.float64) * (every * timing.tick)
-            columns = tuple(CHANNEL_INDEX[name] for name in keep.channels)
-        channels = [self.campaign.channels[column] for column in columns]
-        names, periods = zip(*((channel.name, channel.period) for channel in channels), strict=True)
-        return Cells(names, columns, every, times, points, periods)
+            names = tuple(channel.name for channel in self.campaign.channels)
+            return Cells(names, tuple(range(len(names))), 1, None, points, self.campaign.periods)
+        every = self.simulator.find_stride(plan, "envelopes")
+        times = np.arange(timing.ticks // every + 1).astype(np.float64) * (every * timing.tick)
+        return Cells(
+            keep.channels,
+            tuple(CHANNEL_INDEX[name] for name in keep.channels),
+            every,
+            times,
+            points,
+            self.campaign.periods,
+        )
 
     def _has_envelopes(self) -> bool:
         """Return True if envelopes are current and complete, or if none are requested."""

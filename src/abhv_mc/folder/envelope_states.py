@@ -7,8 +7,8 @@ killed run can resume.
 
 import contextlib
 import shutil
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,8 @@ class Cells:
     every: int  # number of control ticks between recorded times
     times: Floats | None = None  # times of all blocks, or None if each block has its own times
     points: int = 1  # number of points of the unknowns; flight k uses point k % points
-    periods: tuple[float, ...] = ()  # period of each channel, 0 if it is not circular
+    # period of each channel, 0 if it is not circular
+    periods: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def recording(self) -> Recording:
@@ -139,20 +140,20 @@ class Collector:
             numbers.append(np.arange(first, stop)[fresh])
         flights = np.concatenate([np.empty(0, np.int64), *numbers])
         count, quantiles = np.zeros(shape, np.int64), np.full((2, len(QUANTILES), *shape), np.nan)
-        for c, period in enumerate(self._cells.periods):
+        for c, channel in enumerate(self._cells.channels):
             values, column = np.full((len(times), len(flights)), np.nan, np.float32), 0
             for block, fresh, span in blocks:
                 columns = slice(column, column + int(fresh.sum()))
                 values[span, columns] = block[:, :, c][fresh].T
                 column = columns.stop
             count[:, c] = np.sum(~np.isnan(values), axis=1)
-            if period:
+            if period := self._cells.periods.get(channel):
                 values[:] = align_flights(values.T, period).T
                 # Blocks reduce extremes across the seam.
                 ends[:, :, c] = [side.reduce(values, axis=1, initial=np.nan) for side in _SIDES]
             for point in range(self._cells.points):
                 at_point = values[:, flights % self._cells.points == point]
-                at_point = band_quantiles(at_point, np.sum(~np.isnan(at_point), axis=1))
+                at_point = band_quantiles(at_point)
                 quantiles[..., c] = [
                     side(edge, at_point)
                     for side, edge in zip(_SIDES, quantiles[..., c], strict=True)

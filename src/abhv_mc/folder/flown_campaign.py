@@ -27,7 +27,7 @@ from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.parquet_columns import column_values, distinct_texts
-from abhv_mc.statistics.circular import follow
+from abhv_mc.statistics.circular import move_near
 
 _HISTORIES = "histories of flights"
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -65,19 +65,16 @@ class FlownCampaign:
     # changes of requirements that were made after results had been seen
     requirement_changes: tuple[RequirementChange, ...] = ()
 
-    @cached_property
-    def periods(self) -> dict[str, float]:
-        """Period of each channel in its unit, 0 if the channel is not circular."""
-        return {channel.name: channel.period for channel in self.campaign.channels}
-
     def align(self, controller: str, curves: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Return curves of channels over "time"; angles are near the controller's envelopes."""
+        """Return channels or references over "time"; angles are near the controller's envelopes."""
         aligned = dict(curves)
-        for channel, curve in curves.items():
-            if period := self.periods.get(channel):
-                envelope = self.envelopes.get((controller, channel))
-                leader = (envelope.time, envelope.median) if envelope else None
-                aligned[channel] = follow(curves["time"], curve, period, leader)
+        for name, curve in curves.items():
+            channel = name.replace("_reference", "")
+            envelope = self.envelopes.get((controller, channel))
+            period = self.campaign.periods.get(channel)
+            if envelope and period and (finite := np.isfinite(envelope.median)).any():
+                median = envelope.time[finite], envelope.median[finite]
+                aligned[name] = move_near(curve, np.interp(curves["time"], *median), period)
         return aligned
 
     def refuse_changes(self) -> None:
@@ -210,7 +207,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     reference = (
         _columns(read_table(folder.reference, "the mission's reference")) if has_mission else {}
     )
-    return FlownCampaign(
+    results = FlownCampaign(
         folder=root,
         campaign=campaign,
         manifest=manifest,
@@ -224,6 +221,8 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
         else SteadyMargins(),
         requirement_changes=changes,
     )
+    first = next(iter(results.controllers), "")
+    return replace(results, reference=results.align(first, results.reference))
 
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:

@@ -19,15 +19,10 @@ def unwrap(values: Floats, period: float) -> Floats:
     return unwrapped
 
 
-def follow(
-    time: Floats, values: Floats, period: float, leader: tuple[Floats, Floats] | None
-) -> Floats:
-    """Return a curve moved to within half a turn of another curve (times and values), if any."""
-    curve = unwrap(values, period)
-    if leader and period and (finite := np.isfinite(leader[1])).any():
-        leader_curve = np.interp(time, leader[0][finite], leader[1][finite])
-        curve = _move_near(curve, leader_curve, period)
-    return curve
+def move_near(values: Floats, mean: Floats, period: float) -> Floats:
+    """Return values moved to within half a turn of ``mean``; NaN where ``mean`` is NaN."""
+    # Without "+ 0.0", turns of -0.0 would change the sign of zeros.
+    return np.asarray(values - period * (np.round((values - mean) / period) + 0.0))
 
 
 def align_flights(values: Floats, period: float, count: int | None = None) -> Floats:
@@ -40,17 +35,12 @@ def align_flights(values: Floats, period: float, count: int | None = None) -> Fl
     number = np.isfinite(flights).sum(axis=0)
     if not period or not number.any():
         return values
-    resultant = np.nansum(np.exp(2j * np.pi / period * flights), axis=0) / np.maximum(number, 1)
-    angles = np.angle(resultant) * period / (2.0 * np.pi)
-    mean = unwrap(np.where(np.abs(resultant) < _CONCENTRATED, np.nan, angles), period)
+    total = np.nansum(np.exp(2j * np.pi / period * flights), axis=0)
+    angles = np.angle(total) * period / (2.0 * np.pi)
+    mean = unwrap(np.where(np.abs(total) <= _CONCENTRATED * number, np.nan, angles), period)
     first = np.argmax(np.isfinite(mean))
-    low, high = np.nanmin(flights[:, first]), np.nanmax(flights[:, first])
+    low, high = (side.reduce(flights[:, first]) for side in (np.fmin, np.fmax))
     # Flights on both sides of a seam, at 0 or half a turn, begin on a turn that does not depend on
     # the selection of flights.
     level = low if high - low < period / 2.0 else period / 4.0
-    return _move_near(values, mean + period * np.round((level - mean[first]) / period), period)
-
-
-def _move_near(values: Floats, mean: Floats, period: float) -> Floats:
-    # Without "+ 0.0", turns of -0.0 would change the sign of zeros.
-    return np.asarray(values - period * (np.round((values - mean) / period) + 0.0))
+    return move_near(values, mean + period * np.round((level - mean[first]) / period), period)

@@ -8,9 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.report.numbers.pass_chances import Planned
-from abhv_mc.statistics.circular import unwrap
 from abhv_mc.topics.figure_style import (
     BLUE,
     CYCLE,
@@ -45,17 +43,6 @@ FLIGHT_PANELS = (
     ("aileron_deg", "aileron (deg)", 1.0),
     ("rudder_deg", "rudder (deg)", 1.0),
 )
-
-
-def flight_panels(
-    history: Floats, panels: Sequence[tuple[str, str, float]] = FLIGHT_PANELS
-) -> dict[str, Floats]:
-    """Return the curves [flight, time] of panels from ``history`` [flight, time, channel]."""
-    return {
-        label: scale * np.apply_along_axis(unwrap, 1, history[:, :, index], CHANNELS[index].period)
-        for name, label, scale in panels
-        for index in (CHANNEL_INDEX[name],)
-    }
 
 
 @styled

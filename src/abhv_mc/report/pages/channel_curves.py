@@ -77,7 +77,7 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
     source, reference_name = _OFF_REFERENCE.get(channel, (channel, ""))
     is_stored = (controller, channel) in results.envelopes
     envelope = results.envelopes.get((controller, channel if is_stored else source))
-    nominal_columns = results.nominal.get(controller, {})
+    nominal_columns = results.align(controller, results.nominal.get(controller, {}))
     clocks = [
         envelope_of.time
         for (name, _), envelope_of in results.envelopes.items()
@@ -96,8 +96,7 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
             curves[band] = _thinned(curve, band, every)
     nominal = np.full(time.shape, np.nan)
     if channel in nominal_columns:
-        aligned = results.align(controller, nominal_columns)
-        nominal = np.interp(time, aligned["time"], aligned[channel], right=np.nan)
+        nominal = np.interp(time, nominal_columns["time"], nominal_columns[channel], right=np.nan)
     return time, np.stack([*curves.values(), nominal])
 
 
@@ -126,8 +125,7 @@ def envelope_data(
         reference = _beside(signal, "reference")
         has_reference = reference in _REFERENCES and reference in results.reference
         if has_reference:
-            curves = {"time": times, channel: results.reference[reference]}
-            arrays[f"reference:{reference}"] = results.align(names[0], curves)[channel][::every]
+            arrays[f"reference:{reference}"] = results.reference[reference][::every]
         channels.append(
             {
                 **describe_channel(channel, recorded, signals),

@@ -13,7 +13,7 @@ from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.io.phrases import counted
 from abhv_mc.plant.parameters import Parameters
-from abhv_mc.report.figures.searches import FLIGHT_PANELS, flight_panels, plot_flights
+from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
 from abhv_mc.search.severity import rank_distinct
@@ -47,9 +47,10 @@ def flight_figures(
     if channel and not metric_panels:
         metric_panels = [(channel, CHANNELS[CHANNEL_INDEX[channel]].axis, 1.0)]
     other_panels = [panel for panel in FLIGHT_PANELS if panel[0] != channel]
-    panels = flight_panels(
-        drawn.history.astype(np.float64), [*metric_panels, *other_panels][:_PANELS]
-    )
+    panels = {
+        label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
+        for name, label, scale in [*metric_panels, *other_panels][:_PANELS]
+    }
     limits = [
         side * limit * metric_panels[0][2]
         for item in requirements

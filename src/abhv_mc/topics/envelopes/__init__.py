@@ -86,7 +86,6 @@ class Envelopes:
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
     step_s: float | None  # time between two samples of the bands
     flights: int  # number of flights of each controller, counted from flight 0
-    spread: tuple[str, ...] = ()  # channels with times at which the flights spread over the circle
 
 
 def compute_envelopes(results: FlownCampaign) -> Envelopes:
@@ -110,13 +109,7 @@ def compute_envelopes(results: FlownCampaign) -> Envelopes:
         default=0,
     )
     flights = min(flown, envelope_states.ENVELOPE_FLIGHTS)
-    spread = {
-        channel: None
-        for (_, channel), envelope in results.envelopes.items()
-        if np.isnan(envelope.median[envelope.count > 0]).any()
-    }
-    step = None if times is None else float(times[1] - times[0])
-    return Envelopes(ranges, step, flights, tuple(spread))
+    return Envelopes(ranges, None if times is None else float(times[1] - times[0]), flights)
 
 
 def envelope_section(model: Envelopes, names: Names) -> Section | None:
@@ -136,7 +129,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         flight_range = "" if model.flights >= flown else f" among flights 0 to {model.flights - 1}"
         who, ends = (
             "flights still airborne",
-            "at any control tick; the other bands are based on samples",
+            "at any control tick (of angles, at samples); the other bands are based on samples",
         )
         spacing = " s apart"
         if not campaign.simulator.capabilities.has_mission:
@@ -150,8 +143,13 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
                 f"{model.step_s:.4g}{spacing}."
             )
         )
-        if model.spread:
-            items.append(Text(f"{NO_BAND} {quoted(model.spread)}."))
+        spread = dict.fromkeys(
+            channel
+            for (_, channel), envelope in names.results.envelopes.items()
+            if np.isnan(envelope.median[envelope.count > 0]).any()
+        )
+        if spread:
+            items.append(Text(f"{NO_BAND} {quoted(spread)}."))
         points = len(campaign.unknowns.points)
         if points > 1:
             items.append(

@@ -7,9 +7,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.analysis.place import find_band
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.circular import follow, unwrap
 from abhv_mc.topics.envelopes import CURVES, Curve, Envelopes, curves_of
 from abhv_mc.topics.figure_bands import (
     SIMULTANEOUS,
@@ -94,8 +92,7 @@ def plot_flown(
     """Plot one flight of each controller; ``flights`` maps controllers to channels [time]."""
 
     def find(controller: str, channel: str) -> Bands:
-        curve = unwrap(flights[controller][channel], CHANNELS[CHANNEL_INDEX[channel]].period)
-        return flights[controller]["time"], {"q50": curve}
+        return flights[controller]["time"], {"q50": flights[controller][channel]}
 
     return plot_sheet(_rows(find, tuple(flights), reference, CURVES), list(labels.values()))
 
@@ -123,15 +120,19 @@ def _rows(
 
 def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
     """Return a channel's panel; subtract the reference if ``curve.off_reference`` is true."""
-    time, bands = channel_bands
-    if not curve.reference:
-        return EnvelopePanel(time, bands)
-    clock, values = reference["time"], reference[curve.reference]
-    less = values if curve.off_reference else None
-    period = CHANNELS[CHANNEL_INDEX[curve.channel]].period
-    values = off_reference(clock, values, clock, less)
-    values = follow(clock, values, period, (time, bands["q50"]))
-    return EnvelopePanel(time, bands_off(time, bands, clock, less), reference=(clock, values))
+    time, reference_values = (
+        channel_bands[0],
+        reference[curve.reference] if curve.reference else None,
+    )
+    clock, less = reference.get("time", time), reference_values if curve.off_reference else None
+    reference_curve = (
+        None
+        if reference_values is None
+        else (clock, off_reference(clock, reference_values, clock, less))
+    )
+    return EnvelopePanel(
+        time, bands_off(time, channel_bands[1], clock, less), reference=reference_curve
+    )
 
 
 def flight_curve(

@@ -155,7 +155,7 @@ def _draw_bands(
             flown = [(first[k], history) for k, history in histories.items() if cases[k] == case]
             for row, (channel, _, reference_name) in enumerate(_CHANNELS):
                 off = results.reference[reference_name] if reference_name else None
-                period = results.periods[channel]
+                period = results.campaign.periods[channel]
                 values = [
                     np.interp(
                         times,
