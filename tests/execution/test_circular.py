@@ -15,7 +15,6 @@ from abhv_mc.flight.plan import make_recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.channel_curves import channel_curves
-from abhv_mc.report.pages.place_page import make_place_answer
 from abhv_mc.requests import Request
 from abhv_mc.topics.envelopes import NO_BAND
 
@@ -76,28 +75,28 @@ def test_flights_that_spread_over_the_circle_have_no_band(turned):
     bands, _, out = turned(0, spread=6.0)
     assert np.isnan(bands).all(axis=(0, 1)).tolist() == [False, True]
     placement = place_flights(out, [out.parent / "flight.csv"])
-    assert [*placement.bands] == ["altitude_m"]
-    pages = shown_text(build_report(out)), str(make_place_answer(placement, out).section)
-    assert all(NO_BAND in page for page in pages)
+    assert [*placement.bands] == ["altitude_m"] and placement.spread == ("heading_deg",)
+    assert NO_BAND in shown_text(build_report(out))
 
 
 BEARING = """
 def fly(inputs, settings):
-    bearing = [(inputs["a"] + 8.0 * t) % 360.0 - settings["low"] for t in range(-4, 5)]
-    return {"total": 1.0, "history": {"time": [0.5 * k for k in range(9)], "bearing": bearing}}
+    bearing = [(inputs["a"] + k) % 6.283185307179586 - settings["low"] for k in range(9)]
+    return {"total": 1.0, "history": {"time": list(range(9)), "bearing": bearing}}
 """
 
 
 def test_circular_histories_of_custom_simulators(tmp_path):
     changes = {
-        "systems": {"east": {"low": 0.0}, "signed": {"low": 180.0}},
-        "histories": {"bearing": {"unit": "deg", "circular": "yes"}},
-        "keep": {"histories": {"flights": "all", "rate": "4 Hz"}, "envelopes": {"rate": "4 Hz"}},
+        "systems": {"east": {"low": 0.0}, "signed": {"low": np.pi}},
+        "histories": {"bearing": {"unit": "rad", "circular": "yes"}},
+        "dispersions": {"a": {"distribution": "normal", "sigma": "0.1 m"}},
+        "keep": {"histories": {"rate": "2 Hz"}, "envelopes": {"rate": "2 Hz"}},
     }
     path = write_study(tmp_path / "own", BEARING, **changes)
     results = read_flown(run_campaign(Request(path, tmp_path / "out")).folder)
-    for system, low in (("east", 0.0), ("signed", 180.0)):
+    for system, low in (("east", 0.0), ("signed", np.pi)):
         envelope = results.envelopes[system, "bearing"]
-        turns = np.median(results.samples["a"]) + 16.0 * envelope.time - 32.0 - low
-        turns = (turns - envelope.median) / 360.0
+        turns = np.median(results.samples["a"]) + envelope.time - low - envelope.median
+        turns /= 2.0 * np.pi
         assert turns == pytest.approx(np.full_like(turns, round(turns[0])), abs=1e-6)
