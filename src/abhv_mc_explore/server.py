@@ -15,6 +15,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import EQUAL_BITS, replay_flight
+from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
@@ -105,27 +106,25 @@ class ExploreServer(ThreadingHTTPServer):
                     )
                 )
         except InputError as error:
-            stored = read_histories(self.root, controller).get(flight, {})
-            history = {"time": stored.pop("time"), "channels": stored} if stored else None
-            return {**entry, "note": str(error), "history": history}
-        same = "differ from the stored metrics!" if again.differences else f"{EQUAL_BITS}."
-        return {
-            **entry,
-            "note": f"{again.sentence} Its metrics {same}",
-            "history": self._history(again.block),
-        }
+            history, note = read_histories(self.root, controller).get(flight, {}), str(error)
+        else:
+            same = "differ from the stored metrics!" if again.differences else f"{EQUAL_BITS}."
+            history, note = self._history(again.block), f"{again.sentence} Its metrics {same}"
+        history = self.table.results.align(controller, history)
+        curves = {"time": history.pop("time"), "channels": history} if history else None
+        return {**entry, "note": note, "history": curves}
 
-    def _history(self, block: FlightBlock) -> dict[str, Any] | None:
-        """Return a flight's channels at a subset of its times, or None if there is no history."""
+    def _history(self, block: FlightBlock) -> dict[str, Floats]:
+        """Return a flight's channels at a subset of its times, or {} if there is no history."""
         if not block.history.size:
-            return None
+            return {}
         every = max(1, -(-block.times.size // _MOST_TIMES))
         flown, records = (
             block.history[0, ::every].astype(float),
             self.table.results.campaign.channels,
         )
         channels = {channel.name: flown[:, i] for i, channel in enumerate(records)}
-        return {"time": block.times[::every], "channels": channels}
+        return {"time": block.times[::every], **channels}
 
     def behind(self, controller: str, channel: str) -> dict[str, Any]:
         """Return the envelopes and nominal flight of a channel for the background of a plot."""

@@ -93,7 +93,7 @@ def test_envelopes_contain_all_flights_at_every_tick(flown, flights_only):
     )
     block = flights_only.fly(_read_plan(flown.folder, "tlc"), rows, 1)
     between = 0
-    for channel in ("aileron_deg", "rudder_deg", "sideslip_deg", "bank_deg", "speed_mps"):
+    for channel in ("aileron_deg", "rudder_deg", "sideslip_deg", "elevator_deg", "speed_mps"):
         band, history = bands.loc["tlc", channel], block.history[:, :, CHANNEL_INDEX[channel]]
         slack = 1e-5 * np.abs(history).max()
         low, high = (np.interp(block.times, band["time"], band[end]) for end in ("min", "max"))

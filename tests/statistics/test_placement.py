@@ -104,3 +104,10 @@ def test_ten_flights_show_a_shift_that_one_does_not():
         set_p_value(np.vstack([simulated, draw.standard_normal((10, 4))]), 10) for _ in range(30)
     ]
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+
+
+def test_single_precision_does_not_widen_the_band():
+    draws = np.random.default_rng(1).normal(0.0, 2e-4, (100, 1, 1))
+    histories = np.linspace(0.0, 1.0, 30)[:, np.newaxis] * draws
+    stored = np.float32(180.0 + histories).astype(float)
+    assert simultaneous_band(stored).factor < 1.2 * simultaneous_band(histories).factor

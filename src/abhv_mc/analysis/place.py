@@ -12,6 +12,7 @@ from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.units import parse_in_any_unit, parse_unit
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS
+from abhv_mc.statistics.circular import align_flights, unwrap
 from abhv_mc.statistics.placement import (
     Band,
     joint_p_value,
@@ -77,6 +78,7 @@ class Placement:
     noise: Mapping[str, float]  # standard deviations of the noise added to simulated channels
     sensed: tuple[str, ...]  # channels to which errors of the campaign's sensors were added
     ignored: tuple[str, ...]  # columns of the test files that the campaign does not record
+    spread: tuple[str, ...]  # channels without a band where the flights spread over the circle
     flights: tuple[PlacedFlight, ...]
     together_p_value: float | None  # joint p-value of several test flights
     bands: Mapping[str, ChannelBands]
@@ -114,6 +116,7 @@ def place_flights(
         raise InputError(files[timed.index(False)], "the column 'time' is missing", expected)
     labels = [table.table.path.name for table in tables]
     sensed: tuple[str, ...] = ()
+    spread: list[str] = []
     if all(timed):
         histories, tests, times, channels = _read_histories(results, controller, tables)
         for channel in noise or {}:
@@ -131,6 +134,19 @@ def place_flights(
             if channel in channels
         }
         simulated, sensed = measure(results, histories, channels, noise, units)
+        pool, number = np.vstack([simulated, tests]), len(simulated)
+        aligned = {}
+        for c, channel in enumerate(channels):
+            column = align_flights(pool[:, :, c], results.campaign.periods[channel], number)
+            if np.isnan(column[:number]).sum() > np.isnan(simulated[:, :, c]).sum():
+                spread.append(channel)
+            if channel not in spread or np.isfinite(column).any(axis=1).all():
+                aligned[channel] = column
+        if not aligned:
+            expected = "a channel in which the flights do not spread over the circle"
+            raise InputError(root, "no channel can be compared", expected)
+        channels = [*aligned]
+        simulated, tests = np.split(np.stack([*aligned.values()], axis=2), [number])
         names = [f"{channel}, {summary}" for summary in _SUMMARIES for channel in channels]
         values, own = summarize(simulated), summarize(tests)
     else:
@@ -166,13 +182,14 @@ def place_flights(
         scores = [band.deviations(test).max() for test in tests]
         together = np.column_stack([together, np.append(band.scores, scores)])
     results.refuse_changes()
-    compared = {"time", *(bands or names)}
+    compared = {"time", *(bands or names), *spread}
     return Placement(
         controller=controller,
         simulated=len(values),
         noise=dict(noise or {}),
         sensed=sensed,
         ignored=tuple(dict.fromkeys(head for table in tables for head in _unused(table, compared))),
+        spread=tuple(spread),
         flights=tuple(placed),
         together_p_value=set_p_value(together, len(placed)) if len(placed) > 1 else None,
         bands=bands,
@@ -249,10 +266,14 @@ def _read_histories(
             f"times from 0 to {end:g} s",
         )
     times = times[:: max(1, times.size // _MOST_TIMES)]
-    sampled = ((k, _sample(history, channels, times)) for k, history in histories.items())
+    periods = results.campaign.periods
+    sampled = ((k, _sample(history, channels, times, periods)) for k, history in histories.items())
     simulated = {k: values for k, values in sampled if np.isfinite(values).any()}
     tests = np.stack(
-        [_sample(dict(zip(t.names, t.values.T, strict=True)), channels, times) for t in tables]
+        [
+            _sample(dict(zip(t.names, t.values.T, strict=True)), channels, times, periods)
+            for t in tables
+        ]
     )
     for table, test in zip(tables, tests, strict=True):
         if not np.isfinite(test).any():
@@ -307,11 +328,16 @@ def _sensor_of(channel: str) -> str | None:
     return stem if stem in ALL_SENSORS else None
 
 
-def _sample(history: Mapping[str, Floats], channels: Sequence[str], times: Floats) -> Floats:
+def _sample(
+    history: Mapping[str, Floats],
+    channels: Sequence[str],
+    times: Floats,
+    periods: Mapping[str, float],
+) -> Floats:
     """Interpolate channels at `times` [time, channel], with NaN outside the history."""
-    history_times = history["time"]
+    curves = [unwrap(history[channel], periods[channel]) for channel in channels]
     return np.column_stack(
-        [np.interp(times, history_times, history[c], np.nan, np.nan) for c in channels]
+        [np.interp(times, history["time"], curve, np.nan, np.nan) for curve in curves]
     )
 
 
@@ -339,19 +365,22 @@ def find_band(
     shared = [name for name in channels if histories and name in histories[0]]
     if len(histories) < FEWEST_FLIGHTS or not shared:
         return None
-    sampled = np.stack([_sample(history, shared, times) for history in histories])
+    periods = results.campaign.periods
+    sampled = np.stack([_sample(history, shared, times, periods) for history in histories])
+    for c, channel in enumerate(shared):
+        sampled[:, :, c] = align_flights(sampled[:, :, c], periods[channel])
     return shared, simultaneous_band(sampled, CONFIDENCE)
 
 
 def summarize(histories: Floats) -> Floats:
     """Return the largest, smallest, mean and last value of each channel [flight, summary]."""
-    last = histories.shape[1] - 1 - np.argmax(np.isfinite(histories[:, ::-1, 0]), axis=1)
+    last = histories.shape[1] - 1 - np.argmax(np.isfinite(histories[:, ::-1]), axis=1)
     return np.hstack(
         [
             np.nanmax(histories, axis=1),
             np.nanmin(histories, axis=1),
             np.nanmean(histories, axis=1),
-            histories[np.arange(len(histories)), last],
+            np.take_along_axis(histories, last[:, np.newaxis], axis=1)[:, 0],
         ]
     )
 

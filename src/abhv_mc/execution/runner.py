@@ -201,7 +201,7 @@ class _Run:
         plan = next(iter(self.plans.values()))
         if (timing := plan.timing) is None:
             names = tuple(channel.name for channel in self.campaign.channels)
-            return Cells(names, tuple(range(len(names))), 1, points=points)
+            return Cells(names, tuple(range(len(names))), 1, None, points, self.campaign.periods)
         every = self.simulator.find_stride(plan, "envelopes")
         times = np.arange(timing.ticks // every + 1).astype(np.float64) * (every * timing.tick)
         return Cells(
@@ -210,6 +210,7 @@ class _Run:
             every,
             times,
             points,
+            self.campaign.periods,
         )
 
     def _has_envelopes(self) -> bool:

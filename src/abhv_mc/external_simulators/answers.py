@@ -10,6 +10,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.io.phrases import quoted
+from abhv_mc.statistics.circular import unwrap
 
 _NEAR = 1e-6  # tolerance of sample times relative to the sampling interval
 _LARGEST = 1 << 1023  # bound on integers that can be converted to float
@@ -66,7 +67,7 @@ def _read_number(value: Any, name: str) -> float:
 
 
 def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
-    """Return the time and channels [column, sample] of a history.
+    """Return the time and channels [column, sample] of a history; angles are continuous.
 
     Raise ValueError if the history is invalid.
     """
@@ -91,6 +92,8 @@ def _read_history(reply: Any, plan: UserPlan, ok: bool) -> Floats:
         raise ValueError(
             f"'{name}' in its history is not a finite number although the outcome is 'ok'"
         )
+    for row, channel in zip(history[1:], plan.channels, strict=True):
+        row[:] = unwrap(row, channel.period)
     return history
 
 

@@ -9,9 +9,11 @@ Only channels are recorded; expressions of metrics may use every source. A new s
 in this table, and a derived row if the lane memory does not contain the quantity.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from abhv_mc.io.units import parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_EFFECTORS
 
 
@@ -22,6 +24,12 @@ class Signal:
     name: str  # name that ends with the unit
     unit: str
     doc: str
+    circular: bool = field(default=False, kw_only=True)  # whether a full turn changes nothing
+
+    @property
+    def period(self) -> float:
+        """Return a full turn in the unit of a circular quantity, else 0."""
+        return 2.0 * math.pi / parse_unit(self.unit)[0] if self.circular else 0.0
 
     @property
     def axis(self) -> str:
@@ -45,10 +53,16 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("altitude_m", "m", "geodetic altitude", "altitude"),
     Channel("speed_mps", "m/s", "Earth-relative speed", "speed"),
     Channel("flight_path_angle_deg", "deg", "flight path angle", "gamma"),
-    Channel("heading_deg", "deg", "heading of the velocity, clockwise from north", "heading_deg"),
+    Channel(
+        "heading_deg",
+        "deg",
+        "heading of the velocity, clockwise from north",
+        "heading_deg",
+        circular=True,
+    ),
     Channel("angle_of_attack_deg", "deg", "angle of attack relative to the air", "angle_of_attack"),
     Channel("sideslip_deg", "deg", "sideslip relative to the air", "sideslip"),
-    Channel("bank_deg", "deg", "bank angle about the velocity vector", "bank"),
+    Channel("bank_deg", "deg", "bank angle about the velocity vector", "bank", circular=True),
     Channel("roll_rate_dps", "deg/s", "inertial roll rate", "roll_rate"),
     Channel("pitch_rate_dps", "deg/s", "inertial pitch rate", "pitch_rate"),
     Channel("yaw_rate_dps", "deg/s", "inertial yaw rate", "yaw_rate"),
@@ -64,7 +78,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("north_m", "m", "integral of the northward Earth-relative velocity", "north"),
     Channel("east_m", "m", "integral of the eastward Earth-relative velocity", "east"),
     Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
-    Channel("longitude_deg", "deg", "longitude", "longitude"),
+    Channel("longitude_deg", "deg", "longitude", "longitude", circular=True),
     Channel("mass_kg", "kg", "mass of the vehicle", "mass", nonnegative=True),
     Channel("dynamic_pressure_pa", "Pa", "dynamic pressure", "q_bar", nonnegative=True),
     Channel(
@@ -79,7 +93,9 @@ CHANNELS: tuple[Channel, ...] = (
         "angle of attack commanded by the guidance",
         "alpha_cmd",
     ),
-    Channel("bank_command_deg", "deg", "bank angle commanded by the guidance", "bank_cmd"),
+    Channel(
+        "bank_command_deg", "deg", "bank angle commanded by the guidance", "bank_cmd", circular=True
+    ),
     Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
     Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
     Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
@@ -101,7 +117,13 @@ CHANNELS += (
     ),
     Channel("altitude_error_m", "m", "altitude minus reference altitude", "altitude_error_m"),
     Channel("speed_error_mps", "m/s", "speed minus reference speed", "speed_error_mps"),
-    Channel("heading_error_deg", "deg", "heading minus reference heading", "heading_error_deg"),
+    Channel(
+        "heading_error_deg",
+        "deg",
+        "heading minus reference heading",
+        "heading_error_deg",
+        circular=True,
+    ),
     Channel(
         "cross_track_m", "m", "lateral deviation to the left of the reference", "cross_track_m"
     ),
@@ -111,14 +133,22 @@ CHANNELS += (
         "angle of attack minus its command",
         "angle_of_attack_error_deg",
     ),
-    Channel("bank_error_deg", "deg", "bank angle minus its command", "bank_error_deg"),
+    Channel(
+        "bank_error_deg", "deg", "bank angle minus its command", "bank_error_deg", circular=True
+    ),
     Channel("altitude_measured_m", "m", "measured altitude", "m_altitude"),
     Channel("speed_measured_mps", "m/s", "measured speed", "m_speed"),
     Channel("flight_path_angle_measured_deg", "deg", "measured flight path angle", "m_gamma"),
-    Channel("heading_measured_deg", "deg", "measured heading, between -180 and 180", "m_chi"),
+    Channel(
+        "heading_measured_deg",
+        "deg",
+        "measured heading, between -180 and 180",
+        "m_chi",
+        circular=True,
+    ),
     Channel("angle_of_attack_measured_deg", "deg", "measured angle of attack", "m_alpha"),
     Channel("sideslip_measured_deg", "deg", "measured sideslip", "m_beta"),
-    Channel("bank_measured_deg", "deg", "measured bank angle", "m_bank"),
+    Channel("bank_measured_deg", "deg", "measured bank angle", "m_bank", circular=True),
     Channel("roll_rate_measured_dps", "deg/s", "measured roll rate", "m_p"),
     Channel("pitch_rate_measured_dps", "deg/s", "measured pitch rate", "m_q"),
     Channel("yaw_rate_measured_dps", "deg/s", "measured yaw rate", "m_r"),
@@ -141,9 +171,9 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("altitude_reference_m", "m", "reference altitude"),
     Signal("speed_reference_mps", "m/s", "reference speed"),
     Signal("flight_path_angle_reference_deg", "deg", "reference flight path angle"),
-    Signal("heading_reference_deg", "deg", "reference heading"),
+    Signal("heading_reference_deg", "deg", "reference heading", circular=True),
     Signal("angle_of_attack_reference_deg", "deg", "nominal angle of attack on the reference"),
-    Signal("bank_reference_deg", "deg", "nominal bank angle on the reference"),
+    Signal("bank_reference_deg", "deg", "nominal bank angle on the reference", circular=True),
     Signal("equivalence_ratio_reference", "-", "nominal throttle on the reference"),
     Signal("north_reference_m", "m", "reference north displacement"),
     Signal("east_reference_m", "m", "reference east displacement"),

@@ -345,7 +345,7 @@ ENGINE_FAILED, ELEVATOR_TRAVEL = (
 _TEXT = tuple(
     field.name
     for field in fields(Metric)
-    if field.name not in ("customary", "plateaus", "leads", "band", "finding")
+    if field.name not in ("circular", "customary", "plateaus", "leads", "band", "finding")
 )
 NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
 

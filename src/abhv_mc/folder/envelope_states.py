@@ -7,8 +7,8 @@ killed run can resume.
 
 import contextlib
 import shutil
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,10 +24,11 @@ from abhv_mc.folder.histories import EnvelopeTable
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.input_error import InputError
 from abhv_mc.statistics.bands import QUANTILES, band_quantiles
+from abhv_mc.statistics.circular import align_flights
 
 ENVELOPE_FLIGHTS = 4096
-_SLAB = 4_000_000  # number of values that are sorted at once
 _EXTRA_ROWS = 4  # number of rows after the flights in a block's file
+_SIDES = (np.fmin, np.fmax)
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Cells:
     every: int  # number of control ticks between recorded times
     times: Floats | None = None  # times of all blocks, or None if each block has its own times
     points: int = 1  # number of points of the unknowns; flight k uses point k % points
+    # period of each channel, 0 if it is not circular
+    periods: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def recording(self) -> Recording:
@@ -111,48 +114,52 @@ class Collector:
         """Return the envelopes at ``times``, which all controllers have in common."""
         blocks, covered, numbers = [], np.zeros(len(self.covered), bool), []
         shape = len(times), len(self._cells.channels)
-        cells = shape[0] * shape[1]
-        extremes = np.full((2, cells), np.nan, np.float32)
+        ends = np.full((2, *shape), np.nan, np.float32)
         for path, (first, stop, clock) in sorted(self._blocks.items()):
-            block = read_array(path)
-            if block is None:
+            rows = read_array(path)
+            if rows is None:
                 raise InputError(
                     path,
                     "the file was damaged or deleted during the run",
                     "the same command again, which creates a new file",
                 )
-            values, ends = block[:-_EXTRA_ROWS], block[-_EXTRA_ROWS:-2]
-            begin = shape[1] * int(np.searchsorted(times, clock[0]))
-            block_cells = slice(begin, begin + block.shape[1])
-            extremes[0, block_cells] = np.fmin(extremes[0, block_cells], ends[0])
-            extremes[1, block_cells] = np.fmax(extremes[1, block_cells], ends[1])
-            # Blocks of different sizes may overlap after a run was resumed.
-            fresh = ~covered[first:stop] & _computed(values)
-            covered[first:stop] |= fresh
-            blocks.append((values, fresh, begin))
-            numbers.append(np.arange(first, stop)[fresh])
-        total = int(covered.sum())
-        points = np.concatenate(numbers) % self._cells.points if numbers else np.empty(0, np.int64)
-        count, quantiles = np.zeros(cells, np.int64), np.full((2, len(QUANTILES), cells), np.nan)
-        width = max(1, _SLAB // max(1, total))
-        for start in range(0, cells, width):
-            slab = slice(start, min(start + width, cells))
-            values, column = np.full((slab.stop - start, total), np.nan, np.float32), 0
-            for block, fresh, begin in blocks:
-                cell_values = block[fresh, max(start - begin, 0) : max(slab.stop - begin, 0)].T
-                top = max(begin - start, 0)
-                values[top : top + len(cell_values), column : column + cell_values.shape[1]] = (
-                    cell_values
+            block = rows.reshape(len(rows), -1, shape[1])
+            begin = int(np.searchsorted(times, clock[0]))
+            end = begin + block.shape[1]
+            ends[:, begin:end] = [
+                side(*pair)
+                for side, *pair in zip(
+                    _SIDES, ends[:, begin:end], block[-_EXTRA_ROWS:-2], strict=True
                 )
-                column += cell_values.shape[1]
-            count[slab] = np.sum(~np.isnan(values), axis=1)
+            ]
+            # Blocks of different sizes may overlap after a run was resumed.
+            values = block[:-_EXTRA_ROWS]
+            fresh = ~covered[first:stop] & ~np.isnan(values).all(axis=(1, 2))
+            covered[first:stop] |= fresh
+            blocks.append((values, fresh, slice(begin, end)))
+            numbers.append(np.arange(first, stop)[fresh])
+        flights = np.concatenate([np.empty(0, np.int64), *numbers])
+        count, quantiles = np.zeros(shape, np.int64), np.full((2, len(QUANTILES), *shape), np.nan)
+        for c, channel in enumerate(self._cells.channels):
+            values, column = np.full((len(times), len(flights)), np.nan, np.float32), 0
+            for block, fresh, span in blocks:
+                columns = slice(column, column + int(fresh.sum()))
+                values[span, columns] = block[:, :, c][fresh].T
+                column = columns.stop
+            count[:, c] = np.sum(~np.isnan(values), axis=1)
+            if period := self._cells.periods.get(channel):
+                values[:] = align_flights(values.T, period).T
+                # Blocks reduce extremes across the seam.
+                ends[:, :, c] = [side.reduce(values, axis=1, initial=np.nan) for side in _SIDES]
             for point in range(self._cells.points):
-                at_point = values if self._cells.points == 1 else values[:, points == point]
-                point_quantiles = band_quantiles(at_point, np.sum(~np.isnan(at_point), axis=1))
-                quantiles[0, :, slab] = np.fmin(quantiles[0, :, slab], point_quantiles)
-                quantiles[1, :, slab] = np.fmax(quantiles[1, :, slab], point_quantiles)
-        least, most = quantiles.reshape((2, -1, *shape))
-        return EnvelopeTable(count.reshape(shape), *_ends(extremes, count, shape), least, most)
+                at_point = values[:, flights % self._cells.points == point]
+                at_point = band_quantiles(at_point)
+                quantiles[..., c] = [
+                    side(edge, at_point)
+                    for side, edge in zip(_SIDES, quantiles[..., c], strict=True)
+                ]
+        low, high = np.where(count > 0, ends.astype(np.float64), np.nan)
+        return EnvelopeTable(count, low, high, *quantiles)
 
     def finish(self) -> None:
         """Delete the stored values."""
@@ -164,21 +171,6 @@ class Collector:
 def _times_of(block: Singles, channels: int) -> Floats:
     """Return the times [time] in s that are stored in the file of a block."""
     return np.ascontiguousarray(block[-2:]).reshape(-1).view(np.float64)[::channels]
-
-
-def _ends(
-    extremes: Singles, count: NDArray[np.int64], shape: tuple[int, int]
-) -> tuple[Floats, Floats]:
-    """Return the extremes ``[time, channel]``, which are NaN after the end of all flights."""
-    low, high = (
-        np.where(count > 0, side.astype(np.float64), np.nan).reshape(shape) for side in extremes
-    )
-    return low, high
-
-
-def _computed(values: Singles) -> Mask:
-    """Return the mask [flight] of computed flights in ``values`` [flight, cell]."""
-    return np.asarray((~np.isnan(values)).any(axis=1))
 
 
 def merge_states(folders: Sequence[Path], target: Path) -> None:

@@ -33,6 +33,7 @@ from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.parquet_columns import column_values, distinct_texts
+from abhv_mc.statistics.circular import move_near
 
 _HISTORIES = "histories of flights"
 BANDS = ("min", *QUANTILE_COLUMNS, "max")
@@ -72,6 +73,18 @@ class FlownCampaign:
     changed_after: int = 0  # number of flights with known results at the first of these changes
     judged_by: str = ""  # file, or FILE for entries in memory, that replaces the requirements
     judged_by_campaign: bool = False  # whether this file is a campaign file
+
+    def align(self, controller: str, curves: Mapping[str, Floats]) -> dict[str, Floats]:
+        """Return channels or references over "time"; angles are near the controller's envelopes."""
+        aligned = dict(curves)
+        for name, curve in curves.items():
+            channel = name.replace("_reference", "")
+            envelope = self.envelopes.get((controller, channel))
+            period = self.campaign.periods.get(channel)
+            if envelope and period and (finite := np.isfinite(envelope.median)).any():
+                median = envelope.time[finite], envelope.median[finite]
+                aligned[name] = move_near(curve, np.interp(curves["time"], *median), period)
+        return aligned
 
     def refuse_changes(self) -> None:
         """Raise InputError if a run has changed the folder since it was read.
@@ -203,7 +216,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     reference = (
         _columns(read_table(folder.reference, "the mission's reference")) if has_mission else {}
     )
-    return FlownCampaign(
+    results = FlownCampaign(
         folder=root,
         campaign=campaign,
         manifest=manifest,
@@ -225,6 +238,8 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
         judged_by="" if requirements is None else str(requirements) if is_file else "FILE",
         judged_by_campaign=requirements is not None and is_campaign(requirements),
     )
+    first = next(iter(results.controllers), "")
+    return replace(results, reference=results.align(first, results.reference))
 
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:

@@ -21,11 +21,15 @@ _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
+_CHANNEL_DOC = (
+    "name of the channel, which ends with the unit; bands of angles are continuous and may exceed "
+    "a full turn, and are NaN where the flights spread over the circle"
+)
 MOST_MEDIAN = "q50_most"  # upper edge of the median, which is a band if parameters are unknown
 _DOCS = {
     name: (
         f"{adjective} value at any control tick or returned sample between the previous and the "
-        "next time"
+        "next time, but of angles at the time"
     )
     for name, adjective in (("min", "smallest"), ("max", "largest"))
 } | {
@@ -187,7 +191,7 @@ def write_envelopes(
         counts.append(table.count.T.ravel())
     fields = [
         _CONTROLLER,
-        make_field("channel", pa.string(), "-", "name of the channel, which ends with the unit"),
+        make_field("channel", pa.string(), "-", _CHANNEL_DOC),
         _TIME,
         make_field("count", pa.int64(), "-", "number of flights that have not ended"),
         *(

@@ -1,21 +1,17 @@
 """Quantiles over flights at each time of the recorded histories."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Singles
 
 QUANTILES = (0.00135, 0.05, 0.50, 0.95, 0.99865)
 
 
-def band_quantiles(values: Singles, count: NDArray[np.int64]) -> Floats:
-    """Return quantiles [quantile, cell] of `values` [cell, flight]; NaN for an empty cell.
-
-    A cell is a channel at a recorded time; `count` [cell] is its number of finite values.
-    """
+def band_quantiles(values: Singles) -> Floats:
+    """Return quantiles [quantile, time] of `values` [time, flight]; NaN without finite values."""
     if values.shape[1] == 0:
-        return np.full((len(QUANTILES), len(count)), np.nan)
-    last = np.maximum(count - 1, 0)
+        return np.full((len(QUANTILES), len(values)), np.nan)
+    last = np.maximum(np.sum(~np.isnan(values), axis=1) - 1, 0)
     ranks = np.array(QUANTILES)[:, None] * last
     floor = np.floor(ranks).astype(np.int64)
     ordered = np.sort(values, axis=1).T  # np.sort puts NaN last.

@@ -24,8 +24,9 @@ _TAIL = 0.025  # share of flights beyond the pointwise band on each side
 # minimum number of simulated flights with a value at a time, for the band to be computed at this
 # time
 _FEWEST = 10
-# spread, relative to a channel's size, below which differences are rounding errors
-_ROUNDING = 1e-9
+# spread, relative to a channel's size, below which differences are rounding errors: two steps of
+# the single precision of stored histories
+_ROUNDING = 2.0**-22
 _DRAWS = 2000  # number of random sets of flights
 _RIDGE = 1e-3  # regularization relative to a column's unit variance
 

@@ -223,6 +223,11 @@ class Experiment:
         """Channels of the histories; empty if a custom simulator returns none."""
         return self.simulator.channels
 
+    @cached_property
+    def periods(self) -> dict[str, float]:
+        """Period of each channel in its unit, 0 if the channel is not circular."""
+        return {channel.name: channel.period for channel in self.channels}
+
     @property
     def kept_channels(self) -> tuple[str, ...]:
         """Channels of the stored time histories."""

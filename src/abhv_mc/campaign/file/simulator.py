@@ -15,7 +15,7 @@ from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
 from abhv_mc.io.phrases import quoted
-from abhv_mc.io.units import Time
+from abhv_mc.io.units import ANGLE, Time, parse_unit
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
 
@@ -157,14 +157,36 @@ class Simulator(StrictModel):
 InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 
 
-class OwnChannel(StrictModel):
-    """Column of the history that a flight returns."""
+class Quantity(StrictModel):
+    """Quantity of a custom simulator."""
 
     unit: Unit = Field("-", description="unit of the quantity, as free text; '-' if dimensionless")
     doc: str = Field("", description="description of the quantity in the report")
 
 
-class Input(OwnChannel):
+class HistoryChannel(Quantity):
+    """Column of the history that a flight returns."""
+
+    circular: YesNo = Field(
+        False,
+        description=(
+            "whether the channel is an angle of which a full turn changes nothing, such as a "
+            "heading; the unit must then be an angle, such as deg or rad"
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _check_unit(self) -> "HistoryChannel":
+        if self.circular and parse_unit(self.unit)[1] != ANGLE.exponents:
+            raise Refusal(
+                f"the unit '{self.unit}' of a circular channel is not an angle",
+                "the unit deg or rad",
+                ("unit",),
+            )
+        return self
+
+
+class Input(Quantity):
     """Input of a flight for a custom simulator."""
 
     nominal: float = Field(0.0, description="nominal value, in the unit of the input")
@@ -173,7 +195,7 @@ class Input(OwnChannel):
     )
 
 
-class OwnMetric(OwnChannel):
+class OwnMetric(Quantity):
     """Metric that a custom simulator returns for a flight."""
 
     bad: Bad | None = Field(
@@ -256,7 +278,7 @@ class SimulatorCampaign(Campaign):
             "reasons for early termination: one sentence for each code that a flight can return"
         ),
     )
-    histories: dict[MetricName, OwnChannel] = Field(
+    histories: dict[MetricName, HistoryChannel] = Field(
         {},
         description=(
             "channels of the time history by name; each flight returns them in addition to the "
@@ -299,7 +321,10 @@ class SimulatorCampaign(Campaign):
     @property
     def returned_channels(self) -> tuple[Signal, ...]:
         """Channels of the history that a flight returns."""
-        return tuple(Signal(name, entry.unit, entry.doc) for name, entry in self.histories.items())
+        return tuple(
+            Signal(name, entry.unit, entry.doc, circular=entry.circular)
+            for name, entry in self.histories.items()
+        )
 
     @property
     def parameters(self) -> Parameters:

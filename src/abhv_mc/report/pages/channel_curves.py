@@ -77,7 +77,7 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
     source, reference_name = _OFF_REFERENCE.get(channel, (channel, ""))
     is_stored = (controller, channel) in results.envelopes
     envelope = results.envelopes.get((controller, channel if is_stored else source))
-    nominal_columns = results.nominal.get(controller, {})
+    nominal_columns = results.align(controller, results.nominal.get(controller, {}))
     clocks = [
         envelope_of.time
         for (name, _), envelope_of in results.envelopes.items()

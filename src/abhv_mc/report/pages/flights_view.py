@@ -269,7 +269,7 @@ def _add_histories(
     Return the channels that all histories have.
     """
     recorded = [
-        (row_of[name, flight], columns)
+        (row_of[name, flight], results.align(name, columns))
         for name in results.controllers
         for flight, columns in read_histories(results.folder, name).items()
         if (name, flight) in row_of

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
 from abhv_mc.report.pages.page import Answer
+from abhv_mc.topics.envelopes import NO_BAND
 from abhv_mc.topics.figure_style import (
     BLUE,
     INK,
@@ -69,6 +70,7 @@ def _texts(placement: Placement) -> Iterator[tuple[str, str]]:
             flight.name,
             "" if p_band is None else f"simultaneous band {exit_text} ({p_equation(p_band)})",
         )
+    yield NO_BAND, ", ".join(placement.spread)
     yield "Simulated flights", fixed(placement.simulated, 0)
     yield "Not covered if", f"p <= {percent(risk)}, divided by the number of tests of a flight"
     yield "Sensor errors added", ", ".join(placement.sensed)

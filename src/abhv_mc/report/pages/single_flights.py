@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.analysis.explain import Explanation
-from abhv_mc.flight.channels import CHANNEL_INDEX
+from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
+from abhv_mc.statistics.circular import unwrap
 from abhv_mc.topics.envelopes.figures import plot_flown
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc.topics.formatting import shown_value
@@ -40,7 +41,10 @@ def write_nominal_report(
     yield folder / "reference.parquet"
     flights = {
         name: {"time": times}
-        | {channel: history[:, i].astype(np.float64) for channel, i in CHANNEL_INDEX.items()}
+        | {
+            channel.name: unwrap(values.astype(np.float64), channel.period)
+            for channel, values in zip(CHANNELS, history.T, strict=False)
+        }
         for name, history in histories.items()
     }
     table = pq.ParquetFile(folder / "reference.parquet").read()

@@ -8,13 +8,14 @@ import numpy as np
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
 from abhv_mc.topics.topic import Topic, figures_of
 
 _SIGN = ", sign open"
+NO_BAND = "No band where the flights spread over the circle (resultant length below 0.6):"
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         flight_range = "" if model.flights >= flown else f" among flights 0 to {model.flights - 1}"
         who, ends = (
             "flights still airborne",
-            "at any control tick; the other bands are based on samples",
+            "at any control tick (of angles, at samples); the other bands are based on samples",
         )
         spacing = " s apart"
         if not campaign.simulator.capabilities.has_mission:
@@ -142,6 +143,13 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
                 f"{model.step_s:.4g}{spacing}."
             )
         )
+        spread = dict.fromkeys(
+            channel
+            for (_, channel), envelope in names.results.envelopes.items()
+            if np.isnan(envelope.median[envelope.count > 0]).any()
+        )
+        if spread:
+            items.append(Text(f"{NO_BAND} {quoted(spread)}."))
         points = len(campaign.unknowns.points)
         if points > 1:
             items.append(

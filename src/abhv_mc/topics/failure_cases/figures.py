@@ -10,6 +10,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.io.phrases import counted
+from abhv_mc.statistics.circular import align_flights, unwrap
 from abhv_mc.topics.failure_cases import FailureCases, cases_by_frequency, drawn_cases
 from abhv_mc.topics.figure_bands import off_reference
 from abhv_mc.topics.figure_style import (
@@ -154,11 +155,12 @@ def _draw_bands(
             flown = [(first[k], history) for k, history in histories.items() if cases[k] == case]
             for row, (channel, _, reference_name) in enumerate(_CHANNELS):
                 off = results.reference[reference_name] if reference_name else None
+                period = results.campaign.periods[channel]
                 values = [
                     np.interp(
                         times,
                         h["time"] - failure_time,
-                        off_reference(h["time"], h[channel], clock, off),
+                        off_reference(h["time"], unwrap(h[channel], period), clock, off),
                         np.nan,
                         np.nan,
                     )
@@ -166,10 +168,11 @@ def _draw_bands(
                     if channel in h
                 ]
                 if len(values) >= _FEWEST_KEPT:
-                    has_values = np.isfinite(values).any(axis=0)
+                    aligned = align_flights(np.array(values), period)
+                    has_values = np.isfinite(aligned).any(axis=0)
                     bands[row, case, name] = band = np.full((3, times.size), np.nan)
                     band[:, has_values] = np.nanquantile(
-                        np.array(values)[:, has_values], (0.0, 0.5, 1.0), axis=0
+                        aligned[:, has_values], (0.0, 0.5, 1.0), axis=0
                     )
     if bands:
         caption = (

@@ -39,7 +39,10 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         ]
         for name in controllers
     }
-    histories = {name: [kept_histories[name][k] for k in listed[name]] for name in controllers}
+    histories = {
+        name: [results.align(name, kept_histories[name][k]) for k in listed[name]]
+        for name in controllers
+    }
     if not any(histories.values()):
         return
     yield from _critical(flights, names, kept_histories)
