@@ -31,6 +31,11 @@ from abhv_mc.campaign.file.user_metrics import (
     find_user_channels,
     read_metrics_file,
 )
+from abhv_mc.campaign.sampling.correlations import (
+    find_valid,
+    normal_correlation,
+    rank_correlation,
+)
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED, Derived, compile_derived
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
@@ -38,7 +43,6 @@ from abhv_mc.campaign.sampling.designs import (
     Copula,
     count_flights,
     make_copula,
-    normal_correlation,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
@@ -151,7 +155,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
-    copula = _make_copula(document, model, names, errors)
+    copula = _make_copula(document, model, names, marginals, errors)
     derived = check_derived(document, model, parameters, errors)
     user_channels = find_user_channels(model.channels) if model.channels else ()
     if own:
@@ -361,7 +365,11 @@ def _make_marginals(
 
 
 def _make_copula(
-    document: Document, model: Campaign, names: Sequence[str], errors: list[InputError]
+    document: Document,
+    model: Campaign,
+    names: Sequence[str],
+    marginals: Mapping[str, Marginal],
+    errors: list[InputError],
 ) -> Copula:
     pairs: dict[tuple[str, str], float] = {}
     for i, entry in enumerate(model.correlations):
@@ -391,9 +399,13 @@ def _make_copula(
                     "each pair only once",
                 )
             )
-        pairs[pair] = (
-            normal_correlation(entry.rank) if entry.rank is not None else float(entry.normal or 0.0)
-        )
+        pairs[pair] = entry.normal or 0.0
+        if entry.rank is not None and marginals.keys() >= set(pair):
+            try:
+                pairs[pair] = normal_correlation(entry.rank, [marginals[name] for name in pair])
+            except Refusal as refusal:
+                where = ("correlations", i, *refusal.keys)
+                errors.append(document.error(where, refusal.found, refusal.expected))
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
         problem = f"the design '{model.sampling.design}' does not permit correlations"
         errors.append(
@@ -406,12 +418,18 @@ def _make_copula(
     try:
         return make_copula(names, pairs)
     except np.linalg.LinAlgError:
-        problem = "the correlation matrix is not positive definite"
-        errors.append(
-            document.error(
-                ("correlations",), problem, "correlations that are consistent with each other"
-            )
-        )
+        valid, entries = find_valid(pairs), {}
+        for i, entry in enumerate(model.correlations):
+            pair = (min(entry.between), max(entry.between))
+            if pair in valid:
+                value, key = valid[pair], "normal"
+                if entry.rank is not None:
+                    value, key = rank_correlation(value, [marginals[n] for n in pair]), "rank"
+                entries[i] = f"{key}: {value:.3f} between {quoted(entry.between)}"
+        where = ("correlations", *(entries if len(entries) == 1 else ()))
+        problem = "the matrix of the normal correlations is not positive definite"
+        nearest = f"nearest valid {'value' if len(entries) == 1 else 'matrix'}"
+        errors.append(document.error(where, problem, f"{nearest} {'; '.join(entries.values())}"))
         return Copula((), np.eye(0))
 
 

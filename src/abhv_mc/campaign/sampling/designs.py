@@ -12,12 +12,10 @@ number of flights; for ``corners``, ``grid`` and ``one_at_a_time``, the paramete
 number.
 
 A Gaussian copula correlates samples and preserves the marginals: the Cholesky factor of the
-correlation matrix combines the standard normal variables of a flight. A rank correlation
-(Spearman's rho) corresponds to the normal correlation 2 sin(pi rho / 6) (Kruskal, JASA 53, 1958).
+correlation matrix combines the standard normal variables of a flight.
 """
 
 import hashlib
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -180,17 +178,20 @@ _COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
 }
 
 
-def normal_correlation(rank_correlation: float) -> float:
-    """Return the correlation of normal variables with a given rank correlation."""
-    return 2.0 * math.sin(math.pi / 6.0 * rank_correlation)
-
-
 @dataclass(frozen=True)
 class Copula:
     """Gaussian copula: columns and the Cholesky factor of their correlation matrix."""
 
     columns: tuple[int, ...]
     factor: Floats  # [column, column]
+
+    def correlations(self, count: int) -> Floats:
+        """Return the correlation matrix of the normal variables of `count` columns."""
+        matrix = np.eye(count)
+        if self.columns:
+            matrix[np.ix_(self.columns, self.columns)] = self.factor @ self.factor.T
+            matrix[np.abs(matrix) < 1e-12] = 0.0
+        return matrix
 
     def apply(self, probabilities: Floats) -> Floats:
         """Return correlated probabilities [flight, parameter].
