@@ -49,16 +49,15 @@ def test_nothing_is_named_where_nothing_drives():
 
 
 @pytest.mark.parametrize("together", [0.5, 0.9])
-def test_an_idle_partner_of_a_driver_moves_with_it(together):
-    named = marked = 0
+def test_an_idle_partner_of_a_driver_is_not_named(together):
+    named = 0
     for seed in range(25):
         normal = np.random.default_rng(900 + seed).normal(size=(FLIGHTS, 6))
         normal[:, 1] = together * normal[:, 0] + np.sqrt(1.0 - together**2) * normal[:, 1]
         indices = indices_of(normal, np.sin(3.0 * normal[:, [0]]) + normal[:, [3]])
         assert indices.found[[0, 3], 0].all()
         named += indices.found[[1, 2, 4, 5], 0].any()
-        marked += indices.moves_with[1, 0] == 0
-    assert named <= 2 and marked == 25
+    assert named <= 2
 
 
 def test_lost_flights_are_the_worst_and_constants_are_left_out():

@@ -86,10 +86,9 @@ def rank_drivers(
     residuals = y - x @ slopes
     for k in range(count // 2 if folded is not None else 0):
         pair = [k, k + count // 2]
-        orders = np.argsort(inputs[:, pair], axis=0, kind="stable").T
         for column in np.flatnonzero(is_significant[pair].any(axis=0)).tolist():
             partial = residuals[:, column] + x[:, pair] @ slopes[pair, column]
-            errors = [_fit_monotonic(partial, order) for order in orders]
+            errors = [_monotonic_errors(inputs[:, row], partial) for row in pair]
             best = int(np.argmin([error.var() for error in errors]))
             if errors[best].var() <= residuals[:, column].var():
                 share = partial.var() - errors[best].var()
@@ -110,10 +109,11 @@ def rank_drivers(
     )
 
 
-def _fit_monotonic(values: Floats, order: NDArray[np.intp]) -> Floats:
-    """Return the errors of an increasing or decreasing curve along `order` with small errors."""
+def _monotonic_errors(inputs: Floats, values: Floats) -> Floats:
+    """Return the errors of an increasing or decreasing curve, whichever are smaller."""
     from scipy.optimize import isotonic_regression
 
+    order = np.argsort(inputs, kind="stable")
     curves = [isotonic_regression(values[order], increasing=up).x for up in (True, False)]
     errors = values.copy()
     errors[order] -= max(curves, key=np.var)
