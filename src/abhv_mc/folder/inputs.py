@@ -22,7 +22,6 @@ from abhv_mc.campaign.file.requirement_set import (
 )
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.campaign.file.simulator import SYSTEMS, systems_key
-from abhv_mc.campaign.sampling.correlations import is_discrete
 from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
@@ -115,8 +114,6 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
         data["channels"] = _take(model.channels, "inputs/channels", files)
     if isinstance(model.metrics, Path):
         data["metrics"] = read_document(model.metrics).data
-    if model.correlations:
-        data["correlations"] = _normal_entries(campaign)
     data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
     if model.sampling.path:
@@ -126,23 +123,6 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     programs = frozenset(location for location, path in files.items() if os.access(path, os.X_OK))
     hashes = {location: hashlib.sha256(content).hexdigest() for location, content in copies.items()}
     return FolderInputs(replace(campaign.document, data=data), copies, hashes, programs)
-
-
-def _normal_entries(campaign: Experiment) -> list[Any]:
-    """Return the correlations, with normal correlations of discrete inputs, which are solved for.
-
-    A folder with samples of other correlations is therefore not extended.
-    """
-    matrix = campaign.copula.correlations(len(campaign.names))
-    entries = []
-    for entry, model in zip(
-        campaign.document.entries["correlations"], campaign.model.correlations, strict=True
-    ):
-        columns = tuple(campaign.names.index(name) for name in model.between)
-        is_solved = model.rank and is_discrete([campaign.marginals[n] for n in model.between])
-        normal = {"between": list(model.between), "normal": round(float(matrix[columns]), 6)}
-        entries.append(normal if is_solved else entry)
-    return entries
 
 
 def _take(path: Path, location: str, copies: dict[str, Path]) -> str:

@@ -95,13 +95,3 @@ def test_correlations_are_those_asked_for_and_laws_and_other_columns_and_bits_of
     assert ranks[1, 2] == pytest.approx(0.7, abs=0.02)
     assert ranks[1, 3] == pytest.approx(6 / np.pi * np.arcsin(-0.4 / 2), abs=0.02)
     assert abs(ranks[2, 3]) < 0.03
-
-
-def test_a_matrix_that_is_not_positive_definite_is_refused():
-    impossible = {
-        ("aero.drag", "aero.lift"): 0.9,
-        ("aero.lift", "mass.total"): 0.9,
-        ("aero.drag", "mass.total"): -0.9,
-    }
-    with pytest.raises(np.linalg.LinAlgError):
-        make_copula(CORRELATED, impossible)

@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.sampling.correlations import nearest_valid
+from abhv_mc.io.documents import Refusal
 from abhv_mc.plant.parameters import OURS, Parameters
 
 INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
@@ -216,7 +218,7 @@ class Copula:
 def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Copula:
     """Return the copula with the given pairwise correlations of normal variables.
 
-    Raise numpy.linalg.LinAlgError if the matrix is not positive definite.
+    Raise Refusal with the nearest valid correlations if the matrix is not positive definite.
     """
     columns = tuple(i for i, name in enumerate(names) if any(name in pair for pair in pairs))
     index = {names[column]: row for row, column in enumerate(columns)}
@@ -224,7 +226,9 @@ def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Co
     for (first, other), value in pairs.items():
         matrix[index[first], index[other]] = matrix[index[other], index[first]] = value
     if columns and np.linalg.eigvalsh(matrix)[0] < 1e-9:
-        raise np.linalg.LinAlgError("not positive definite")
+        valid = nearest_valid([names[column] for column in columns], matrix)
+        problem = "the matrix of normal correlations is not positive definite"
+        raise Refusal(problem, f"the nearest valid correlation: {valid}")
     return Copula(
         columns, np.asarray(np.linalg.cholesky(matrix) if columns else matrix, np.float64)
     )
