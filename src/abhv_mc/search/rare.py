@@ -92,7 +92,7 @@ class RareFound:
                 "; the upper bound of the interval comes from the levels, because the probability "
                 f"of failures without warning is below {high:.1e}"
             )
-        if len(self.space.names) <= MOST_LOOKED:
+        if self.estimate.check is not None and len(self.space.names) <= MOST_LOOKED:
             return ""
         return (
             ". Failures without warning are not included; their probability is below "

@@ -100,8 +100,7 @@ def _answers(result: RareFound, requirement: str) -> tuple[Lead, Bullets]:
         )
     if isinstance(estimate, SurrogateEstimate):
         answers.append(
-            "The estimate assumes that the metric is a smooth function of the dispersions. "
-            "Failures in regions far from all flights are not included."
+            "The estimate assumes that the metric is a smooth function of the dispersions."
         )
     looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
     remark = (
