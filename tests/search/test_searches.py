@@ -39,7 +39,7 @@ def line(tmp_path):
     "find, make, options, last",
     [
         (find_rare, RareRequest, {"flights": 8000}, 20),
-        (find_rare, RareRequest, {"surrogate": True}, 3),
+        (find_rare, RareRequest, {"surrogate": True}, 4),
         (find_worst, WorstRequest, {"flights": 1000}, 8),
     ],
 )
