@@ -19,6 +19,7 @@ import openturns as ot
 from scipy.stats import qmc, rankdata
 
 from abhv_mc.statistics.given_data import given_data_indices
+from abhv_mc.statistics.ranks import standard_ranks
 from benchmarks.document import write_json
 
 FIRST_SEED = 30_000
@@ -95,7 +96,7 @@ def study(samples: int, flights: int) -> Iterator[dict[str, Any]]:
         for seed in range(FIRST_SEED, FIRST_SEED + samples):
             x = np.random.default_rng(seed).random((flights, len(function.first)))
             y = function.value(x)
-            ours.append(given_data_indices(x, y[:, None]))
+            ours.append(given_data_indices(x, standard_ranks(y[:, None])))
             theirs.append(
                 ot.RankSobolSensitivityAlgorithm(x, rankdata(y)[:, None]).getFirstOrderIndices()
             )

@@ -109,10 +109,10 @@ def test_rare_by_a_surrogate_takes_few_flights_or_says_that_none_failed(abhv_mc,
     assert code == 0 and numbers["flights"] <= 400 and numbers["low"] < numbers["high"]
     assert re.search(rf"\b{numbers['failures']} ", out) and "smooth" in out
     assert "figures/learning.png" in Path("out/report.html").read_text(encoding="utf-8")
-    impossible = ("sideslip_max_deg", "--flights", 64, "-o", "no", "--json", "no.json")
+    impossible = ("sideslip_max_deg", "--flights", 80, "-o", "no", "--json", "no.json")
     code, out, err = abhv_mc(*command, *impossible)
     refused = read_json("no.json")
-    assert refused["probability"] is None and " 58 " in refused["refusal"]
+    assert refused["probability"] is None and " 78 " in refused["refusal"]
     assert code == 1 and refused["refusal"] in err and "95 %" not in out
 
 

@@ -39,7 +39,7 @@ def line(tmp_path):
     "find, make, options, last",
     [
         (find_rare, RareRequest, {"flights": 8000}, 20),
-        (find_rare, RareRequest, {"surrogate": True}, 3),
+        (find_rare, RareRequest, {"surrogate": True}, 4),
         (find_worst, WorstRequest, {"flights": 1000}, 8),
     ],
 )
@@ -101,14 +101,15 @@ def test_a_surrogate_learns_the_metric_and_says_what_it_is_not_for(tmp_path, lin
     assert numbers["low"] <= stats.norm.sf(4.0) <= numbers["high"] < 3.0 * numbers["low"]
     assert numbers["flights"] == found.flights.stop == numbers["surrogate"][-1]["runs"] <= 400
     assert numbers["failures"] == numbers["surrogate"][-1]["failures"] > 0
+    assert f"{numbers['unwarned_high']:.1e}" in found.unwarned
     discrete = "{aero.lift: {distribution: discrete, values: [0.9, 1.1]}}"
     turbulence = "{wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}}"
     for dispersions, problem in ((discrete, "'aero.lift'"), (turbulence, "turbulence")):
         campaign = write_campaign(tmp_path / problem, dispersions=dispersions, requirements=LIMIT)
         with pytest.raises(InputError, match=f"^--surrogate: .*{problem}.* without --surrogate"):
             find_rare(RareRequest(campaign, tmp_path / "no", METRIC, surrogate=True), LINE)
-    with pytest.raises(InputError, match=r"^--flights: found 63; .* 64$"):
-        find_rare(RareRequest(line, tmp_path / "no", METRIC, surrogate=True, flights=63), LINE)
+    with pytest.raises(InputError, match=r"^--flights: found 79; .* 80$"):
+        find_rare(RareRequest(line, tmp_path / "no", METRIC, surrogate=True, flights=79), LINE)
     assert not (tmp_path / "no").exists()
 
 

@@ -93,8 +93,7 @@ def test_noise_hides_neither_true_drivers_nor_their_correlation(correlated):
             [0, 1],
             [0, 1, 2, 3],
         ]
-        left = given_data_indices(x, drivers.residuals)
-        assert not left.found.any()
+        assert not given_data_indices(x, drivers.residuals).found.any()
 
 
 @pytest.mark.parametrize("together", [0.5, 0.8, 0.95])
@@ -142,6 +141,32 @@ def test_constant_output_and_input_are_not_judged():
     assert np.isnan(drivers.srrc[:, 0]).all()
     assert drivers.srrc[0, 1] == pytest.approx(1.0)
     assert not drivers.found[1].any()
+
+
+@pytest.mark.parametrize(
+    ("output", "kind"),
+    [
+        (lambda x, draw: draw.random(500) < 0.2, None),
+        (lambda x, draw: draw.random(500) < 0.01, None),
+        (lambda x, draw: draw.poisson(0.3, 500), None),
+        (lambda x, draw: np.where(draw.random(500) < 0.05, np.inf, x), 0),
+        (lambda x, draw: np.maximum(x - 1.0, 0.0), 0),
+        (lambda x, draw: np.maximum(np.abs(x) - 1.0, 0.0), 1),
+    ],
+)
+def test_ties_name_no_idle_input_and_change_no_kind_of_effect(output, kind):
+    """Constant, counted and clipped metrics named idle inputs, because residuals were ranked."""
+    wrong = 0
+    for seed in range(8):
+        draw = np.random.default_rng(600 + seed)
+        x = draw.standard_normal((500, 3))
+        folded = np.abs(x - np.median(x, axis=0))
+        drivers = rank_drivers(x, output(x[:, 0], draw)[:, None], folded=folded)
+        remainder = given_data_indices(x, drivers.residuals).found
+        named = np.vstack([drivers.found.reshape(2, 3), remainder.T])
+        assert kind is None or named[kind, 0]
+        wrong += named.sum() > (kind is not None)
+    assert wrong <= 1
 
 
 def _corner(inputs, chance, seed):

@@ -40,7 +40,7 @@ def check_draws(
             columns.append(make_column(marginal, values, rounding))
     if not columns:
         return ()
-    findings = check_table(columns, _normal_correlations(campaign))
+    findings = check_table(columns, campaign.copula.correlations(len(columns)))
     errors = [
         InputError(path, problem, expected, line)
         for problem, expected, line in _contradictions(findings, campaign, columns, lines)
@@ -75,16 +75,6 @@ def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
     )
 
 
-def _normal_correlations(campaign: Experiment) -> Floats:
-    """Return the correlation matrix of the copula's normal variables."""
-    matrix = np.eye(len(campaign.marginals))
-    if campaign.copula.columns:
-        mixed = np.ix_(campaign.copula.columns, campaign.copula.columns)
-        matrix[mixed] = campaign.copula.factor @ campaign.copula.factor.T
-        matrix[np.abs(matrix) < 1e-12] = 0.0
-    return matrix
-
-
 def _contradictions(
     findings: TableFindings, campaign: Experiment, columns: list[Column], lines: Ints
 ) -> Iterator[tuple[str, str, int]]:
@@ -108,8 +98,8 @@ def _contradictions(
     for pair in findings.correlations:
         a, b = (names[j] for j in pair.columns)
         problem = (
-            f"the rank correlation of '{a}' and '{b}' is {pair.found:.3g}, but {pair.stated:.3g} "
-            "is stated"
+            f"the rank correlation of '{a}' and '{b}' is {pair.found:.3g} with equal values in the "
+            f"most favourable order, but {pair.stated:.3g} is expected"
         )
         yield problem, f"'correlations' that match the table ({_MISSING}), or {_ESTIMATES}", 1
     if equal := findings.equal:

@@ -86,7 +86,9 @@ class RareFound:
         if self.includes_unwarned:
             source = "this bound" if self.estimate.high <= high else "the levels"
             return f"{bound}, included; upper end of the interval from {source}"
-        return "" if len(self.space.names) <= MOST_LOOKED else f"{bound}, not included"
+        if self.estimate.check is not None and len(self.space.names) <= MOST_LOOKED:
+            return ""
+        return f"{bound}, not included"
 
     @property
     def second_opinion(self) -> str:

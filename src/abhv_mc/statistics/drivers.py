@@ -4,7 +4,8 @@ The coefficients come from the correlation matrix of the ranks (Saltelli et al.,
 Analysis in Practice", 2004; Iman & Conover 1979). Their intervals are bootstrapped. The ranks are
 recomputed for each resample, because the coefficients depend on them. An input is a driver if its
 coefficient is large and significant at a controlled false-discovery rate over all inputs and
-outputs.
+outputs. Effects are not linear in ranks if many outputs are equal, so monotonic curves replace the
+terms of inputs whose monotonic curve fits at least as well (isotonic regression).
 """
 
 from dataclasses import dataclass
@@ -14,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.special import betainc, ndtri
 
 from abhv_mc.array_types import Floats
+from abhv_mc.statistics.given_data import FALSE_DISCOVERY_RATE, LEAST_SHARE
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
-FALSE_DISCOVERY_RATE = 0.005
 LEAST_COEFFICIENT = 0.2  # smallest absolute coefficient of a driver
 _FEWEST_SPARE = 10  # minimum excess of the number of flights over the number of inputs
 _PARTNERS = 0.3  # minimum rank correlation with a driver at which an input counts as related to it
@@ -38,15 +39,22 @@ class RankDrivers:
     # index of the driver with which an input is correlated; -1 for none
     moves_with: NDArray[np.intp]
     explained: Floats  # R^2 of the rank regression, by output
-    residuals: Floats  # residuals of the standardized ranks [flight, output]
+    # residuals of the standardized ranks, after monotonic curves [flight, output]
+    residuals: Floats
 
 
-def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> RankDrivers | None:
+def rank_drivers(
+    inputs: Floats, outputs: Floats, confidence: float = 0.95, folded: Floats | None = None
+) -> RankDrivers | None:
     """Return the rank coefficients of `inputs` for `outputs`; None if flights are too few.
 
     `inputs` has shape [flight, input]; `outputs` has shape [flight, output] and may contain
-    infinities. Constant inputs get zero coefficients.
+    infinities. Constant inputs get zero coefficients. `folded` contains the distance of each input
+    from its median; these columns follow the inputs as further regressors. If a monotonic curve of
+    the input, or of its distance, explains as much as both terms, only this one can be a driver.
     """
+    if folded is not None:
+        inputs = np.concatenate([inputs, folded], axis=1)
     flights, count = inputs.shape
     freedom = flights - count - 1
     if flights < count + _FEWEST_SPARE or not count or not outputs.shape[1]:
@@ -72,9 +80,21 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
     p_value = np.asarray(
         betainc(freedom / 2.0, 0.5, np.where(moving, left, np.nan)), dtype=np.float64
     )
-    is_driver = discoveries(p_value, FALSE_DISCOVERY_RATE)
+    is_significant = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
-        is_driver &= np.abs(srrc) > LEAST_COEFFICIENT
+        is_driver = is_significant & (np.abs(srrc) > LEAST_COEFFICIENT)
+    residuals = y - x @ slopes
+    for k in range(count // 2 if folded is not None else 0):
+        pair = [k, k + count // 2]
+        for column in np.flatnonzero(is_significant[pair].any(axis=0)).tolist():
+            partial = residuals[:, column] + x[:, pair] @ slopes[pair, column]
+            errors = [_monotonic_errors(inputs[:, row], partial) for row in pair]
+            best = int(np.argmin([error.var() for error in errors]))
+            if errors[best].var() <= residuals[:, column].var():
+                share = partial.var() - errors[best].var()
+                is_named = is_driver[pair, column].any() or share > LEAST_SHARE
+                is_driver[pair, column] = is_named & (np.arange(2) == best)
+                residuals[:, column] = errors[best]
     together = np.abs(correlation[:, :count])
     np.fill_diagonal(together, 0.0)
     return RankDrivers(
@@ -85,8 +105,19 @@ def rank_drivers(inputs: Floats, outputs: Floats, confidence: float = 0.95) -> R
         moves_with=split_partners(is_driver, np.abs(srrc), together, _PARTNERS, _TWINS),
         found=is_driver,
         explained=explained,
-        residuals=y - x @ slopes,
+        residuals=residuals,
     )
+
+
+def _monotonic_errors(inputs: Floats, values: Floats) -> Floats:
+    """Return the errors of an increasing or decreasing curve, whichever are smaller."""
+    from scipy.optimize import isotonic_regression
+
+    order = np.argsort(inputs, kind="stable")
+    curves = [isotonic_regression(values[order], increasing=up).x for up in (True, False)]
+    errors = values.copy()
+    errors[order] -= max(curves, key=np.var)
+    return errors
 
 
 def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:

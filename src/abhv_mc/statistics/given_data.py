@@ -5,18 +5,20 @@ analysis: a novel generation of mighty estimators based on rank statistics", Ber
 an input determines the output, flights with neighbouring values of the input have similar outputs.
 The interaction of two inputs is the variance between the cells of a two-dimensional grid that its
 rows and columns do not explain. The total index is the first-order index plus the indices of the
-input's significant pairs. Outputs are replaced by their ranks, so early terminations and heavy
-tails need not be excluded.
+input's significant pairs. If few flights contain most of the variance, as after rare early
+terminations, the p-values of significant pairs are counted in permutations, because the asymptotic
+distribution does not apply.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
+from abhv_mc.statistics.ranks import discoveries, split_partners
 
 FALSE_DISCOVERY_RATE = 0.005
 LEAST_SHARE = 0.1  # smallest share of the variance at which an input is reported
@@ -24,56 +26,75 @@ FEWEST_FLIGHTS = 200
 _CELL = 12  # approximate number of flights in each cell of a pair's grid
 _MOST_CELLS = 8  # maximum number of grid cells along each input
 _PARTNERS = 0.3  # rank correlation above which two inputs cannot be distinguished
+# effective number of flights, by their shares of the variance, below which scores are permuted
+_SMALL_GROUP = 300.0
+_PERMUTATIONS = 5000
+_EXCEEDANCES = 10  # number of exceedances at which permutations stop (Besag & Clifford 1991)
 
 
 @dataclass(frozen=True)
 class GivenDataIndices:
-    """Shares [input, output] of each output's rank variance; NaN for a constant output."""
+    """Shares [input, output] of unit variance; NaN for a constant output."""
 
     first: Floats  # share due to the input alone
     total: Floats  # share due to the input alone and in pairs
-    p_value: Floats  # p-value of the hypothesis that the input has no effect
     # whether each input drives the output, at FALSE_DISCOVERY_RATE over all tests
     found: NDArray[np.bool_]
-    # index of the driver with which an input is correlated; -1 for none
-    moves_with: NDArray[np.intp]
     # index of the second input in the strongest pair; -1 if pairs add nothing
     partner: NDArray[np.intp]
 
 
-def given_data_indices(inputs: Floats, outputs: Floats) -> GivenDataIndices | None:
-    """Return the Sobol indices of `inputs` for `outputs`; None if there are too few flights.
+def given_data_indices(inputs: Floats, scores: Floats) -> GivenDataIndices | None:
+    """Return the Sobol indices of `inputs` for `scores`; None if there are too few flights.
 
-    `inputs` has shape [flight, input]; `outputs` has shape [flight, output] and may contain
-    infinities. At least FEWEST_FLIGHTS flights are needed. The shares of constant inputs are zero.
+    `inputs` has shape [flight, input]. `scores` [flight, output] are standardized ranks or their
+    residuals, with zero mean; their variance is the sum of all shares. At least FEWEST_FLIGHTS
+    flights are needed. The shares of constant inputs are zero.
     """
     flights, count = inputs.shape
-    if flights < FEWEST_FLIGHTS or not count or not outputs.shape[1]:
+    if flights < FEWEST_FLIGHTS or not count or not scores.shape[1]:
         return None
-    y = standard_ranks(outputs)
-    moving = y.any(axis=0)
-    ranks = np.argsort(np.argsort(inputs, axis=0, kind="stable"), axis=0)
+    spread = scores.std(axis=0)
+    moving = spread > 1e-6
+    y = np.where(moving, scores / np.where(moving, spread, 1.0), 0.0)
+    order = np.argsort(inputs, axis=0, kind="stable")
+    ranks = np.argsort(order, axis=0)
     varying = np.ptp(inputs, axis=0) > 0.0
-    first = np.zeros((count, y.shape[1]))
+    first, p_alone = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
     for j in np.flatnonzero(varying).tolist():
-        along = y[np.argsort(inputs[:, j], kind="stable")]
-        first[j] = np.mean(along * np.roll(along, -1, axis=0), axis=0)
-    # For unrelated ranks, the mean is -1/(n-1) and the variance 1/n (Wald & Wolfowitz 1943).
-    p_alone = 1.0 - ndtr((first + 1.0 / (flights - 1)) * np.sqrt(flights))
+        along = y[order[:, j]]
+        products = along * np.roll(along, -1, axis=0)
+        first[j] = products.mean(axis=0)
+        # For unrelated scores, the mean is -1/(n-1) and the variance 1/n (Wald & Wolfowitz 1943),
+        # or more if few flights contain most of the variance.
+        deviation = np.sqrt(np.maximum(np.mean(products**2, axis=0), 1.0) / flights)
+        p_alone[j] = 1.0 - ndtr((first[j] + 1.0 / (flights - 1)) / deviation)
     together = np.abs(np.corrcoef(ranks.T)) if count > 1 else np.ones((1, 1))
     np.fill_diagonal(together, 0.0)
     added, partner, p_pair = _pairs(ranks, y, varying, together)
     p_value = np.where(
         moving & varying[:, None], np.minimum(2.0 * np.minimum(p_alone, p_pair), 1.0), np.nan
     )
-    first = np.where(moving, np.maximum(first, 0.0), np.nan)
-    total = np.minimum(first + added, 1.0)
+    first = np.where(moving, np.maximum(first, 0.0), np.nan) * spread**2
+    total = np.minimum(first + added * spread**2, spread**2)
     is_driver = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
         is_driver &= total > LEAST_SHARE
-    moves_with = split_partners(is_driver, total, together, _PARTNERS, _PARTNERS)
-    return GivenDataIndices(
-        first, total, p_value, is_driver, moves_with, np.where(moving, partner, -1)
+    split_partners(is_driver, total, together, _PARTNERS, _PARTNERS)
+    return GivenDataIndices(first, total, is_driver, np.where(moving, partner, -1))
+
+
+def _interactions(sums: Floats, size: Floats) -> tuple[Floats, Floats]:
+    """Return the variation between cells that rows and columns do not explain, and within cells.
+
+    `sums` [..., cell, cell] and `size` contain the sum of the scores and the number of flights.
+    """
+    by_row, by_column = sums.sum(axis=-1) / size.sum(axis=-1), sums.sum(axis=-2) / size.sum(axis=-2)
+    interaction = sums / size - by_row[..., :, None] - by_column[..., None, :]
+    inside = size - sums**2 / size
+    least = 1e-9 * size.sum(axis=(-2, -1))
+    return np.sum(size * interaction**2, axis=(-2, -1)), np.maximum(
+        inside.sum(axis=(-2, -1)), least
     )
 
 
@@ -103,15 +124,22 @@ def _pairs(
         sums = (marks.T @ (marks * y[:, [column]])).reshape(count, cells, count, cells)[
             first, :, second, :
         ]
-        by_row, by_column = sums.sum(axis=2) / size.sum(axis=2), sums.sum(axis=1) / size.sum(axis=1)
-        interaction = sums / size - by_row[:, :, None] - by_column[:, None, :]
-        square = np.sum(size * interaction**2, axis=(1, 2))
-        left = np.maximum(flights - np.sum(sums**2 / size, axis=(1, 2)), 1e-9 * flights)
-        variance = left / (flights - cells**2)
+        square, remainder = _interactions(sums, size)
+        variance = remainder / (flights - cells**2)
         share = np.maximum(square - freedom * variance, 0.0) / flights
-        p_values = np.minimum(
-            chdtrc(freedom, square / variance) * (count - 1), 1.0
-        )  # Each input belongs to count - 1 pairs.
+        p_values = chdtrc(freedom, square / variance)
+        is_small = np.mean(y[:, column] ** 4) * _SMALL_GROUP > flights
+        for k in np.flatnonzero(is_small & (p_values <= FALSE_DISCOVERY_RATE)).tolist():
+            cell = bins[:, first[k]] * cells + bins[:, second[k]]
+            draw, tried, exceedances = np.random.default_rng(0), 0, 0
+            while tried < _PERMUTATIONS and exceedances < _EXCEEDANCES:
+                permuted: Any = np.bincount(cell, draw.permutation(y[:, column]), cells**2)
+                ratio = np.divide(*_interactions(permuted.reshape(cells, cells), size[k]))
+                exceedances += ratio >= square[k] / remainder[k] - 1e-12
+                tried += 1
+            if exceedances:  # Otherwise, the asymptotic p-value is smaller than can be counted.
+                p_values[k] = exceedances / tried
+        p_values = np.minimum(p_values * (count - 1), 1.0)  # Each input is in count - 1 pairs.
         real = p_values <= FALSE_DISCOVERY_RATE
         for input_index, partner_index in ((first, second), (second, first)):
             np.add.at(added[:, column], input_index[real], share[real])

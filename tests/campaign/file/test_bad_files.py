@@ -29,7 +29,7 @@ TABLE = [
     ("no_effect", 10, 3, ["'aero.side_force.elevator'"]),
     ("missing_controller", 4, 20, ["tcl.yaml' "]),
     ("empty_range", 9, 63, [" 1.1 ", " 0.9"]),
-    ("not_positive_definite", 13, 3, ["definite"]),
+    ("not_positive_definite", 13, 3, ["definite", "normal: "]),
     ("everything_at_once", 3, 10, [f":{line}: " for line in ("5:1", "6:7", "11:60")]),
     ("all_that_does_not_fit", 7, 3, [f":{line}: " for line in ("8:50", "10:14", "11:82", "12:42")]),
     ("rate", 12, 26, ["33 Hz"]),

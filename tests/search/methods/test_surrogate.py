@@ -5,6 +5,7 @@ import re
 import numpy as np
 import openturns as ot
 import pytest
+from scipy import stats
 from scipy.optimize import approx_fprime
 from search.methods import known_probabilities as known
 
@@ -88,10 +89,25 @@ def test_right_within_its_interval(case):
     assert (case.severity(result.failures) > case.threshold).mean() > 0.9
 
 
+@pytest.mark.parametrize(("step", "is_refused"), [(0.5, True), (0.1, True), (0.02, False)])
+def test_steps_of_the_metric_widen_the_interval_or_end_the_search(step, is_refused):
+    """Intervals of metrics with steps were narrow and entirely below the probability."""
+
+    def severity(u):
+        return np.floor(u.sum(axis=1) / 2.0**0.5 / step + 1e-9) * step
+
+    result = estimate_by_surrogate(severity, SubsetPlan(2, 3.5 - 0.01 * step, 5))
+    if is_refused:
+        assert "steps" in result.refusal and result.flights < 80
+    else:
+        assert result.refusal is None and result.low <= stats.norm.sf(3.5) <= result.high
+    assert result.plain == (0, 20) and result.unwarned_high == pytest.approx(1.0 - 0.05**0.05)
+
+
 @pytest.mark.thorough
 def test_no_estimate_where_neighbours_say_nothing_of_each_other():
     case = known.Case(
         "noise", 2, lambda u: np.sin(1e4 * u[:, 0]) + np.cos(1e4 * u[:, 1]) - 1.0, 0.0, 0.25
     )
     result = estimate(case, 1, runs=64)
-    assert re.search(r" 58 .* \d\S* .* \d", result.refusal)  # flights, and the range
+    assert re.search(r" 62 .* \d\S* .* \d", result.refusal)  # flights, and the range

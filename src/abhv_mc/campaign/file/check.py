@@ -31,6 +31,7 @@ from abhv_mc.campaign.file.user_metrics import (
     find_user_channels,
     read_metrics_file,
 )
+from abhv_mc.campaign.sampling.correlations import is_discrete, normal_correlation
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED, Derived, compile_derived
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
@@ -38,7 +39,6 @@ from abhv_mc.campaign.sampling.designs import (
     Copula,
     count_flights,
     make_copula,
-    normal_correlation,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
@@ -151,7 +151,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
-    copula = _make_copula(document, model, names, errors)
+    copula, document = _make_copula(document, model, names, marginals, errors)
     derived = check_derived(document, model, parameters, errors)
     user_channels = find_user_channels(model.channels) if model.channels else ()
     if own:
@@ -358,9 +358,19 @@ def _make_marginals(
 
 
 def _make_copula(
-    document: Document, model: Campaign, names: Sequence[str], errors: list[InputError]
-) -> Copula:
+    document: Document,
+    model: Campaign,
+    names: Sequence[str],
+    marginals: Mapping[str, Marginal],
+    errors: list[InputError],
+) -> tuple[Copula, Document]:
+    """Return the copula, and the document with the solved correlations of discrete inputs.
+
+    A folder with samples of other correlations is therefore not extended.
+    """
     pairs: dict[tuple[str, str], float] = {}
+    nothing = Copula((), np.eye(0)), document
+    entries = [*document.entries.get("correlations", ())]
     for i, entry in enumerate(model.correlations):
         for j, name in enumerate(entry.between):
             if name not in names:
@@ -388,9 +398,16 @@ def _make_copula(
                     "each pair only once",
                 )
             )
-        pairs[pair] = (
-            normal_correlation(entry.rank) if entry.rank is not None else float(entry.normal or 0.0)
-        )
+        pairs[pair] = entry.normal or 0.0
+        if entry.rank is not None and marginals.keys() >= set(pair):
+            both = [marginals[name] for name in pair]
+            try:
+                pairs[pair] = normal_correlation(entry.rank, both)
+            except Refusal as refusal:
+                where = ("correlations", i, *refusal.keys)
+                errors.append(document.error(where, refusal.found, refusal.expected))
+            if is_discrete(both):
+                entries[i] = {"between": [*entry.between], "normal": pairs[pair]}
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
         problem = f"the design '{model.sampling.design}' does not permit correlations"
         errors.append(
@@ -399,17 +416,14 @@ def _make_copula(
             )
         )
     if errors:
-        return Copula((), np.eye(0))
+        return nothing
+    if entries:
+        document = replace(document, data=document.entries | {"correlations": entries})
     try:
-        return make_copula(names, pairs)
-    except np.linalg.LinAlgError:
-        problem = "the correlation matrix is not positive definite"
-        errors.append(
-            document.error(
-                ("correlations",), problem, "correlations that are consistent with each other"
-            )
-        )
-        return Copula((), np.eye(0))
+        return make_copula(names, pairs), document
+    except Refusal as refusal:
+        errors.append(document.error(("correlations",), refusal.found, refusal.expected))
+        return nothing
 
 
 def _declare_metrics(

@@ -12,12 +12,10 @@ number of flights; for ``corners``, ``grid`` and ``one_at_a_time``, the paramete
 number.
 
 A Gaussian copula correlates samples and preserves the marginals: the Cholesky factor of the
-correlation matrix combines the standard normal variables of a flight. A rank correlation
-(Spearman's rho) corresponds to the normal correlation 2 sin(pi rho / 6) (Kruskal, JASA 53, 1958).
+correlation matrix combines the standard normal variables of a flight.
 """
 
 import hashlib
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.sampling.correlations import nearest_valid
+from abhv_mc.io.documents import Refusal
 from abhv_mc.plant.parameters import OURS, Parameters
 
 INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
@@ -180,17 +180,20 @@ _COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
 }
 
 
-def normal_correlation(rank_correlation: float) -> float:
-    """Return the correlation of normal variables with a given rank correlation."""
-    return 2.0 * math.sin(math.pi / 6.0 * rank_correlation)
-
-
 @dataclass(frozen=True)
 class Copula:
     """Gaussian copula: columns and the Cholesky factor of their correlation matrix."""
 
     columns: tuple[int, ...]
     factor: Floats  # [column, column]
+
+    def correlations(self, count: int) -> Floats:
+        """Return the correlation matrix of the normal variables of `count` columns."""
+        matrix = np.eye(count)
+        if self.columns:
+            matrix[np.ix_(self.columns, self.columns)] = self.factor @ self.factor.T
+            matrix[np.abs(matrix) < 1e-12] = 0.0
+        return matrix
 
     def apply(self, probabilities: Floats) -> Floats:
         """Return correlated probabilities [flight, parameter].
@@ -215,7 +218,7 @@ class Copula:
 def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Copula:
     """Return the copula with the given pairwise correlations of normal variables.
 
-    Raise numpy.linalg.LinAlgError if the matrix is not positive definite.
+    Raise Refusal with the nearest valid correlations if the matrix is not positive definite.
     """
     columns = tuple(i for i, name in enumerate(names) if any(name in pair for pair in pairs))
     index = {names[column]: row for row, column in enumerate(columns)}
@@ -223,7 +226,9 @@ def make_copula(names: Sequence[str], pairs: dict[tuple[str, str], float]) -> Co
     for (first, other), value in pairs.items():
         matrix[index[first], index[other]] = matrix[index[other], index[first]] = value
     if columns and np.linalg.eigvalsh(matrix)[0] < 1e-9:
-        raise np.linalg.LinAlgError("not positive definite")
+        valid = nearest_valid([names[column] for column in columns], matrix)
+        problem = "the matrix of normal correlations is not positive definite"
+        raise Refusal(problem, f"the nearest valid correlation: {valid}")
     return Copula(
         columns, np.asarray(np.linalg.cholesky(matrix) if columns else matrix, np.float64)
     )

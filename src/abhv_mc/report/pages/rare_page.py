@@ -93,7 +93,7 @@ def _answers(result: RareFound) -> Records:
             if result.noise_share is None
             else f"{percent(result.noise_share, 2)} of the variance of the severity ranks",
         ),
-        ("Assumption", "smooth metric; no failures far from all flights" * is_surrogate),
+        ("Assumption", "smooth metric" * is_surrogate),
         ("Separate regions", "sought in random directions; some may remain" * is_looked),
         ("Counted as failures", _not_run(result.failed_to_run)),
     ]

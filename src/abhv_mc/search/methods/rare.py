@@ -84,10 +84,9 @@ class RareEstimate:
     def unwarned_high(self) -> float | None:
         """One-sided 95 % upper bound on the probability of failures without warning.
 
-        The bound is computed from the first levels of the repetitions; it is None if there are no
-        repetitions.
+        The bound is computed from the plain flights; it is None if there are none.
         """
-        return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.repetitions else None
+        return clopper_pearson(*self.plain, 2.0 * CONFIDENCE - 1.0)[1] if self.plain[1] else None
 
     def include_unwarned(self) -> "RareEstimate":
         """Return the estimate with an interval that includes failures without warning."""

@@ -28,11 +28,15 @@ from abhv_mc.search.methods.second_opinion import Mixture, choose_mixture, find_
 from abhv_mc.search.methods.subset import SubsetPlan, run_subset
 
 MOST_DIMENSIONS = 10
-FEWEST_RUNS = 64
+FEWEST_RUNS = 80
 BATCH = 8  # number of runs that are evaluated in parallel
 _PLACE = 1 << 23  # key of the random numbers
 # number of points in the first design: constant part, and points per dimension
 _FIRST, _FIRST_OF_DIMENSION = 12, 3
+PLAIN = 20  # number of plain Monte Carlo flights that follow the first design
+# number of values nearest to the limit at which the step of a metric is measured, and number of
+# consecutive batches after which a metric with large steps is rejected
+_LEVELS, _STEPPED = 10, 3
 # standard deviation of the first design, larger than 1 because failures are far from the mean
 _FIRST_SPREAD = 2.0
 # number of starting points of the first fit; later fits start at the last optimum and at one other
@@ -71,6 +75,12 @@ class SurrogateEstimate(RareEstimate):
 
     steps: tuple[Step, ...]
     candidates: Floats  # sample of the points that the fits predict to fail [point, dimension]
+    plain_failures: int
+
+    @property
+    def plain(self) -> tuple[int, int]:
+        """Failure and flight counts of the plain Monte Carlo flights."""
+        return self.plain_failures, PLAIN
 
     @property
     def failures(self) -> Floats:
@@ -117,38 +127,54 @@ def estimate_by_surrogate(
     The severity must be a smooth function of the point. The search has converged if two consecutive
     intervals overlap and are not wider than the interval of a normally distributed estimate with
     the coefficient of variation `target_cov`. The estimate is rejected if convergence takes more
-    than `runs` evaluations or if no evaluated flight failed.
+    than `runs` evaluations or if no evaluated flight failed. If severities have steps, the interval
+    extends from one step above to one step below the threshold; the estimate is rejected if this
+    alone is too wide in consecutive batches.
     """
     key, dimension = (plan.seed, _PLACE), plan.dimension
     number = _FIRST + _FIRST_OF_DIMENSION * dimension
-    points = _spread_points(number, dimension, make_generator(*key, 0))
+    generator = make_generator(*key, 0)
+    points = _spread_points(number, dimension, generator)
+    points = np.vstack([points, generator.standard_normal((PLAIN, dimension))])
     severities = evaluate(points) - plan.threshold
     fits: list[GaussianProcess] = []
     steps: list[Step] = []
-    fitted = narrow_steps = 0
+    fitted = narrow_steps = wide_steps = 0
     widest = np.exp(2.0 * _SIGMAS * target_cov)
+    # ratio of the probabilities one step below and above the threshold, without sampling error
+    widest_step = widest / np.exp(2.0 * _SIGMAS * _HEAVY / np.sqrt(_FAILING))
     while True:
         generator = make_generator(*key, len(points))
-        values = _scale(severities, number)
+        values, shift = _scale(severities, number)
         is_last = len(points) + BATCH > runs
         if narrow_steps or is_last or len(points) >= _REFIT * fitted:
             fits = _fit(points, values, fits, generator)
             fitted = len(points)
         else:
             fits = [condition(points, values, fit.smooth, fit.logs) for fit in fits]
-        candidates = _draw_candidates(fits, plan, generator, narrow_steps > 0 or is_last)
-        step = _judge(candidates, severities)
+        candidates = _draw_candidates(fits, plan, generator, shift, narrow_steps > 0 or is_last)
+        step = _judge(candidates, severities, shift)
         steps.append(step)
         is_narrow = step.failures > 0 and step.high <= widest * step.low
         overlaps = narrow_steps > 0 and step.low <= steps[-2].high and steps[-2].low <= step.high
         narrow_steps = (2 if overlaps else 1) if is_narrow else 0
-        if narrow_steps == 2 or is_last:
+        is_stepped = all(
+            candidates.chance(mean + shift)[0] > widest_step * candidates.chance(mean - shift)[0]
+            for mean in candidates.means
+        )
+        wide_steps = wide_steps + 1 if is_stepped else 0
+        if narrow_steps == 2 or wide_steps == _STEPPED or is_last:
             break
         batch = _choose(fits, candidates, generator)
         points = np.vstack([points, batch])
         severities = np.r_[severities, evaluate(batch) - plan.threshold]
     refusal = None
-    if not step.failures:
+    if wide_steps == _STEPPED:
+        refusal = (
+            "the metric has large steps: one step below and above the limit, the fits range from "
+            f"{step.low:.1g} to {step.high:.1g}"
+        )
+    elif not step.failures:
         refusal = f"none of the {counted(step.runs, 'flight')} failed"
     elif narrow_steps < 2:
         refusal = (
@@ -174,6 +200,7 @@ def estimate_by_surrogate(
         refusal=refusal,
         steps=tuple(steps),
         candidates=picked,
+        plain_failures=int((severities[number : number + PLAIN] > 0.0).sum()),
     )
 
 
@@ -199,12 +226,19 @@ def _spread_points(number: int, dimension: int, generator: np.random.Generator) 
     return np.asarray(_FIRST_SPREAD * ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)))
 
 
-def _scale(severities: Floats, first: int) -> Floats:
-    """Return dimensionless severities [point], linear near zero and logarithmic elsewhere."""
+def _scale(severities: Floats, first: int) -> tuple[Floats, float]:
+    """Return dimensionless severities [point], and their step near zero if any are equal, or 0.
+
+    The scale is linear near zero and logarithmic elsewhere.
+    """
     inside = -severities[:first][severities[:first] < 0.0]
-    scale = np.median(inside) if inside.size else 1.0
-    values = np.arcsinh(np.clip(severities / scale, -_LARGEST, _LARGEST))
-    return np.asarray(values / (values.std() or 1.0))
+    scaled = severities / (np.median(inside) if inside.size else 1.0)
+    levels = np.unique(scaled.round(9))
+    near = np.sort(levels[np.argsort(np.abs(levels))[:_LEVELS]])
+    step = float(np.diff(near).min()) if 1 < len(levels) < len(scaled) else 0.0
+    values = np.arcsinh(np.clip(scaled, -_LARGEST, _LARGEST))
+    spread = float(values.std()) or 1.0
+    return values / spread, float(np.arcsinh(step)) / spread
 
 
 def _predict(fits: list[GaussianProcess], points: Floats) -> tuple[Floats, Floats]:
@@ -216,16 +250,20 @@ def _predict(fits: list[GaussianProcess], points: Floats) -> tuple[Floats, Float
 
 
 def _draw_candidates(
-    fits: list[GaussianProcess], plan: SubsetPlan, generator: np.random.Generator, many: bool
+    fits: list[GaussianProcess],
+    plan: SubsetPlan,
+    generator: np.random.Generator,
+    shift: float,
+    many: bool,
 ) -> _Candidates:
-    """Return candidates near all points at which a fit's upper bound exceeds zero.
+    """Return candidates near all points at which a fit's upper bound exceeds -`shift`.
 
     If `many`, points are added until the effective number of failing candidates is 400.
     """
 
     def upper(points: Floats) -> Floats:
         means, sigmas = _predict(fits, points)
-        return (means + _SIGMAS * sigmas).max(axis=0)
+        return (means + _SIGMAS * sigmas).max(axis=0) + shift
 
     seed = int(generator.integers(1 << 62))
     plan = SubsetPlan(plan.dimension, 0.0, seed, _CHAINS if many else _CHAINS // 2)
@@ -259,14 +297,14 @@ def _add_tails(mixture: Mixture) -> Mixture:
     )
 
 
-def _judge(candidates: _Candidates, severities: Floats) -> Step:
-    """Return the estimate after a batch; its interval covers the intervals of all fits."""
+def _judge(candidates: _Candidates, severities: Floats, shift: float) -> Step:
+    """Return the estimate after a batch; its interval covers all fits at limits +-`shift`."""
     chances, lows, highs = [], [], []
     for mean, sigma in zip(candidates.means, candidates.sigmas, strict=True):
         chances.append(candidates.chance(mean)[0])
-        low, spread = candidates.chance(mean - _SIGMAS * sigma)
+        low, spread = candidates.chance(mean - _SIGMAS * sigma - shift)
         lows.append(low * np.exp(-_SIGMAS * spread))
-        high, spread = candidates.chance(mean + _SIGMAS * sigma)
+        high, spread = candidates.chance(mean + _SIGMAS * sigma + shift)
         highs.append(min(1.0, high * np.exp(_SIGMAS * spread)) if high else 1.0)
     failures = int((severities > 0.0).sum())
     return Step(len(severities), failures, tuple(chances), float(min(lows)), float(max(highs)))

@@ -9,14 +9,14 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.controller_flights import distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.drivers import (
-    FALSE_DISCOVERY_RATE,
-    LEAST_COEFFICIENT,
-    RankDrivers,
-    rank_drivers,
-)
+from abhv_mc.io.phrases import joined
+from abhv_mc.statistics.drivers import LEAST_COEFFICIENT, RankDrivers, rank_drivers
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.given_data import LEAST_SHARE, given_data_indices
+from abhv_mc.statistics.given_data import (
+    FALSE_DISCOVERY_RATE,
+    LEAST_SHARE,
+    given_data_indices,
+)
 from abhv_mc.topics.formatting import parameter_doc, percent, spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
@@ -126,7 +126,7 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
         # The time of a failure that does not occur is infinite.
         finite = finite[np.isfinite(finite)]
         folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
-    drivers = rank_drivers(np.column_stack([*inputs, *folded]), outputs)
+    drivers = rank_drivers(np.column_stack(inputs), outputs, folded=np.column_stack(folded))
     if drivers is None:
         return {}
     shares_by_metric = _given_data(results, np.column_stack(inputs), drivers)
@@ -214,11 +214,9 @@ def _given_data(
     effect.
     """
     names, metrics = list(results.dispersed), list(results.metrics)
-    unexplained = 1.0 - drivers.explained
+    variance = drivers.residuals.var(axis=0)
     chosen = [
-        c
-        for c, name in enumerate(metrics)
-        if name in results.asked and unexplained[c] > LEAST_SHARE
+        c for c, name in enumerate(metrics) if name in results.asked and variance[c] > LEAST_SHARE
     ]
     indices = (
         given_data_indices(inputs, drivers.residuals[:, chosen])
@@ -230,17 +228,16 @@ def _given_data(
     both = (2, len(names), -1)  # axis 0: parameter values, then their distances from the medians
     partner = np.any((drivers.moves_with >= 0).reshape(both), axis=0)
     partner &= ~np.any(drivers.found.reshape(both), axis=0)
-    first, total = indices.first * unexplained[chosen], indices.total * unexplained[chosen]
-    selected = indices.found & ~partner[:, chosen] & (total > LEAST_SHARE)
+    selected = indices.found & ~partner[:, chosen]
     return {
         metrics[column]: tuple(
             Share(
                 names[row],
-                float(first[row, index]),
-                float(total[row, index]),
+                float(indices.first[row, index]),
+                float(indices.total[row, index]),
                 names[indices.partner[row, index]] if indices.partner[row, index] >= 0 else None,
             )
-            for row in np.argsort(-total[:, index], kind="stable").tolist()
+            for row in np.argsort(-indices.total[:, index], kind="stable").tolist()
             if selected[row, index]
         )
         for index, column in enumerate(chosen)
