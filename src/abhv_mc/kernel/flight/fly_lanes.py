@@ -465,9 +465,9 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
 
 @lanes
 def has_functions(plan):
-    """Return whether the vehicle has custom functions, which need more rows of lane memory."""
-    code = plan.user_code
-    return code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
+    """Return whether custom functions or dispersed settings need more rows of lane memory."""
+    code, settings = plan.user_code, plan.parameters.shape[1] > s.N_PARAMETERS
+    return settings or code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
 
 @lanes
