@@ -26,7 +26,7 @@ from abhv_mc.user_code.module import Law, describe_exception, find_line
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
 
-_SOCKET = ctypes.CFUNCTYPE(
+SOCKET = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double
 )
 # line and description of the last exception of each law, by the hash of its source
@@ -57,7 +57,7 @@ class PlainLaw:
         self._memories: dict[
             int, Any
         ] = {}  # memories of the flights, by the index stored in each lane
-        self._callback = _SOCKET(self._call)
+        self._callback = SOCKET(self._call)
 
     @property
     def address(self) -> int:
