@@ -52,7 +52,6 @@ class PlainLaw:
         self._in_rows, self._remembers = memory_in_rows, "memory" in law.arguments
         self._law, self._width = law, width
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
-        self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
         self._memories: dict[
             int, Any
@@ -94,11 +93,6 @@ class PlainLaw:
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
                 self._memories[len(self._memories)] = None
-            elif (
-                lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]
-            ):  # A spare lane repeats the flight of the previous lane.
-                block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
-                continue
             number = int(block[MEMORY, lane])
             self._memories[number] = self._try_lane(
                 block, lane, self._memories[number], shared_values
