@@ -4,6 +4,7 @@
 ``Campaign``, ``open_results``,       campaigns and their results
 ``Results``
 ``fly``, ``trim``, ``simulate``       single flights, steady flight, tables of inputs
+``Plant``                             flights that are advanced step by step
 ``margins``, ``linearize``,           stability margins and linear models
 ``fly_on``, ``LinearModel``,
 ``StateSpace``
@@ -30,9 +31,9 @@ _MODULES = ("extend", "plots", "statistics", "topics")
 # functions that other packages register in the entry point group abhv_mc.functions
 _ADDED = ("tune",)
 __all__ = [
-    "Campaign", "InputError", "InputErrors", "LinearModel", "Results", "StateSpace", "__version__",
-    "compare", "extend", "fly", "fly_on", "linearize", "margins", "open_results", "plots", "rare",
-    "simulate", "statistics", "topics", "trim", "tune", "worst",
+    "Campaign", "InputError", "InputErrors", "LinearModel", "Plant", "Results", "StateSpace",
+    "__version__", "compare", "extend", "fly", "fly_on", "linearize", "margins", "open_results",
+    "plots", "rare", "simulate", "statistics", "topics", "trim", "tune", "worst",
 ]  # fmt: skip
 
 

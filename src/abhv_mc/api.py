@@ -18,6 +18,7 @@ from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.one_flight.fly_once import fly
 from abhv_mc.one_flight.given import check_mapping, write_inputs
 from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
+from abhv_mc.one_flight.plant import Plant, PlantState
 from abhv_mc.one_flight.trim_table import trim
 from abhv_mc.requests import (
     Paths,
@@ -43,6 +44,8 @@ __all__ = [
     "InputError",
     "InputErrors",
     "LinearModel",
+    "Plant",
+    "PlantState",
     "Results",
     "StateSpace",
     "compare",

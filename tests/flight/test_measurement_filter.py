@@ -8,6 +8,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc.one_flight.fly_once import fly as fly_table
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import find_input
@@ -112,7 +113,7 @@ question: What does its gain change?
 vehicle: {find_input("abhv", "vehicle")}
 mission: {find_input("level", "mission")}
 controllers: {{own: own.yaml, lqr: {find_input("lqr", "control")}}}
-runs: 3
+runs: 40
 dispersions:
   law.gain: {{distribution: uniform, half_width: 50 %}}
 """,
@@ -120,7 +121,7 @@ dispersions:
     )
     campaign = read_campaign(file)
     assert campaign.parameters["law.gain"].nominal == 2.0
-    rows = campaign.rows(campaign.make_samples().draw(0, 3))
+    rows = campaign.rows(campaign.make_samples().draw(0, 40))
     plans = make_plans(campaign, campaign.controllers, prepare)
     own, lqr = (fly(cut(plans[name], 20), rows, 10) for name in ("own", "lqr"))
     names = [channel.name for channel in plans["own"].channels]
@@ -131,3 +132,7 @@ dispersions:
     nominal = fly(cut(plans["own"], 20), nominal_parameters(), 10)
     command = np.deg2rad(nominal.history[0, 1, names.index("elevator_command_deg")])
     assert command == pytest.approx(0.02, rel=1e-6)
+    # The setting follows its flight when lanes are reassigned.
+    longer = cut(plans["own"], COMPACTION + 50)
+    alone = fly(longer, rows[:1], 50)
+    np.testing.assert_array_equal(fly(longer, rows, 50).history[0], alone.history[0])

@@ -424,3 +424,31 @@ def test_wrong_settings_are_said_with_file_line_and_column(make, tmp_path, setti
         make(CASCADE.format(compiled=""), settings)
     assert str(caught.value).startswith(f"{tmp_path / 'law.yaml'}:{place}: ")
     assert all(name in str(caught.value) for name in named)
+
+
+COUNTS = """
+from abhv_mc.extend import Command, controller
+
+class Memory:
+    made = 0
+
+    def __init__(self):
+        type(self).made += 1
+        self.calls = 0
+
+@controller(compiled=False)
+def law(reference, memory):
+    memory.calls += 1
+    with open("{file}", "a") as file:
+        file.write(f"{{Memory.made}} {{memory.calls}}\\n")
+    return Command(0.0, 0.0, reference.elevator, reference.equivalence_ratio), memory
+"""
+
+
+def test_a_plain_law_is_called_once_for_each_flight_and_tick(make, tmp_path):
+    plan = make(COUNTS.format(file=tmp_path / "calls.txt"), seconds=0.1)
+    calls = tmp_path / "calls.txt"
+    calls.write_text("")  # without the calls that check the law
+    fly(plan, nominal_parameters(3))  # three equal flights
+    assert len(calls.read_text().split("\n")) - 1 == 3 * 11
+    assert calls.read_text().split()[-1] == "11"

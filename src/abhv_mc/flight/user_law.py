@@ -80,8 +80,7 @@ def open_law(
             runner = PlainLaw(law, gains, width, memory_in_rows, effectors)
         address = int(runner.address)
     elif plan.law in NATIVE:
-        # Flights that start later reuse the lanes of ended flights.
-        lanes = -(-max(min(flights, TOGETHER), 1) // width) * width
+        lanes = max(min(flights, TOGETHER), 1)  # Later flights reuse the memory of ended flights.
         memory = len(native_memory(plan)) if memory_in_rows else None
         gains, n_measured = tuple(plan.gain_names.tolist()), measured_count(plan)
         runner = _find_backend(plan.law, plan_source(plan).file).open(

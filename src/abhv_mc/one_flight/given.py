@@ -77,7 +77,7 @@ def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
     if kind != "control":
         raise InputError(kind, "found a function", "a name, a path or a mapping")
     text = make_law_text(law)
-    folder = _temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
+    folder = temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
     folder.mkdir(exist_ok=True)
     file = folder / f"{law.__name__}.py"
     file.write_text(text, encoding="utf-8")
@@ -87,7 +87,7 @@ def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
 
 
 @functools.cache
-def _temporary_folder() -> Path:
+def temporary_folder() -> Path:
     """Return a folder that is deleted when this process ends."""
     folder = tempfile.mkdtemp(prefix="abhv-mc-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -1,6 +1,6 @@
 """Loop over lanes that calls native code, used for laws in C and FMUs."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from textwrap import indent
 from typing import Any, NamedTuple
 
@@ -61,7 +61,7 @@ def build_native(
 if Z[{FAULT * width} + lane] > 0.0:
     continue
 number, total, failed = lane, 0.0, 0
-{_find_place(width, *slot, (*written, FAULT)) if slot else ""}
+{_find_place(width, *slot) if slot else ""}
 {body}
 if {bad}:
     Z[{FAULT * width} + lane] = {LAW_FAILED}
@@ -82,18 +82,12 @@ elif total - total != 0.0:
     return build_loop("native", text, names_of_loop | names)
 
 
-def _find_place(width: int, following: int, n_states: str, rows: Iterable[int]) -> str:
-    slot = f"Z[{MEMORY * width} + lane"
-    repeat = "\n".join(
-        f"        {lane_of(width, row)} = {lane_of(width, row)[:-1]} - 1]" for row in rows
-    )
+def _find_place(width: int, following: int, n_states: str) -> str:
+    slot = f"Z[{MEMORY * width} + lane]"
     return f"""\
 if tick == 0:
     number = context[{following}]
     context[{following}] = (number + 1) % {n_states}
-    {slot}] = number
+    {slot} = number
 else:
-    number = int({slot}])
-    if lane > 0 and {slot}] == {slot} - 1]:  # a spare lane that repeats a flight
-{repeat}
-        continue"""
+    number = int({slot})"""

@@ -26,7 +26,7 @@ from abhv_mc.user_code.module import Law, describe_exception, find_line
 from abhv_mc.user_code.unpack import in_its_folder
 from abhv_mc.user_code.watch import watching
 
-_SOCKET = ctypes.CFUNCTYPE(
+SOCKET = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double
 )
 # line and description of the last exception of each law, by the hash of its source
@@ -52,12 +52,11 @@ class PlainLaw:
         self._in_rows, self._remembers = memory_in_rows, "memory" in law.arguments
         self._law, self._width = law, width
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
-        self._rows = [*COMMAND_ROWS, *self._effectors.values()]
         self._gains, self._commands = split_columns(gains)
         self._memories: dict[
             int, Any
         ] = {}  # memories of the flights, by the index stored in each lane
-        self._callback = _SOCKET(self._call)
+        self._callback = SOCKET(self._call)
 
     @property
     def address(self) -> int:
@@ -94,11 +93,6 @@ class PlainLaw:
             if tick == 0:
                 block[MEMORY, lane] = len(self._memories)
                 self._memories[len(self._memories)] = None
-            elif (
-                lane > 0 and block[MEMORY, lane] == block[MEMORY, lane - 1]
-            ):  # A spare lane repeats the flight of the previous lane.
-                block[[*self._rows, FAULT], lane] = block[[*self._rows, FAULT], lane - 1]
-                continue
             number = int(block[MEMORY, lane])
             self._memories[number] = self._try_lane(
                 block, lane, self._memories[number], shared_values

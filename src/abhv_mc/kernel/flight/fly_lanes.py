@@ -15,7 +15,13 @@ from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.flight.counting import count_tick, finish_counting
 from abhv_mc.kernel.flight.derived import derive, follow_ripples
 from abhv_mc.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC
-from abhv_mc.kernel.flight.memory import Z_ROWS, has_width, restore_lanes, save_lane
+from abhv_mc.kernel.flight.memory import (
+    Z_ROWS,
+    end_spare_lanes,
+    has_width,
+    restore_lanes,
+    save_lane,
+)
 from abhv_mc.kernel.flight.navigation import measure_air, measure_more, navigate
 from abhv_mc.kernel.flight.observe import (
     check_limits,
@@ -465,9 +471,9 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
 
 @lanes
 def has_functions(plan):
-    """Return whether the vehicle has custom functions, which need more rows of lane memory."""
-    code = plan.user_code
-    return code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
+    """Return whether custom functions or dispersed settings need more rows of lane memory."""
+    code, settings = plan.user_code, plan.parameters.shape[1] > s.N_PARAMETERS
+    return settings or code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
 
 @lanes
@@ -490,6 +496,7 @@ def start_lanes(plan, memory, width, find, flights, n):
     leave_effectors(Z, width, plan.vehicle)
     start_active(plan, memory, width, find(Z, width, plan))
     start_observing(Z, memory.O, width, plan.counted)
+    end_spare_lanes(memory, width, n)
 
 
 @lanes

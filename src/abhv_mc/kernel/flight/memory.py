@@ -8,7 +8,7 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.laws.trim_lookup import TrimCells, make_trim_cells
-from abhv_mc.kernel.laws.user import MEMORY, ONBOARD
+from abhv_mc.kernel.laws.user import FAULT, MEMORY, ONBOARD
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.aerodynamics import TableCells, make_cells
 from abhv_mc.kernel.plant.effectors import A_ROWS
@@ -94,7 +94,7 @@ def save_lane(memory, lane, row, driven, custom, own):
 
 @lanes
 def restore_lanes(memory, width, saved, first, n, driven, custom, own):
-    """Restore flights from ``saved`` [flight, SAVED_ROWS]; spare lanes repeat the last flight."""
+    """Restore flights from ``saved`` [flight, SAVED_ROWS]; see :func:`end_spare_lanes`."""
     for lane in range(width):
         row = saved[first + min(lane, n - 1)]
         for i in range(s.CUSTOM_STATE if not custom else s.LAW):
@@ -108,3 +108,12 @@ def restore_lanes(memory, width, saved, first, n, driven, custom, own):
         if driven:
             for i in range(A_ROWS):
                 memory.A[i, lane] = row[Z_ROWS + O_ROWS + i]
+    end_spare_lanes(memory, width, n)
+
+
+@lanes
+def end_spare_lanes(memory, width, n):
+    """Mark the lanes from ``n`` as ended; they repeat a flight, but no law is called for them."""
+    for lane in range(n, width):
+        memory.O[observe.ALIVE, lane] = 0.0
+        memory.Z[FAULT, lane] = 1.0

@@ -83,6 +83,7 @@ def check_limits(Z, O, width, observed, states, tick):
         O[END, lane] = float(tick) if alive > 0.0 else O[END, lane]
         O[SAMPLES, lane] += counts
         O[ALIVE, lane] = 0.0 if ends else alive
+        Z[FAULT, lane] = verdict if ends else Z[FAULT, lane]  # ends the calls of the law
         Z[s.COUNTED, lane] = counts
         ended += 1.0 if ends else 0.0
     return ended
