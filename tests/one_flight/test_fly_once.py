@@ -111,6 +111,7 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
 WRONG = [
     (abhv_mc.fly, {"dispersions": {"aero.darg": 1.1}}, r"parameter 'aero\.darg'.*aero\.drag"),
     (abhv_mc.fly, {"dispersions": {"wind.north": "10 kg"}}, r"wind\.north"),
+    (abhv_mc.fly, {"dispersions": {"atmosphere.temperature": 280}}, "difference"),
     *(
         (abhv_mc.fly, {"dispersions": {"aero.lift": x}}, r"aero\.lift")
         for x in (math.nan, -math.inf, None, True)

@@ -38,6 +38,7 @@ from abhv_mc.io.documents import (
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import Fraction, Time
 from abhv_mc.kernel.flight.counting import MAX_DECLARED, Statistic
+from abhv_mc.kernel.laws.user import MAX_CHANNELS
 from abhv_mc.user_code.source import compile_text, read_source
 
 STATISTICS = tuple(statistic.word for statistic in Statistic)
@@ -292,6 +293,9 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                     ):
                         found_name = f"the name '{node.name}' is reserved by the program"
                         raise InputError(path, found_name, "another name", node.lineno)
+                    if len(channels) == MAX_CHANNELS:
+                        expected = f"at most {MAX_CHANNELS} custom channels"
+                        raise InputError(path, "found another channel", expected, node.lineno)
                     channels.append((node.name, str(units[0].value)))
     if not channels:
         raise InputError(
