@@ -65,6 +65,7 @@ def test_an_early_end_is_explained_by_the_density(flown, table):
         alone == nominal | {"atmosphere.density": dispersed["atmosphere.density"]}
         and dispersed == explanation.samples
     )
+    assert len(repr(explanation)) < 2000
     assert explanation.block.history.shape[0] == 3 and list(explanation.block.outcome) == [0, 3, 3]
 
 

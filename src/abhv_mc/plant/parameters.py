@@ -6,7 +6,7 @@ has no effect.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -349,7 +349,7 @@ assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENT
 class Parameters:
     """Parameters of flights, in the order of the columns of parameter arrays."""
 
-    records: tuple[Parameter, ...]
+    records: tuple[Parameter, ...] = field(repr=False)
 
     @cached_property
     def index(self) -> Mapping[str, int]:
