@@ -29,8 +29,9 @@ from abhv_mc.kernel.flight.counting import (
     Statistic,
 )
 from abhv_mc.kernel.flight.observe import find_row
-from abhv_mc.kernel.laws.user import CHANNEL
+from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
+MOST_CHANNELS = MAX_CHANNELS  # maximum number of custom channels
 _LEAN_EMPTY = {  # initial values of the accumulators of lean metrics
     Statistic.MIN: math.inf,
     Statistic.MAX: -math.inf,
