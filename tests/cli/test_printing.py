@@ -79,7 +79,7 @@ def test_a_table_in_a_pipe_is_not_wrapped(capsys, monkeypatch):
 
 @pytest.mark.usefixtures("narrow")
 def test_the_last_column_is_not_cut(capsys):
-    table = new_table("abcd", ("number",))
-    table.add_row("two\nlines", *["several words that are wrapped"] * 3, "123456789012")
+    table = new_table(("Flight",), "abcde")
+    table.add_row("flight", *["123456789012"] * 5)
     print_table(table)
-    assert "123456789012" in capsys.readouterr().out
+    assert capsys.readouterr().out.count("123456789012") == 5
