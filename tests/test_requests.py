@@ -31,7 +31,10 @@ def test_options_and_arguments_are_the_fields_with_their_help(name, function, re
         if option.kind:
             assert helps[field] == option.help
         if (name, field) != ("run", "campaign"):
+            is_documented = f"{field}\n    {option.help} By default" in inspect.getdoc(function)
+            is_required = arguments[field].default is inspect.Parameter.empty
             assert f"{field}\n    {option.help}" in inspect.getdoc(function)
+            assert is_documented == bool(option.default and not is_required)
 
 
 def test_values_are_converted_and_checked(repository):

@@ -87,7 +87,7 @@ def _fly_study(folder: Path) -> None:
         rmtree(folder)
     write_new_campaign(folder)
     for words in (
-        ("campaign.yaml", "--runs", str(RUNS)),
+        ("campaign.yaml", "--runs", str(RUNS), "-o", "reports/s_manoeuvre"),
         ("s_manoeuvre", "-o", "default"),
     ):  # that is the live report
         run(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.feasibility import find_impossible
+from abhv_mc.campaign.file.feasibility import find_impossible, find_slips
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.simulator import is_own
 from abhv_mc.control.controller_file import read_controller
@@ -78,6 +78,7 @@ def _check(
         if problems := [*infeasible, *simulator.find_lacking()]:
             raise InputErrors(problems)
         yield from simulator.try_out()
+        yield from find_slips(checked)
         if not simulator.capabilities.has_mission:
             return
         for name, block in find_entry_points(BLOCKS).items():

@@ -76,7 +76,7 @@ def write_new_campaign(
     refuse_filled(folder)
     source = campaigns[name]
     campaign = read_campaign(source).model
-    text = source.read_text(encoding="utf-8").replace("../configs/", "")
+    text = _rename(source, folder).replace("../configs/", "")
     controllers = dict(campaign.controllers)
     if vehicle is not None:
         text, controllers = _replace_vehicle(text, controllers, vehicle)
@@ -105,6 +105,16 @@ def write_new_campaign(
         shutil.rmtree(folder)
         raise
     return written + write_schemas(folder, [file for file in written if file.suffix == ".yaml"])
+
+
+def _rename(campaign: Path, folder: Path) -> str:
+    """Return the text of a campaign with the name of its new folder.
+
+    Campaigns with different names have different results folders.
+    """
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", folder.resolve().name).lstrip("_.-")[:80]
+    text = campaign.read_text(encoding="utf-8")
+    return re.sub(r"(?m)^name: .*$", f'name: "{name}"', text) if name else text
 
 
 def _place(file: Path, vehicle: Path) -> Path:
@@ -236,7 +246,7 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     source = shipped_configs() / "simulator"
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "campaign.yaml"]
-    text = (source / "campaign.yaml").read_text(encoding="utf-8")
+    text = _rename(source / "campaign.yaml", folder)
     if kind == "command":
         called = (
             "  command: [./rocket] # reads each flight as a line of JSON and replies with a "

@@ -312,10 +312,12 @@ def takes(
         returned = inspect.signature(function).return_annotation
         wrapper.__signature__ = inspect.Signature(parameters, return_annotation=returned)
         lines, options = ["Parameters", "----------"], options_of(described)
-        for name in (parameter.name for parameter in parameters if parameter.name != method_of):
-            default = options[name].default
-            default = f" By default: {default}." if default else ""
-            lines += [name, f"    {options[name].help}{default}"]
+        for parameter in (parameter for parameter in parameters if parameter.name != method_of):
+            option, is_required = options[parameter.name], parameter.default is parameter.empty
+            default = (
+                f" By default: {option.default}." if option.default and not is_required else ""
+            )
+            lines += [parameter.name, f"    {option.help}{default}"]
         text, returns, after = inspect.cleandoc(function.__doc__ or "").partition("Returns\n---")
         wrapper.__doc__ = text + "\n".join(lines) + "\n\n" + returns + after
         return call

@@ -52,10 +52,15 @@ def shipped_files(kind: str) -> dict[str, Path]:
 def find_input(name: str | Path, *kinds: str) -> Path:
     """Return the path ``name``, or a shipped file of that name; earlier kinds have priority.
 
-    Folders are ignored, because the results folder of a shipped campaign may have its name.
-    Raise :class:`abhv_mc.io.input_error.InputError` for an unknown name.
+    For campaigns, the folder of ``abhv-mc new`` stands for its ``campaign.yaml``. Other folders are
+    ignored, because the results folder of a shipped campaign may have its name. Raise
+    :class:`abhv_mc.io.input_error.InputError` for an unknown name.
     """
     text = str(name)
+    study = f"{text}/campaign.yaml"
+    is_results = os.access(f"{text}/manifest.json", os.F_OK)
+    if "campaign" in kinds and os.access(study, os.R_OK) and not is_results:
+        return Path(study)
     is_file = os.path.exists(text) and not os.path.isdir(text)  # noqa: PTH110, PTH112  methods of Path raise for long names
     if is_file or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
         return Path(text)

@@ -56,6 +56,9 @@ def test_fly_writes_history_and_figures(repository, tmp_path):
     assert history.column_names == ["controller", "time", *(channel.name for channel in CHANNELS)]
     np.testing.assert_allclose(history["time"][:6001], np.arange(6001) * 0.01, atol=1e-12)
     assert history["altitude_m"][0].as_py() == 20_000.0
+    flexible = str(files / "mission/flexible.yaml")
+    run("fly", flexible, "--vehicle", "flexible", "--controllers", "tlc", "-o", tmp_path / "f")
+    assert "state.mode_1" in pq.read_table(tmp_path / "f/nominal.parquet").column_names
     assert str(tmp_path / "level/figures/channels.png") in flown.stdout.replace("\n", "")
 
 

@@ -58,7 +58,12 @@ def test_long_names_of_rows_are_printed_above_their_values(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     pieces = lines.count(name)
-    assert pieces == sum(line.startswith("  LQR robust  PASS") for line in lines) > 1
+    assert (
+        pieces
+        == lines.count("Requirement")
+        == sum(line.startswith("  LQR robust  PASS") for line in lines)
+        > 1
+    )
     assert all(sum(f"PASS, {100 * k + 107}" in line for line in lines) == 2 for k in range(9))
 
 
@@ -70,3 +75,11 @@ def test_a_table_in_a_pipe_is_not_wrapped(capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert any(line.count("a ") >= 59 for line in lines)
     assert all(len(line) == len(next_line) for line, next_line in pairwise(filter(None, lines)))
+
+
+@pytest.mark.usefixtures("narrow")
+def test_the_last_column_is_not_cut(capsys):
+    table = new_table(("Flight",), "abcde")
+    table.add_row("flight", *["123456789012"] * 5)
+    print_table(table)
+    assert capsys.readouterr().out.count("123456789012") == 5

@@ -4,6 +4,7 @@ import io
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import pytest
 from report.synthetic import write_campaign
@@ -11,12 +12,15 @@ from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
 from abhv_mc.cli.printing import say
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.contrast import (
     Contrast,
     ContrastController,
     ContrastRequirement,
     SideVerdict,
+    find_changes,
 )
 from abhv_mc.report.pages.contrast_page import change_texts
 from abhv_mc.report.pages.pdf import NAMES
@@ -156,3 +160,21 @@ def test_a_comparison_reports_changed_verdicts(before, after, shown, label):
         assert shares in text and ("(significant)" in text) == shown
     else:
         assert text == "A: 1 PASS of 1"
+
+
+def test_files_that_differ_in_a_comment_are_equal(folder, tmp_path):
+    folders = shutil.copytree(folder, tmp_path / "a"), shutil.copytree(folder, tmp_path / "b")
+    for i, copy in enumerate(folders):
+        files = {
+            "inputs/vehicle/a.py": f"x = 1 # {i}",
+            "inputs/vehicle/b.yaml": f"x: 1 # {i}",
+            "inputs/vehicle/c.yaml": f"x: {i}",
+        }
+        manifest = read_manifest(copy / "manifest.json")
+        (copy / "inputs/vehicle").mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (copy / name).write_text(text)
+        hashes = dict.fromkeys(files, str(i))
+        write_manifest(copy / "manifest.json", replace(manifest, inputs=hashes))
+    changes = find_changes(*map(read_flown, folders))
+    assert changes == ["inputs/vehicle/c.yaml: different content"]

@@ -24,7 +24,13 @@ from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.new_campaign import _QUESTION, write_new_campaign, write_new_simulator
 from abhv_mc.requests import Request
-from abhv_mc.shipped import shipped_campaigns, shipped_configs, shipped_files, shipped_folder
+from abhv_mc.shipped import (
+    find_input,
+    shipped_campaigns,
+    shipped_configs,
+    shipped_files,
+    shipped_folder,
+)
 from abhv_mc.topics.names import full_labels
 
 
@@ -45,6 +51,8 @@ def test_a_new_folder_is_self_contained(name: str, tmp_path: Path) -> None:
     for file in (created.vehicle, created.mission, *created.controllers.values()):
         assert file.resolve().is_relative_to(folder)
     assert created.dispersions == shipped.dispersions
+    assert created.name == "study"
+    assert find_input(folder, "campaign") == find_input(f"{folder}/", "campaign") == written[0]
     assert "#" in written[0].read_text()
 
 

@@ -58,6 +58,7 @@ def test_a_sounding_gives_wind_and_density(tmp_path):
         ("density [kg/m3],temperature [degC]", "0.1,-50", (0.1, 223.15)),
         ("temperature [degR],pressure [kPa],density [kg/m3]", "390.6,6,0.09", (0.09, 217.0)),
         ("density_factor,temperature_degF", "1,-58", (None, 223.15)),
+        ("temperature_k,pressure_kpa", "217,6", (6e3 * 28.9644 / (8314.32 * 217.0), 217.0)),
         ("density [kg/m3],unknown", "0.1,-50", (0.1, None)),
     ],
 )

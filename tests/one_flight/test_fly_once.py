@@ -12,7 +12,10 @@ import abhv_mc
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.metrics import METRICS
 from abhv_mc.io.documents import InputError
-from abhv_mc.one_flight.given import make_document, make_parameters
+from abhv_mc.kernel.laws import columns as ref
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.one_flight.given import make_document, make_flight_plan, make_parameters
+from abhv_mc.one_flight.linear_models import take_point
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 
 
@@ -108,6 +111,7 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
 WRONG = [
     (abhv_mc.fly, {"dispersions": {"aero.darg": 1.1}}, r"parameter 'aero\.darg'.*aero\.drag"),
     (abhv_mc.fly, {"dispersions": {"wind.north": "10 kg"}}, r"wind\.north"),
+    (abhv_mc.fly, {"dispersions": {"atmosphere.temperature": 280}}, "difference"),
     *(
         (abhv_mc.fly, {"dispersions": {"aero.lift": x}}, r"aero\.lift")
         for x in (math.nan, -math.inf, None, True)
@@ -213,3 +217,43 @@ def test_a_linear_model_has_names_and_units_and_goes_to_python_control():
     np.testing.assert_allclose(growing.real.max(), table.attrs["poles"][0].real, rtol=1e-6)
     assert model.law.D.loc["elevator", "pitch_rate"] > 0.0
     assert isinstance(model.point, pd.Series) and model.warnings
+
+
+@pytest.mark.parametrize(
+    "table",
+    ["density_factor\n15,1.1\n30,1.2", "pressure_Pa,temperature_K\n15,13e3,240\n30,1300,250"],
+)
+@pytest.mark.parametrize("vehicle", ["abhv", "flexible"])
+def test_all_commands_start_in_the_same_air(tmp_path, table, vehicle):
+    """Trim ignored the density table, the bank, the Earth and the custom dynamics of the start."""
+    header, *levels = table.split("\n")
+    text = "\n".join([f"altitude_m,{header}", *(level.replace(",", "e3,", 1) for level in levels)])
+    (tmp_path / "air.csv").write_text(text)
+    mission = {
+        "base": "flexible",
+        "density": {"file": str(tmp_path / "air.csv")},
+        "earth": {"gravitational_parameter": "4e14 m3/s2"},
+        "start.bank": "20 deg",
+    }
+    row = abhv_mc.trim(vehicle, mission=mission).iloc[0]
+    plan = make_flight_plan(mission, vehicle, "tlc")
+    x = plan.initial_state
+    controls = math.degrees(math.atan2(x[s.W], x[s.U])), math.degrees(x[s.ELEVATOR]), x[s.ETA]
+    trimmed = row[["angle_of_attack_deg", "elevator_deg", "equivalence_ratio"]]
+    assert trimmed.tolist() == pytest.approx(controls, rel=1e-9)
+    steady = take_point(mission, vehicle, "tlc").plan.reference[0]
+    for start in (plan.reference[0], steady):
+        mach = start[ref.SPEED] / start[ref.SOUND_SPEED]
+        pressure = 0.5 * start[ref.DENSITY] * start[ref.SPEED] ** 2
+        assert (row.mach, row.dynamic_pressure_pa) == pytest.approx((mach, pressure), rel=1e-9)
+    stored = abhv_mc.fly({**mission, "duration": "1 s"}, vehicle).iloc[0]
+    columns = ["mach", "dynamic_pressure_pa"]
+    nominal = abhv_mc.trim(vehicle, mission=mission, bank=0.0)["equivalence_ratio"].iloc[0]
+    assert plan.reference[0, ref.EQUIVALENCE_RATIO] == pytest.approx(nominal, abs=0.002)
+    assert row[columns].tolist() == pytest.approx(stored[columns].tolist(), rel=2e-7)
+
+
+def test_trim_says_that_it_ignores_wind(tmp_path):
+    (tmp_path / "w.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,0,9\n30000,0,9\n")
+    mission = {"base": "level", "wind": {"file": str(tmp_path / "w.csv")}}
+    assert [w for w in abhv_mc.trim(mission=mission).attrs["warnings"] if "wind" in w]

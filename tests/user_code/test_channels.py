@@ -88,6 +88,13 @@ def test_a_channel_of_a_memory_that_a_controller_has_not_is_an_error_at_its_line
         make_plan(tmp_path, find_input("tlc", "control"))
 
 
+def test_too_many_channels_are_an_error_at_their_line(tmp_path, monkeypatch):
+    more = "".join(f'@channel(unit="m")\ndef c{i}(actual): return 1.0\n' for i in range(14))
+    monkeypatch.setitem(globals(), "CHANNELS", CHANNELS + more)
+    with pytest.raises(InputError, match=r"channels\.py:41: .*16"):
+        make_plan(tmp_path)
+
+
 def test_an_unknown_field_is_an_error_at_its_line(tmp_path, monkeypatch):
     monkeypatch.setitem(globals(), "CHANNELS", CHANNELS.replace("memory.ticks", "memory.tickz"))
     with pytest.raises(InputError, match=r"channels\.py:5.*memory\.tickz"):

@@ -4,7 +4,7 @@ All dispersions outside the set have their nominal values.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -85,8 +85,9 @@ class Explanation:
     # smaller set may exist.
     smallest: bool
     tried: int  # number of flights simulated for the analysis
-    rows: Floats  # values [flight, dispersion] of the nominal, the reduced and the original flight
-    block: FlightBlock  # results of the nominal, the reduced and the original flight
+    # values [flight, dispersion] and results of the nominal, the reduced and the original flight
+    rows: Floats = field(repr=False)
+    block: FlightBlock = field(repr=False)
     known: Parameters = OURS
 
 

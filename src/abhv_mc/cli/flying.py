@@ -134,7 +134,10 @@ def trim(
     speed: Annotated[
         str | None, typer.Option(help="Speed in m/s or with a unit.", show_default=_START)
     ] = None,
-    bank: Annotated[str, typer.Option(help="Bank angles in deg, separated by commas.")] = "0",
+    bank: Annotated[
+        str | None,
+        typer.Option(help="Bank angles in deg, separated by commas.", show_default=_START),
+    ] = None,
     flight_path_angle: Annotated[
         str | None, typer.Option(help="Flight path angle in deg.", show_default=_START)
     ] = None,
@@ -155,69 +158,50 @@ def trim(
 ) -> None:
     """Print the controls, forces and flying qualities of trimmed flight at each bank angle.
 
-    The default flight condition is the start of the mission or campaign; for a vehicle file it is
-    20 km, 1400 m/s, heading 90 deg and latitude 29.3 deg. Sideslip, aileron and rudder are zero.
-    The exit code is 1 if the vehicle cannot be trimmed at one of the bank angles.
+    The default flight condition is the start of the mission or campaign, or of the mission 'level'
+    for a vehicle file. Air and Earth are those of the mission, without wind. Sideslip, aileron and
+    rudder are zero. The exit code is 1 if the vehicle cannot be trimmed at one of the bank angles.
     """
     from abhv_mc.api import trim
     from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED
 
-    vehicle, start = _find_start(start_file, vehicle)
+    vehicle, mission = _find_mission(start_file, vehicle)
 
-    def read(name: str, text: str | None, dimension: Any, unit: str) -> float:
-        return (
-            start[name]
-            if text is None
-            else parse_option(f"--{name.replace('_', '-')}", text, dimension, unit)
-        )
+    def read(name: str, text: str | None, dimension: Any, unit: str) -> float | None:
+        return None if text is None else parse_option(f"--{name}", text, dimension, unit)
 
-    start_altitude, start_speed = (
-        read("altitude", altitude, LENGTH, "m"),
-        read("speed", speed, SPEED, "m/s"),
-    )
+    banks = [parse_option("--bank", text, ANGLE, "deg") for text in (bank or "").split(",") if bank]
     table = trim(
         vehicle,
-        start_altitude,
-        start_speed,
-        [parse_option("--bank", text, ANGLE, "deg") for text in bank.split(",")],
-        flight_path_angle=read("flight_path_angle", flight_path_angle, ANGLE, "deg"),
+        read("altitude", altitude, LENGTH, "m"),
+        read("speed", speed, SPEED, "m/s"),
+        banks or None,
+        mission=mission,
+        flight_path_angle=read("flight-path-angle", flight_path_angle, ANGLE, "deg"),
         latitude=read("latitude", latitude, ANGLE, "deg"),
         heading=read("heading", heading, ANGLE, "deg"),
-        mass=None if mass is None else parse_option("--mass", mass, MASS, "kg"),
+        mass=read("mass", mass, MASS, "kg"),
         rotating=rotating,
     )
     announce_warnings(table.attrs["warnings"])
     points = table.reset_index().to_dict("records")
-    result = {
-        "vehicle": str(vehicle),
-        "altitude_m": start_altitude,
-        "speed_mps": start_speed,
-        "mass_kg": table.attrs["mass_kg"],
-    }
+    condition = {name: table.attrs[name] for name in ("altitude_m", "speed_mps", "mass_kg")}
     show_result(
-        result | {"points": points},
+        {"vehicle": str(vehicle), **condition, "points": points},
         json,
-        lambda: _print_trims(vehicle, start_altitude, start_speed, points),
+        lambda: _print_trims(vehicle, condition["altitude_m"], condition["speed_mps"], points),
     )
     if not table["trimmed"].all():
         raise typer.Exit(1)
 
 
-_LEVEL = {"altitude": 20e3, "speed": 1400.0, "flight_path_angle": 0.0}
-_LEVEL |= {"latitude": math.radians(29.3), "heading": math.radians(90.0)}
-
-
-def _find_start(start_file: Path, vehicle: Path | None) -> tuple[Path, dict[str, float]]:
-    """Return the vehicle and the initial flight condition (SI units) of a mission or campaign.
-
-    For a vehicle file, the flight condition is the level flight defined by ``_LEVEL``.
-    """
+def _find_mission(start_file: Path, vehicle: Path | None) -> tuple[Path, Path]:
+    """Return the vehicle and the mission of a mission, campaign or vehicle file."""
     from abhv_mc.campaign.file.kinds import find_kind
-    from abhv_mc.control.mission import read_mission
 
     kind = find_kind(start_file)
     if kind == "vehicle":
-        return vehicle or start_file, _LEVEL
+        return vehicle or start_file, find_input("level", "mission")
     if kind == "campaign":
         from abhv_mc.campaign.file.check import read_campaign
 
@@ -228,11 +212,7 @@ def _find_start(start_file: Path, vehicle: Path | None) -> tuple[Path, dict[str,
         raise InputError(
             start_file, f"this is a {kind} file", "a mission, campaign or vehicle file"
         )
-    start = read_mission(start_file).start
-    return (
-        vehicle or find_input(DEFAULT_VEHICLE, "vehicle"),
-        {name: float(getattr(start, name)) for name in _LEVEL},
-    )
+    return vehicle or find_input(DEFAULT_VEHICLE, "vehicle"), start_file
 
 
 def _print_trims(

@@ -182,6 +182,7 @@ def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
 
     lines = []
     for piece in pieces:
+        lines += filter(None, [str(table.columns[0].header)])
         height = max(len(heads[k]) for k in piece)
         shown = [[""] * (height - len(heads[k])) + heads[k] for k in piece]
         lines += [line(texts, piece) for texts in zip(*shown, strict=True)]
@@ -210,8 +211,8 @@ def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Tabl
             lines = str(column.header).split("\n")
             column.header = "\n".join(fill(line, column.min_width) for line in lines)
         column.overflow = "fold"
-        widths.append(column.min_width + 2)
-    repeated, first = [*range(keys)], sum(widths[:keys]) + 2
+        widths.append(column.min_width + 3)  # with padding and divider
+    repeated, first = [*range(keys)], sum(widths[:keys]) + 1
     groups, used, needed = [[*repeated]], first, terminal
     for k, width in enumerate(widths[keys:], start=keys):
         if used + width > terminal and len(groups[-1]) > keys:

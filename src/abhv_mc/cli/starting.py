@@ -174,7 +174,12 @@ def validate(
             continue
         for file_check in file_checks:
             say(f"{file_check.path}: a valid {file_check.kind} file", file=text_stream(json))
-            announce_warnings(f"{file_check.path}: {warning}" for warning in file_check.warnings)
+            announce_warnings(
+                warning
+                if warning.startswith(f"{file_check.path}:")
+                else f"{file_check.path}: {warning}"
+                for warning in file_check.warnings
+            )
     if errors:
         raise InputErrors(errors)
     if samples is not None:

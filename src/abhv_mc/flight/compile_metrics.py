@@ -31,6 +31,7 @@ from abhv_mc.kernel.flight.counting import (
 from abhv_mc.kernel.flight.observe import find_row
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS
 
+MOST_CHANNELS = MAX_CHANNELS  # maximum number of custom channels
 _LEAN_EMPTY = {  # initial values of the accumulators of lean metrics
     Statistic.MIN: math.inf,
     Statistic.MAX: -math.inf,
@@ -79,11 +80,6 @@ def source_rows(
     The sources are the built-in ones and those of ``effectors`` with actuators, custom ``states``
     (names and units), and custom channels [channel, 2] (names and units).
     """
-    if len(user_channels) > MAX_CHANNELS:
-        raise ValueError(
-            f"the plan has {counted(len(user_channels), 'custom channel')}; at most {MAX_CHANNELS} "
-            "are allowed"
-        )
     return _builtin_source_rows(effectors, states) | {
         name: SourceRow(unit, CHANNEL + i, 1.0)
         for i, (name, unit) in enumerate(user_channels.tolist())

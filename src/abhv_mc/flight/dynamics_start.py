@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints, Mask
-from abhv_mc.control.design.reference import make_start_trim
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.numerics.quaternion import rotate_meridional
@@ -27,6 +26,7 @@ from abhv_mc.vehicle.evaluate import evaluate_fixed, evaluate_tables, make_varia
 from abhv_mc.vehicle.vehicle_code import VehicleCode
 
 MakeState = Callable[[TrimPoint], Floats]
+FindTrim = Callable[[tuple[float, float, float]], TrimPoint]
 
 _ITERATIONS = 30
 _STEP = 1e-4  # relative step of numerical derivatives
@@ -37,17 +37,23 @@ _NOTED, _REJECTED = 0.4, 2.0  # |eigenvalue| * step above which a warning or an 
 
 
 def start_custom(
-    mission: Mission, vehicle: Vehicle, make_state: MakeState, rigid: TrimPoint, step_length: float
+    mission: Mission,
+    vehicle: Vehicle,
+    make_state: MakeState,
+    find_trim: FindTrim,
+    step_length: float,
 ) -> tuple[TrimPoint, Floats, list[str]]:
     """Return the trim with custom dynamics, the initial custom states, and warnings.
 
-    ``rigid`` is the trim without custom dynamics; ``make_state`` converts a trim to a state. Raise
-    InputError if there is no equilibrium or the integration step is too long.
+    ``find_trim`` returns the trim for the force and moment of custom dynamics (``push`` of
+    :class:`FlightPoint`); ``make_state`` converts a trim to a state. Raise InputError if there is
+    no equilibrium or the integration step is too long.
     """
     code = find_code(vehicle)
     if code is None or code.dynamics is None:
-        return rigid, np.zeros(0), []
-    point, push = _StartPoint(mission, vehicle, code, make_state), np.zeros(3)
+        return find_trim((0.0, 0.0, 0.0)), np.zeros(0), []
+    point = _StartPoint(mission, vehicle, code, make_state, find_trim)
+    push = np.zeros(3)
     states = np.array([state.start or 0.0 for state in code.states])
     weight = vehicle.constants.mass_start * GRAVITY
     scale = weight * np.array([1.0, 1.0, vehicle.constants.chord])
@@ -183,11 +189,16 @@ class _StartPoint:
     """
 
     def __init__(
-        self, mission: Mission, vehicle: Vehicle, code: VehicleCode, make_state: MakeState
+        self,
+        mission: Mission,
+        vehicle: Vehicle,
+        code: VehicleCode,
+        make_state: MakeState,
+        find_trim: FindTrim,
     ) -> None:
         self.mission, self.vehicle = mission, vehicle
         self.loop = compile_functions(code, WIDTH).dynamics
-        self.make_state, self.states = make_state, len(code.states)
+        self.make_state, self.find_trim, self.states = make_state, find_trim, len(code.states)
         self.trims: dict[bytes, TrimPoint] = {}
         self.effect = np.zeros(0)  # force, moment and sensed quantities of the last evaluation
 
@@ -195,7 +206,7 @@ class _StartPoint:
         """Return the trim of the vehicle with the additional force and moment ``push``."""
         if push.tobytes() not in self.trims:
             x, z, moment = push.tolist()
-            self.trims[push.tobytes()] = make_start_trim(self.mission, self.vehicle, (x, z, moment))
+            self.trims[push.tobytes()] = self.find_trim((x, z, moment))
         return self.trims[push.tobytes()]
 
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:

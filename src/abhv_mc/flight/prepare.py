@@ -268,9 +268,7 @@ def make_plan(
         warnings.append(
             f"the fuel of the nominal flight lasts {endurance:.0f} s of {reference[-1, TIME]:.0f} s"
         )
-    rigid = make_start_trim(mission, vehicle)
-    make_state = functools.partial(make_initial_state, mission, vehicle)
-    start, states, step_warnings = start_custom(mission, vehicle, make_state, rigid, timing.step)
+    start, states, step_warnings = trim_start(mission, vehicle, timing.step)
     warnings += step_warnings
     if start.fault:
         warnings.append(f"at the start {start.fault}")
@@ -302,7 +300,7 @@ def make_plan(
             fuel_min=_LEAST_FUEL if mission.limits.fuel_out and constants.burns_fuel else -np.inf,
             speed_max=mission.limits.speed or _SPEED_FACTOR * float(reference[:, SPEED].max()),
         ),
-        initial_state=np.append(make_state(start), states),
+        initial_state=np.append(make_initial_state(mission, vehicle, start), states),
         reference=reference,
         gains=gains,
         settings=settings,
@@ -393,6 +391,18 @@ def make_timing(mission: Mission, rate: float) -> Timing:
     tick = 1.0 / rate
     steps = max(1, int(np.ceil(tick / mission.step - 1e-9)))
     return Timing(tick / steps, steps, round(mission.duration * rate))
+
+
+def trim_start(
+    mission: Mission, vehicle: Vehicle, step: float = 0.0, rotating: bool = False
+) -> tuple[TrimPoint, Floats, list[str]]:
+    """Return the trim at the mission's start, the custom states, and warnings about the step (s).
+
+    Raise InputError if custom dynamics have no equilibrium.
+    """
+    make_state = functools.partial(make_initial_state, mission, vehicle)
+    find_trim = functools.partial(make_start_trim, mission, vehicle, rotating=rotating)
+    return start_custom(mission, vehicle, make_state, find_trim, step)
 
 
 def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> Floats:

@@ -86,22 +86,26 @@ def write_histories(
 
 
 def write_nominal(
-    path: Path, times: Floats, nominal: dict[str, NDArray[np.float32]], key: str = ""
+    path: Path,
+    times: Floats,
+    nominal: dict[str, NDArray[np.float32]],
+    key: str = "",
+    recorded: Sequence[Signal] = CHANNELS,
 ) -> None:
-    """Write the nominal flight ``[time, channel]`` of each controller."""
+    """Write the ``recorded`` channels of the nominal flight [time, channel] of each controller."""
     fields = [
         _CONTROLLER,
         _TIME,
-        *(make_field(s.name, pa.float32(), s.unit, s.doc) for s in CHANNELS),
+        *(make_field(s.name, pa.float32(), s.unit, s.doc) for s in recorded),
     ]
     tables = []
     for controller, history in nominal.items():
         rows = ~np.isnan(history[:, CHANNEL_INDEX["altitude_m"]])
         columns = [text_column([controller] * int(rows.sum())), number_column(times[rows])]
-        columns += map(number_column, history[rows].T[: len(CHANNELS)])
+        columns += map(number_column, history[rows].T[: len(recorded)])
         tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
     table = pa.concat_tables(tables).replace_schema_metadata(_metadata(key=key))
-    write_parquet(path, table, ["time", *CHANNEL_INDEX], ["controller"])
+    write_parquet(path, table, table.column_names[1:], ["controller"])
 
 
 def write_reference(path: Path, reference: Mapping[str, Floats], key: str = "") -> None:

@@ -4,6 +4,7 @@ The stored campaign file, whose references point to the copies, reproduces the c
 resumes a folder only if the campaign has the same hash.
 """
 
+import ast
 import hashlib
 import json
 import os
@@ -21,7 +22,7 @@ from abhv_mc.campaign.file.requirement_set import (
 )
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.campaign.file.simulator import SYSTEMS, systems_key
-from abhv_mc.folder.layout import CampaignFolder, is_inside, write_bytes, write_whole
+from abhv_mc.folder.layout import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
 from abhv_mc.io.input_files import read_input
@@ -141,6 +142,13 @@ def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
             )
         copies[copy] = file
     return f"{location}/{path.relative_to(root).as_posix()}"
+
+
+def content_of(path: Path) -> str:
+    """Return YAML data or Python code without comments, or the SHA-256 of any other file."""
+    if path.suffix in (".yaml", ".yml"):
+        return repr(read_document(path).data)
+    return ast.dump(ast.parse(path.read_bytes())) if path.suffix == ".py" else hash_file(path)
 
 
 def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: bool) -> list[str]:

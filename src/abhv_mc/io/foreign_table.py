@@ -44,7 +44,11 @@ _UNIT_AFTER_SIGN = re.compile(r"(.*?\S)(?:\s*/\s+|\s+/\s*|,\s+|\s+in\s+)(\S+)")
 _SUFFIXES = {
     "mps": "m/s",
     "fps": "ft/s",
+    "dps": "deg/s",
+    "kgps": "kg/s",
     "kg m3": "kg/m3",
+    "w m2": "W/m2",
+    **{unit.lower(): unit for unit in ("K", "N", "kN", "Pa", "hPa", "kPa", "Hz", "W", "kW")},
     **{f"{length} {time}": f"{length}/{time}" for length in ("m", "km", "ft") for time in "sh"},
     "min": "?",
 }  # in column names such as altitude_min, 'min' means minimum, not minutes
@@ -137,7 +141,8 @@ class ForeignTable:
                 )
             for index in indices:
                 own = self.heads[index]
-                suffixes = [suffix for _, suffix in _split_suffix(own)]
+                # In a heading with any name, such as 'v_n', a small letter is not a unit.
+                suffixes = [u for _, u in _split_suffix(own) if len(u) > 1 or own.endswith(u)]
                 stated = split_head(own)[1] or self.units[index] or next(iter(suffixes), "")
                 return Column(index, unit or stated)
         return None

@@ -104,6 +104,7 @@ DENSITY = Dimension("a density", "kg/m3", "1.225 kg/m3", (-3, 1, 0, 0, 0), 1e3)
 TIME = Dimension("a time", "s", "60 s", (0, 0, 1, 0, 0), 1e6)
 FREQUENCY = Dimension("a rate", "1/s", "10 Hz", (0, 0, -1, 0, 0), 1e5)
 TEMPERATURE = Dimension("a temperature", "K", "300 K", (0, 0, 0, 0, 1), 1e5)
+TEMPERATURE_DIFFERENCE = Dimension("a temperature difference", "K", "+15 K", (0, 0, 0, 0, 1), 150.0)
 FRACTION = Dimension("a number or a percentage", "-", "10 %", _NONE, 1e6)
 
 DIMENSIONS = (
@@ -257,8 +258,11 @@ def format_quantity(value: float, dimension: Dimension) -> str | float:
     return value if dimension is FRACTION else f"{value!r} {dimension.unit}"
 
 
-def _parse_field(value: str | float, dimension: Dimension) -> float:
-    number = parse_quantity(value, dimension)
+def parse_plausible(
+    value: str | float, dimension: Dimension, bare_unit: str | None = None
+) -> float:
+    """Convert text to a quantity in SI. Raise Refusal for invalid text and implausible values."""
+    number = parse_quantity(value, dimension, bare_unit)
     if abs(number) > dimension.largest:
         raise Refusal(
             found_value(value),
@@ -270,7 +274,7 @@ def _parse_field(value: str | float, dimension: Dimension) -> float:
 
 
 def _parser(dimension: Dimension) -> BeforeValidator:
-    return BeforeValidator(lambda value: _parse_field(value, dimension))
+    return BeforeValidator(lambda value: parse_plausible(value, dimension))
 
 
 def _writer(dimension: Dimension) -> PlainSerializer:

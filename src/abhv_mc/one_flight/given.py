@@ -24,7 +24,7 @@ from abhv_mc.io.documents import (
     read_document,
     write_document,
 )
-from abhv_mc.io.units import Dimension, dimension_of, parse_quantity
+from abhv_mc.io.units import Dimension, parse_quantity
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
 if TYPE_CHECKING:
@@ -126,8 +126,7 @@ def make_parameters(
                 "dispersions", f"unknown parameter '{name}'", one_of(table.dispersible, name)
             )
         try:
-            dimension = dimension_of(table[name].unit)
-            row[0, table.index[name]] = parse_quantity(value, dimension, dimension.unit)
+            row[0, table.index[name]] = table[name].read(value, bare_unit=table[name].unit)
         except Refusal as refusal:
             raise InputError("dispersions", f"{name}: {refusal.found}", refusal.expected) from None
     return row

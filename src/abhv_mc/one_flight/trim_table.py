@@ -59,28 +59,31 @@ _LIMITS = {  # limits of the arguments, SI
 
 def trim(
     vehicle: Input = DEFAULT_VEHICLE,
-    altitude: Quantity = "20 km",
-    speed: Quantity = "1400 m/s",
-    bank: Quantity | Sequence[Quantity] = 0.0,
+    altitude: Quantity | None = None,
+    speed: Quantity | None = None,
+    bank: Quantity | Sequence[Quantity] | None = None,
     *,
-    flight_path_angle: Quantity = 0.0,
-    latitude: Quantity = "29.3 deg",
-    heading: Quantity = "90 deg",
+    mission: Input = "level",
+    flight_path_angle: Quantity | None = None,
+    latitude: Quantity | None = None,
+    heading: Quantity | None = None,
     mass: Quantity | None = None,
     rotating: bool = False,
 ) -> "pd.DataFrame":
     """Return controls, forces and flying qualities of trimmed steady flight.
 
-    A vehicle without an engine glides.
+    Air and Earth are those of the mission, without wind. A vehicle without an engine glides.
 
     Parameters
     ----------
     vehicle
         Shipped name, path or mapping; see :func:`abhv_mc.fly`.
     altitude, speed, flight_path_angle, latitude, heading
-        Flight condition: SI and radians, or text with a unit.
+        Flight condition: SI and radians, or text with a unit; by default the mission's start.
     bank
-        Bank angle, or several bank angles.
+        Bank angle, or several bank angles; by default the mission's start.
+    mission
+        Mission with the air, the Earth and the default flight condition; see :func:`abhv_mc.fly`.
     mass
         Mass; by default the initial mass.
     rotating
@@ -90,13 +93,13 @@ def trim(
     -------
     pandas.DataFrame
         One row for each bank angle, indexed by ``bank_deg``. ``attrs`` has ``units`` by column,
-        ``mass_kg`` and ``warnings`` about implausible properties of the vehicle and points outside
-        the tables. ``trimmed`` is False if no trim exists within the vehicle's limits, and
-        ``fault`` gives the reason. The static margin is aerodynamic, about the centre of gravity
-        with fixed elevator. Frequencies, dampings, times to double (infinite if the motion decays)
-        and control powers (angular acceleration per deflection) apply to small motions of the
-        attitude with fixed controls, speed and flight path. Values of modes that do not exist are
-        NaN.
+        ``altitude_m``, ``speed_mps``, ``mass_kg`` and ``warnings`` about implausible properties of
+        the vehicle, points outside the tables and ignored wind. ``trimmed`` is False if no trim
+        exists within the vehicle's limits, and ``fault`` gives the reason. The static margin is
+        aerodynamic, about the centre of gravity with fixed elevator. Frequencies, dampings, times
+        to double (infinite if the motion decays) and control powers (angular acceleration per
+        deflection) apply to small motions of the attitude with fixed controls, speed and flight
+        path. Values of modes that do not exist are NaN.
 
     Raises
     ------
@@ -114,13 +117,16 @@ def trim(
     import pandas as pd
 
     from abhv_mc.control.design.flying_qualities import find_flying_qualities
-    from abhv_mc.kernel.world.earth import WGS84
-    from abhv_mc.plant.trim import FlightPoint
-    from abhv_mc.plant.trim import trim as balance
+    from abhv_mc.control.design.reference import make_start_point, on_glide_path
+    from abhv_mc.control.mission import read_mission
+    from abhv_mc.flight.prepare import trim_start
     from abhv_mc.user_code.vehicle_functions import load_vehicle
     from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
     document: Any = make_document("vehicle", vehicle)
+    mission_document: Any = make_document("mission", mission)
+    flown = read_mission(mission_document)
+    bank = flown.start.bank if bank is None else bank
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
         raise InputError("bank", "no angle is given", "one or more bank angles")
@@ -129,10 +135,13 @@ def trim(
         "speed": speed,
         "flight_path_angle": flight_path_angle,
         "latitude": latitude,
+        "heading": heading,
     }
-    point: dict[str, Any] = {
-        name: _quantity(name, value) for name, value in (conditions | {"heading": heading}).items()
-    }
+    start = flown.start.model_copy(
+        update={
+            name: _quantity(name, value) for name, value in conditions.items() if value is not None
+        }
+    )
     angles = [_quantity("bank", angle) for angle in banks]
     kilograms = None if mass is None else _quantity("mass", mass)
     craft = load_vehicle(document)
@@ -142,13 +151,17 @@ def trim(
             "the vehicle has no surfaces",
             "a vehicle with surfaces, which the trim requires",
         )
-    earth = WGS84 if rotating else WGS84._replace(rotation_rate=0.0)
+    earth = flown.make_earth()
+    earth = earth if rotating else earth._replace(rotation_rate=0.0)
     weighed = craft.constants.mass_start if kilograms is None else kilograms
+    craft = craft._replace(constants=craft.constants._replace(mass_start=weighed))
     rows, faults, trims = [], [], []
     for angle in angles:
-        flight_point = FlightPoint(bank=angle, **point)
-        balanced = balance(craft, earth, flight_point, weighed)
-        qualities = find_flying_qualities(craft, earth, flight_point, balanced, weighed)
+        banked = start.model_copy(update={"bank": angle})
+        case = on_glide_path(flown.model_copy(update={"start": banked}), craft)
+        balanced, *_ = trim_start(case, craft, rotating=rotating)
+        point = make_start_point(case)
+        qualities = find_flying_qualities(craft, earth, point, balanced, weighed)
         rows.append(_make_row(balanced, qualities, craft.constants.area, weighed))
         faults.append(balanced.fault)
         trims.append(balanced)
@@ -158,11 +171,15 @@ def trim(
         [fault or None for fault in faults], dtype=object
     )  # An object Series keeps None as the value without a fault.
     table.index = pd.Index(map(math.degrees, angles), name="bank_deg")
+    warnings = _find_range_warnings(craft, trims, start.altitude, weighed)
+    if flown.wind != "none":
+        warnings.append(f"{mission_document.path}: the trim ignores the wind of the mission")
     table.attrs = {
         "units": {"bank_deg": "deg"} | COLUMNS,
+        "altitude_m": start.altitude,
+        "speed_mps": start.speed,
         "mass_kg": weighed,
-        "warnings": find_vehicle_warnings(craft)
-        + _find_range_warnings(craft, trims, point["altitude"], weighed),
+        "warnings": find_vehicle_warnings(craft) + warnings,
     }
     return table
 

@@ -6,14 +6,20 @@ has no effect.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import Refusal
-from abhv_mc.io.units import parse_in_any_unit, parse_in_unit
+from abhv_mc.io.units import (
+    TEMPERATURE_DIFFERENCE,
+    dimension_of,
+    parse_in_any_unit,
+    parse_plausible,
+    parse_quantity,
+)
 from abhv_mc.kernel.plant.parameter_names import (
     ACCELERATIONS,
     ALL_SENSORS,
@@ -48,13 +54,18 @@ class Parameter:
         """True if the parameter is a factor (1 = nominal) rather than an increment."""
         return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
-    def read(self, value: float | str, of_nominal: bool = False) -> float:
+    def read(
+        self, value: float | str, of_nominal: bool = False, bare_unit: str | None = None
+    ) -> float:
         """Convert a quantity to the parameter's unit. Raise Refusal if the conversion fails.
 
-        If `of_nominal`, a percentage is relative to the nominal value.
+        If `of_nominal`, a percentage is relative to the nominal value. Temperatures of the built-in
+        simulator are differences. ``bare_unit`` is the unit of its plain numbers.
         """
+        if not self.of_user and self.unit == "K":
+            return parse_plausible(value, TEMPERATURE_DIFFERENCE, bare_unit)
         if not self.of_user:
-            return parse_in_unit(value, self.unit)
+            return parse_quantity(value, dimension_of(self.unit), bare_unit)
         if (
             of_nominal
             and self.unit != "%"
@@ -338,7 +349,7 @@ assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENT
 class Parameters:
     """Parameters of flights, in the order of the columns of parameter arrays."""
 
-    records: tuple[Parameter, ...]
+    records: tuple[Parameter, ...] = field(repr=False)
 
     @cached_property
     def index(self) -> Mapping[str, int]:

@@ -7,15 +7,17 @@ but uses the full tables.
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
+from abhv_mc.array_types import Floats
 from abhv_mc.io.phrases import joined
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc.kernel.world.earth import Earth
-from abhv_mc.kernel.world.surroundings import find_surroundings, standard_air
+from abhv_mc.kernel.world.surroundings import find_surroundings
+from abhv_mc.plant.air import nominal_air
 from abhv_mc.vehicle.effectors import deflection_range
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
@@ -44,9 +46,7 @@ class FlightPoint(NamedTuple):
     flight_path_angle: float = 0.0
     speed_rate: float = 0.0  # time derivative of the speed
     flight_path_rate: float = 0.0  # time derivative of the flight path angle
-    # air density relative to the standard atmosphere, including the effect of temperature
-    density_factor: float = 1.0
-    temperature_factor: float = 1.0
+    air: Floats | None = None  # nominal air of the mission, as in nominal_air
     # Contributions of custom dynamics: body x and z forces, N, and pitching moment, N m.
     push: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -110,11 +110,13 @@ def _balance(
     sin_s, cos_s = math.sin(point.bank), math.cos(point.bank)
     pitch_rate = across * sin_s * sin_s / (cos_s * point.speed) + point.flight_path_rate * cos_s
     limits = deflection_range(vehicle, 2)
+    density, sound = map(float, nominal_air(point.air, point.altitude))
+    control = partial(_control, vehicle, point, mass, pitch_rate, (density, sound))
 
     @cache  # The nested searches evaluate four in ten points twice.
     def unbalance(alpha: float, elevator: float, eta: float) -> tuple[float, float, float]:
         """Return residual forces / weight, and residual pitching moment / (weight * chord)."""
-        trial = _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)
+        trial = control(alpha=alpha, elevator=elevator, eta=eta)
         weight = mass * GRAVITY
         return (
             trial.forward / weight - along / GRAVITY,
@@ -148,9 +150,8 @@ def _balance(
     names = ("throttle" if engine else "flight path angle", "angle of attack", "elevator")
     lacking = [name for name, share in zip(names, left, strict=True) if abs(share) > _TOLERANCE]
     fault = f"no {joined(lacking, 'or')} within limits trims the vehicle" if lacking else ""
-    return _control(vehicle, point, mass, pitch_rate, alpha, elevator=elevator, eta=eta)._replace(
-        fault=fault
-    ), left[0]
+    balanced = control(alpha=alpha, elevator=elevator, eta=eta)
+    return balanced._replace(fault=fault), left[0]
 
 
 def _root(
@@ -204,16 +205,14 @@ def _control(
     point: FlightPoint,
     mass: float,
     pitch_rate: float,
-    alpha: float,
+    air: tuple[float, float],
     *,
+    alpha: float,
     elevator: float,
     eta: float,
 ) -> TrimPoint:
     """Return forces and moments for the given controls, which need not trim the vehicle."""
-    constants = vehicle.constants
-    density, sound = standard_air(point.altitude)
-    density *= point.density_factor
-    sound *= math.sqrt(point.temperature_factor)
+    constants, (density, sound) = vehicle.constants, air
     q_bar = 0.5 * density * point.speed**2
     variables = make_variables(
         vehicle,

@@ -1,7 +1,7 @@
 """Probability that a flight violates a requirement (``abhv-mc rare``)."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -56,10 +56,11 @@ class RareFound:
     # combinations of parameters that occur in some flights only; empty without such parameters
     strata: tuple[Stratum, ...]
     space: Space
-    flights: FlightRows
-    severities: Floats  # excess over the limit, in the metric's unit [flight]
+    flights: FlightRows = field(repr=False)
+    # excess over the limit, in the metric's unit [flight]
+    severities: Floats = field(repr=False)
     failed_to_run: int
-    drawn: DrawnFlights | None
+    drawn: DrawnFlights | None = field(repr=False)
     known: Parameters
     # share of the variance of the severity ranks that is due to noise; None without noise
     noise_share: float | None

@@ -5,7 +5,7 @@ linear analysis.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from math import prod
 from typing import Any
@@ -52,20 +52,21 @@ class WorstFound:
     metric: Metric
     criterion: Criterion
     controller: str
-    case: WorstCase
+    case: WorstCase = field(repr=False)
     names: tuple[str, ...]
     bounds: Floats  # range of each parameter [parameter, 2]
     probabilities: dict[
         str, float
     ]  # probabilities of parameters that act only in some flights; in the search they always act
-    flights: FlightRows  # flights of the search, followed by random flights
+    # flights of the search, followed by random flights
+    flights: FlightRows = field(repr=False)
     searched: int  # number of flights of the search
     worst: int  # number of the worst flight
     random_worst: int  # number of the worst random flight
-    severities: Floats  # severities [flight]
+    severities: Floats = field(repr=False)  # severities [flight]
     duration: float  # duration in s of a flight that does not terminate early
     failed_to_run: int
-    drawn: DrawnFlights | None
+    drawn: DrawnFlights | None = field(repr=False)
     known: Parameters
     requirements: tuple[Requirement, ...] = ()  # requirements on the metric
     random: int = 0  # number of random flights; copies of the worst flight with other seeds follow

@@ -133,7 +133,8 @@ def _harmonics(law: _Lifted, omega: Floats) -> Floats:
 def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
     """Return the loop gains between harmonics instead of ticks, by a unitary transformation."""
     L, count = _gains(law, system, omega), law.ticks
-    ticks = L.reshape(omega.size, -1, count, L.shape[-1] // count, count).swapaxes(2, 3)
+    loops = L.shape[-1] // count
+    ticks = L.reshape(omega.size, loops, count, loops, count).swapaxes(2, 3)
     wave = np.exp(1j * law.period * _harmonics(law, omega)[:, None, :] * np.arange(count)[:, None])[
         :, None, None
     ]
@@ -147,7 +148,8 @@ def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Fl
     values, vectors = np.linalg.eig(_in_harmonics(law, system, omega))
     share = np.abs(inverse(vectors) * np.swapaxes(vectors, -1, -2))
     points, nearest = np.arange(omega.size), np.abs(values - locus[:, None]).argmin(axis=1)
-    content = share[points, nearest].reshape(omega.size, -1, law.ticks).sum(axis=1)
+    share = share[points, nearest].reshape(omega.size, values.shape[1] // law.ticks, law.ticks)
+    content = share.sum(axis=1)
     return np.asarray(_harmonics(law, omega)[points, content.argmax(axis=1)])
 
 

@@ -1,7 +1,6 @@
 """Names of a campaign's controllers and metrics in sentences, tables and figures."""
 
 import os
-import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ from pathlib import Path
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.folder.inputs import content_of
 from abhv_mc.shipped import shipped_files
 
 _INITIALS = ("tlc", "lqr")
@@ -22,18 +22,13 @@ def controller_label(name: str) -> str:
 
 def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the printed names of a campaign's controllers; the LQR of the paper is marked."""
-    paper = _controller_text(shipped_files("control")["lqr"])
+    paper = content_of(shipped_files("control")["lqr"])
     flown = {name: folder / "inputs" / "controllers" / name / "lqr.yaml" for name in names}
     return {
         name: controller_label(name)
-        + (" (paper's weights)" if path.is_file() and _controller_text(path) == paper else "")
+        + (" (paper's weights)" if path.is_file() and content_of(path) == paper else "")
         for name, path in flown.items()
     }
-
-
-def _controller_text(path: Path) -> bytes:
-    """Return a controller file's content without the schema line written by `abhv-mc new`."""
-    return re.sub(rb"\A# yaml-language-server:.*\n", b"", path.read_bytes())
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from own_simulators import dive_campaign
 
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.io.documents import write_document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.shipped import shipped_configs
@@ -318,3 +319,16 @@ def test_tables_hold_the_inputs_and_more_requirements_than_a_file(tmp_path):
 def test_mistakes_in_a_table_of_inputs_are_told_with_their_row(tmp_path, old, new, message):
     with pytest.raises(InputError, match=message):
         read_campaign(of_tables(tmp_path, INPUTS.replace(old, new), requirements=1))
+
+
+def test_a_campaign_names_shipped_parts(tmp_path):
+    drag = {"aero.drag": {"distribution": "uniform", "half_width": "5 %"}}
+    parts = {"vehicle": "f16", "mission": "f16_level", "controllers": {"own": "lqr"}}
+    content = {"name": "c", "runs": 2, "seed": 1, "sampling": "random", "dispersions": drag}
+    write_document(tmp_path / "c.yaml", parts | content)
+    stored = collect_inputs(read_campaign(tmp_path / "c.yaml")).data
+    assert (stored["vehicle"], stored["mission"]) == (
+        "inputs/vehicle/f16.yaml",
+        "inputs/mission/f16_level.yaml",
+    )
+    assert stored["controllers"] == {"own": "inputs/controllers/own/lqr.yaml"}

@@ -6,7 +6,7 @@ import pytest
 from fake_flight import run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.feasibility import find_impossible
+from abhv_mc.campaign.file.feasibility import find_impossible, find_slips
 from abhv_mc.check_inputs import check_inputs
 from abhv_mc.io.documents import InputErrors
 
@@ -93,3 +93,26 @@ def test_run_warns_flies_and_shows_nothing(tmp_path):
     manifest = run(write_campaign(tmp_path / "f", requirements=RARE), tmp_path / "out").manifest
     assert re.search(r"\b300\b.*\b0\.9999\b", manifest.warnings[0])
     assert manifest.requirements[0].verdict in ("NOT SHOWN", "FAIL")
+
+
+@pytest.mark.parametrize(
+    ("entries", "text"),
+    [
+        (disperse("uniform, half_width: 0.15 %", "aero.lift"), "1.001 times"),
+        (disperse("normal, sigma: 15", "aero.yawing_moment"), "factor 100"),
+        (disperse("uniform, low: 0.85 %, high: 1.15 %"), "factor 100"),
+        (disperse("uniform, half_width: 80 K", "atmosphere.temperature"), "60 K"),
+        (
+            dict(requirements="[{metric: altitude_error_max_m, below: 50, probability: 0.9 %}]"),
+            "0.9",
+        ),
+        (disperse("normal, sigma: 15 K", "atmosphere.temperature"), ""),
+        (disperse("uniform, half_width: 1 %", "mass.total"), ""),
+        (disperse("normal, sigma: 0.1 %", "sensor.speed_scale"), ""),
+    ],
+)
+def test_a_slip_of_a_factor_100_causes_a_warning_with_its_line(tmp_path, entries, text):
+    path = write_campaign(tmp_path, **entries)
+    found = find_slips(read_campaign(path))
+    assert bool(found) == bool(text)
+    assert all(re.match(rf"{re.escape(str(path))}:\d+:\d+: .*{text}", slip) for slip in found)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.file.config import Campaign, Compared, select_asked
+from abhv_mc.campaign.file.config import Campaign, Compared, find_shipped, select_asked
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import check_kinds, find_kind
@@ -243,7 +243,8 @@ def name_effectors(document: Document) -> Document:
     """
     data = document.entries
     try:
-        content: Any = read_document(document.resolve(data["vehicle"])).data
+        vehicle = document.resolve(find_shipped(document, "vehicle", data["vehicle"]))
+        content: Any = read_document(vehicle).data
         parts = (
             (content.get("effectors", {}), EFFECTORS),
             ((content.get("propulsion") or {}).get("engines", {}), ENGINES),

@@ -12,8 +12,9 @@ from abhv_mc.campaign.file.tuning import Points, Tune
 from abhv_mc.campaign.file.unknowns import Unknown, UnknownPoints
 from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.io.documents import File, Refusal, StrictModel
+from abhv_mc.io.documents import Document, File, Refusal, StrictModel
 from abhv_mc.io.units import Fraction, Time
+from abhv_mc.shipped import shipped_files
 
 TRACED = (
     "id",
@@ -231,6 +232,17 @@ class Execution(StrictModel):
     )
 
 
+def find_shipped(document: Document, kind: str, value: Any) -> Any:
+    """Return the path of the shipped file that an entry names, or the entry of other files."""
+    if not isinstance(value, str) or document.resolve(value).is_file():
+        return value
+    return str(shipped_files(kind).get(value, value))
+
+
+def _shipped(kind: str) -> BeforeValidator:
+    return BeforeValidator(lambda value, info: find_shipped(info.context["document"], kind, value))
+
+
 class Compared(StrictModel):
     """Controllers that a campaign compares."""
 
@@ -288,11 +300,18 @@ class Campaign(StrictModel):
             "worst; default: whether the requirements are met"
         ),
     )
-    vehicle: File = Field(description="vehicle file, relative to the campaign file")
-    mission: File = Field(description="mission file, relative to the campaign file")
-    controllers: Annotated[dict[Name, File], Field(min_length=1)] = Field(
+    vehicle: Annotated[File, _shipped("vehicle")] = Field(
+        description="vehicle file, relative to the campaign file, or a shipped name"
+    )
+    mission: Annotated[File, _shipped("mission")] = Field(
+        description="mission file, relative to the campaign file, or a shipped name"
+    )
+    controllers: Annotated[
+        dict[Name, Annotated[File, _shipped("control")]], Field(min_length=1)
+    ] = Field(
         description=(
-            "controller files by name; all controllers are simulated with the same samples"
+            "controller files or shipped names by name; all controllers are simulated with the "
+            "same samples"
         )
     )
     under_test: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(

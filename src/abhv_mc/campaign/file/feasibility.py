@@ -22,6 +22,13 @@ _ABOVE_ZERO = re.compile(
     r"|aero\.(lift|drag)$|propulsion\.thrust$|wind\.(turbulence|gust)_length$)"
 )
 _RARELY = 1e-6  # tolerated probability of values beyond a bound
+_UNLIKELY = 0.05  # required probabilities below this value are probably percentages
+_USUAL = np.array([0.001, 0.999])  # probabilities of the quantiles that bound usual values
+_HOT = 60.0  # largest usual offset of the air temperature, K
+_NARROW, _WIDE = 0.005, 5.0  # usual deviations from the nominal value, relative to it
+_NEAR_ZERO = 0.1  # limit below which all values of a factor are probably wrong
+# parameters with small deviations, or without a usual value
+_SPECIAL = ("sensor.", "failure.", "control.", "wind.")
 _FIRST = 1000  # number of flights, from flight 0, whose derived parameters are checked
 
 
@@ -61,7 +68,37 @@ def values_of(campaign: Experiment, name: str) -> Floats:
 
 def asked_in_vain(campaign: Experiment) -> list[str]:
     """Return warnings about undecidable requirements and impossible dispersions."""
-    return [f"{error.found}; required: {error.expected}" for error in find_impossible(campaign)]
+    problems = [f"{error.found}; required: {error.expected}" for error in find_impossible(campaign)]
+    return problems + find_slips(campaign)
+
+
+def find_slips(campaign: Experiment) -> list[str]:
+    """Return warnings about probable slips of a factor 100 and about large temperature offsets."""
+    slips = [
+        campaign.document.error(
+            ("requirements", i, "probability"),
+            f"found a probability of {entry.probability:g}",
+            f"did you mean {100.0 * entry.probability:g}?",
+        )
+        for i, entry in enumerate(campaign.requirements)
+        if entry.probability < _UNLIKELY
+    ]
+    for name in campaign.varied:
+        parameter, marginal = campaign.parameters[name], campaign.marginals.get(name)
+        values = marginal.ppf(_USUAL) if marginal else values_of(campaign, name)
+        if name == "atmosphere.temperature" and np.abs(values).max() > _HOT:
+            problem = f"'{name}' is an offset and exceeds {_HOT:g} K"
+            slips.append(refuse_input(campaign, name, problem, "a smaller difference"))
+        is_relative = "%" in str(campaign.dispersions.get(name)) or not parameter.of_user
+        if not (parameter.nominal and is_relative) or name.startswith(_SPECIAL):
+            continue
+        ratio = values / parameter.nominal
+        is_usual = _NARROW <= np.abs(ratio - 1.0).max() < _WIDE
+        if not is_usual or 0.0 < ratio.max() < _NEAR_ZERO:
+            problem = f"'{name}' is {ratio.min():.4g} to {ratio.max():.4g} times its nominal value"
+            expected = "values without a slip of a factor 100"
+            slips.append(refuse_input(campaign, name, problem, expected))
+    return list(map(str, slips))
 
 
 def _requirements(campaign: Experiment) -> Iterator[InputError]:

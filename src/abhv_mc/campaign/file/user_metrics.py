@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, RootModel, model_validator
 
 from abhv_mc.flight.channels import SOURCES
-from abhv_mc.flight.compile_metrics import FUNCTIONS, SourceRow, compile_expression, source_rows
+from abhv_mc.flight.compile_metrics import (
+    FUNCTIONS,
+    MOST_CHANNELS,
+    SourceRow,
+    compile_expression,
+    source_rows,
+)
 from abhv_mc.flight.metrics import (
     BUILT_IN,
     MARGIN_FAULTS,
@@ -292,6 +298,9 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                     ):
                         found_name = f"the name '{node.name}' is reserved by the program"
                         raise InputError(path, found_name, "another name", node.lineno)
+                    if len(channels) == MOST_CHANNELS:
+                        expected = f"at most {MOST_CHANNELS} custom channels"
+                        raise InputError(path, "found another channel", expected, node.lineno)
                     channels.append((node.name, str(units[0].value)))
     if not channels:
         raise InputError(

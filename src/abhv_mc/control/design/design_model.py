@@ -14,6 +14,7 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.kernel.world.surroundings import find_surroundings
+from abhv_mc.plant.air import nominal_air
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
     evaluate_fixed,
@@ -61,31 +62,14 @@ class EnvironmentPoints(NamedTuple):
     radius: Floats  # distance to the centre of the Earth, M + h
 
 
-def air_factors(air: Floats, altitude: Floats) -> Floats:
-    """Return the mission's factors [2, point] on the standard density and temperature.
-
-    ``air`` has the columns of :mod:`abhv_mc.kernel.plant.air_data`.
-    """
-    if not len(air):
-        return np.ones((2, altitude.size))
-    return np.stack([np.interp(altitude, air[:, 0], air[:, column]) for column in (3, 4)])
-
-
 def make_environment_points(
     earth: Earth, altitude: Floats, latitude: Floats, air: Floats | None = None
 ) -> EnvironmentPoints:
-    """Return air, gravity and radius at geodetic altitudes (m) and latitudes (rad).
-
-    ``air`` is the mission's nominal air, by default the standard atmosphere.
-    """
-    density, sound_speed, _, gravity, meridian, _ = find_surroundings(
+    """Return air, gravity and radius at geodetic altitudes (m) and latitudes (rad)."""
+    *_, gravity, meridian, _ = find_surroundings(
         earth, altitude, np.sin(latitude), np.cos(latitude)
     )
-    if air is not None and len(air):
-        density_factor, temperature_factor = air_factors(air, altitude)
-        density *= density_factor
-        sound_speed *= np.sqrt(temperature_factor)
-    return EnvironmentPoints(density, sound_speed, gravity, meridian + altitude)
+    return EnvironmentPoints(*nominal_air(air, altitude), gravity, meridian + altitude)
 
 
 def make_environment(

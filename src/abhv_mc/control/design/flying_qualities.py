@@ -47,7 +47,7 @@ def find_flying_qualities(
     cells.
     """
     nominal = Nominal(
-        environment=make_environment(earth, point.altitude, point.latitude),
+        environment=make_environment(earth, point.altitude, point.latitude, point.air),
         mass=mass,
         speed=point.speed,
         flight_path_angle=trim.flight_path_angle,

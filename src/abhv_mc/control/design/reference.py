@@ -4,7 +4,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.design.design_cache import cache_results
-from abhv_mc.control.design.design_model import air_factors, make_environment_points
+from abhv_mc.control.design.design_model import make_environment_points
 from abhv_mc.control.design.guidance_trim import GuidanceTrim, trim_along
 from abhv_mc.control.design.profile import Profile, make_profile, ramp_times
 from abhv_mc.control.design.trim_tables import make_trim_tables
@@ -12,8 +12,9 @@ from abhv_mc.control.mission import Mission
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.trim_search import GuidancePoints
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.kernel.world.earth import WGS84, Earth
+from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.kernel.world.surroundings import find_surroundings
+from abhv_mc.plant.air import nominal_air
 from abhv_mc.plant.trim import FlightPoint, TrimPoint, trim
 
 COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
@@ -31,9 +32,10 @@ def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
     profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
     speeds = (float(profile.speed.min()), float(profile.speed.max()))
     middle_altitude = float(profile.altitude.min() + profile.altitude.max()) / 2.0
-    mach = profile.speed / find_surroundings(WGS84, profile.altitude, 0.0, 1.0).sound_speed
+    air = mission.make_air()
+    mach = profile.speed / nominal_air(air, profile.altitude)[1]
     steady = np.unique(np.round(mach[1:][np.abs(np.diff(mach)) < _STEADY], 6))
-    return make_trim_tables(vehicle, middle_altitude, speeds, steady)
+    return make_trim_tables(vehicle, middle_altitude, speeds, steady, air)
 
 
 def transients(mission: Mission) -> tuple[tuple[float, float], ...]:
@@ -137,25 +139,31 @@ def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
     return mission.model_copy(update={"start": start})
 
 
-def make_start_trim(
-    mission: Mission, vehicle: Vehicle, push: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> TrimPoint:
-    """Return the trim at the mission's start, for the full tables and a non-rotating Earth.
-
-    ``push`` contains the forces and moment of custom dynamics, as in :class:`FlightPoint`.
-    """
+def make_start_point(mission: Mission) -> FlightPoint:
+    """Return the flight condition at the mission's start, in the mission's nominal air."""
     start = mission.start
-    fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
-    density, temperature = air_factors(mission.make_air(), np.array([start.altitude]))
-    point = FlightPoint(
+    return FlightPoint(
         start.altitude,
         start.speed,
         start.bank,
         start.latitude,
         start.heading,
         start.flight_path_angle,
-        density_factor=float(density[0]),
-        temperature_factor=float(temperature[0]),
-        push=push,
+        air=mission.make_air(),
     )
-    return _trim(vehicle, fixed_earth, point)
+
+
+def make_start_trim(
+    mission: Mission,
+    vehicle: Vehicle,
+    push: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rotating: bool = False,
+) -> TrimPoint:
+    """Return the trim at the mission's start, for the full tables.
+
+    ``push`` contains the forces and moment of custom dynamics, as in :class:`FlightPoint`. Unless
+    ``rotating``, the Earth does not rotate.
+    """
+    earth = mission.make_earth()
+    earth = earth if rotating else earth._replace(rotation_rate=0.0)
+    return _trim(vehicle, earth, make_start_point(mission)._replace(push=push))

@@ -10,6 +10,7 @@ from abhv_mc.control.design.design_model import Environment, engine_at, thrust_a
 from abhv_mc.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
 from abhv_mc.kernel.world.surroundings import standard_air
+from abhv_mc.plant.air import nominal_air
 from abhv_mc.vehicle.effectors import deflection_range
 from abhv_mc.vehicle.evaluate import (
     evaluate_coefficients,
@@ -33,19 +34,21 @@ def make_trim_tables(
     altitude: float,
     speed_range: tuple[float, float],
     steady_mach: Floats | None = None,
+    air: Floats | None = None,
 ) -> Tables:
     """Pack the trim tables over Mach number, angle of attack and equivalence ratio.
 
-    The tables apply at ``altitude`` (m): T / (q_bar S) of an air-breathing engine is proportional
-    to 1 / V, which at constant Mach number changes by 2 % in 10 km. ``speed_range`` (m/s) is
-    widened by a tenth on each side. The elevator may exceed the vehicle's limits, so that
+    The tables apply at ``altitude`` (m) and the speed of sound of the nominal ``air``; the density
+    cancels if the thrust is proportional to it. T / (q_bar S) of an air-breathing engine is
+    proportional to 1 / V, which at constant Mach number changes by 2 % in 10 km. ``speed_range``
+    (m/s) is widened by a tenth on each side. The elevator may exceed the vehicle's limits, so that
     interpolation near a limit is as accurate as elsewhere. ``steady_mach`` contains constant Mach
     numbers of the reference, by default those at the ends of ``speed_range``. No node is within a
     quarter of a cell of these numbers, because slopes, and hence gains, would be one-sided at a
     node.
     """
     constants = vehicle.constants
-    density, sound_speed = standard_air(altitude)
+    density, sound_speed = standard_air(altitude)[0], float(nominal_air(air, altitude)[1])
     low, high = 0.9 * speed_range[0] / sound_speed, 1.1 * speed_range[1] / sound_speed
     alpha_low = max(_ANGLES_OF_ATTACK[0], constants.angle_of_attack_min)
     alpha_high = min(_ANGLES_OF_ATTACK[1], constants.angle_of_attack_max)

@@ -1,13 +1,13 @@
 """Unpaired comparison of two campaigns: verdicts, failure shares and quantiles."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.folder.inputs import describe_changes, read_folder_inputs
+from abhv_mc.folder.inputs import FolderInputs, content_of, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import pair_controllers, select_flights
@@ -98,16 +98,15 @@ def contrast_results(
         )
     records = a.campaign.metrics
     return Contrast(
-        tuple(_find_changes(a, b)),
+        tuple(find_changes(a, b)),
         {name: records[name].as_texts() for name in metrics},
         tuple(contrasted),
     )
 
 
-def _find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
-    before, after = (
-        read_folder_inputs(CampaignFolder(results.folder), results.manifest) for results in (a, b)
-    )
+def find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
+    """Return the changes of inputs, requirements and flight code from one campaign to another."""
+    before, after = (_read_inputs(results) for results in (a, b))
     changes = describe_changes(before, after, extensible=False)
     changes += [
         f"requirements.{change}" for change in find_requirement_changes(before.data, after.data)
@@ -116,6 +115,14 @@ def _find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
         commits = (results.manifest.commit or results.manifest.source_hash for results in (a, b))
         changes.append("flight code: {} -> {}".format(*(commit[:12] for commit in commits)))
     return changes
+
+
+def _read_inputs(results: FlownCampaign) -> FolderInputs:
+    """Return the inputs of a folder with contents instead of hashes, which comments change."""
+    inputs = read_folder_inputs(CampaignFolder(results.folder), results.manifest)
+    paths = {name: results.folder / name for name in inputs.hashes}
+    contents = {name: content_of(path) for name, path in paths.items() if path.is_file()}
+    return replace(inputs, hashes={**inputs.hashes, **contents})
 
 
 def _contrast_requirement(

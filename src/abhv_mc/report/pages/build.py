@@ -43,6 +43,12 @@ def hash_pages(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
     return {name: hash_file(folder / name) if (folder / name).is_file() else None for name in names}
 
 
+def hash_failure_map(folder: Path) -> str | None:
+    """Return the SHA-256 of the failure map; None if there is none."""
+    path = CampaignFolder(folder).failure_map
+    return hash_file(path) if path.is_file() else None
+
+
 def report_key(folder: Path, baseline: Path | None = None) -> str:
     """Return a hash of everything a report depends on: data, manifests, baseline and program."""
     import abhv_mc
@@ -63,8 +69,7 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
     data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
     data.append([topic.name for topic in user_topics()])
     data += suggest_merge(folder, read_manifest(CampaignFolder(folder).manifest))
-    if CampaignFolder(folder).failure_map.is_file():
-        data.append(hash_file(CampaignFolder(folder).failure_map))
+    data += filter(None, [hash_failure_map(folder)])
     if baseline is not None:
         data += [baseline.as_posix(), hash_file(baseline / "manifest.json")]
     text = json.dumps(data, sort_keys=True)
@@ -235,6 +240,7 @@ def build_report(
     pictures = hash_pages(out, [path.relative_to(out).as_posix() for path in sorted(current_files)])
     names = [path.name for path in pages]
     numbers |= {"pages": hash_pages(out, names), "pictures": pictures, "key": key}
+    numbers["failure_map"] = hash_failure_map(folder)
     # Each entry is on one line: indentation would make the encoder several times slower.
     lines = [
         f"{json.dumps(name)}: {json.dumps(entry, allow_nan=False)}"

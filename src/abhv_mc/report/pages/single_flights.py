@@ -35,7 +35,12 @@ def write_nominal_report(
     """
     plan = next(iter(plans.values()))
     times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
-    write_nominal(folder / "nominal.parquet", times, dict(histories))
+    shared = [c for c in plan.channels if all(c in other.channels for other in plans.values())]
+    columns = {
+        name: history[:, [plans[name].channels.index(c) for c in shared]]
+        for name, history in histories.items()
+    }
+    write_nominal(folder / "nominal.parquet", times, columns, recorded=shared)
     yield folder / "nominal.parquet"
     write_reference(folder / "reference.parquet", reference_of(plan, 1))
     yield folder / "reference.parquet"

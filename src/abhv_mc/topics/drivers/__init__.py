@@ -9,7 +9,6 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.controller_flights import distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import joined
 from abhv_mc.statistics.drivers import LEAST_COEFFICIENT, RankDrivers, rank_drivers
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.given_data import (
