@@ -1,8 +1,8 @@
 """Lock of a results folder, so that only one process at a time computes its flights.
 
 The lock is a `flock`, which the system releases when its holder ends. On file systems without
-`flock` the holder creates a lease: a file with its host, its process and the start time of the
-process.
+`flock` the holder creates a lease: a file with its host, its process, the start time of the process,
+and its boot ID and PID namespace. Only a process in the same namespace can know that a holder ended.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from abhv_mc.folder.layout import explain_os_error
-from abhv_mc.io.atomic_write import TEMPORARY
+from abhv_mc.io.atomic_write import TEMPORARY, checking_before_writes
 from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
@@ -53,7 +53,9 @@ def hold_lock(path: Path) -> Iterator[None]:
                     stack.callback(_remove_unused, path, earlier, created)
                 if not is_locked:
                     lease = _lease_of(path)
-                    stack.callback(_drop_lease, lease, _take_lease(lease))
+                    text = _take_lease(lease)
+                    stack.callback(_drop_lease, lease, text)
+                    stack.enter_context(checking_before_writes(lambda: _check_lease(lease, text)))
         except _HeldError as error:
             problem = f"the folder is in use by {error.holder}"
             raise InputError(
@@ -137,22 +139,23 @@ def _take_lease(lease: Path) -> str:
 
     A stale lease is moved aside and read again, because another process may have replaced it.
     """
-    text = json.dumps([platform.node(), os.getpid(), _start_of(os.getpid()), secrets.token_hex(4)])
+    own = platform.node(), os.getpid(), _start_of(os.getpid()), secrets.token_hex(4), _namespace()
+    text = json.dumps(own)
     while not _create(lease, text):
         holder = _read_lease(lease)
         if holder is None:
             continue
         if not _has_died(holder):
             raise _held_error(lease, holder)
-        own = lease.with_name(f"{lease.name}.{secrets.token_hex(8)}{TEMPORARY}")
+        moved = lease.with_name(f"{lease.name}.{secrets.token_hex(8)}{TEMPORARY}")
         with contextlib.suppress(
             FileNotFoundError
         ):  # Another process may have moved the lease first.
-            lease.rename(own)
-            if _read_lease(own) != holder:
-                own.rename(lease)
+            lease.rename(moved)
+            if _read_lease(moved) != holder:
+                moved.rename(lease)
                 continue
-            own.unlink()
+            moved.unlink()
     time.sleep(_SETTLE)
     holder = _read_lease(lease)
     if holder != text:
@@ -177,6 +180,13 @@ def _drop_lease(lease: Path, text: str) -> None:
         lease.unlink()
 
 
+def _check_lease(lease: Path, text: str) -> None:
+    """Raise InputError if the lease is no longer the lease of this process."""
+    if (holder := _read_lease(lease)) != text:
+        owner = f"is that of {_describe(holder)}" if holder else "was deleted"
+        raise InputError(lease, f"the lease {owner}; nothing more is written", _REPEAT)
+
+
 def _read_lease(lease: Path) -> str | None:
     """Return the text of a lease file, or None if it does not exist."""
     try:
@@ -185,11 +195,11 @@ def _read_lease(lease: Path) -> str | None:
         return None
 
 
-def _parse(text: str) -> tuple[str, int, str] | None:
-    """Return host, process and start time, or None if the lease is incomplete."""
+def _parse(text: str) -> tuple[str, int, str, str] | None:
+    """Return host, process, start time and namespace, or None if the lease is incomplete."""
     try:
-        host, process, start, _ = json.loads(text)
-        return str(host), int(process), str(start)
+        host, process, start, _, *namespace = json.loads(text)
+        return str(host), int(process), str(start), "".join(namespace)
     except (ValueError, TypeError):
         return None
 
@@ -199,40 +209,50 @@ def _describe(text: str) -> str:
     return f"process {holder[1]} on {holder[0]}" if holder else "another process"
 
 
-def _has_died(text: str) -> bool:
-    """Return whether the process of a lease ran on this host and has ended."""
+def _is_near(text: str) -> bool:
+    """Return whether the holder of a lease is known to share this process's namespace."""
     holder = _parse(text)
-    return holder is not None and holder[0] == platform.node() and _start_of(holder[1]) != holder[2]
+    return holder is not None and holder[3] != "" and holder[3] == _namespace()
+
+
+def _has_died(text: str) -> bool:
+    """Return whether the holder of a lease shares this process's namespace and has ended."""
+    holder = _parse(text)
+    if holder is None or not _is_near(text):
+        return False
+    start = _start_of(holder[1])
+    return start is None or ("" not in (start, holder[2]) and start != holder[2])
 
 
 def _held_error(lease: Path, text: str) -> _HeldError:
-    holder = _parse(text)
-    is_here = holder is not None and holder[0] == platform.node()
-    if is_here:
-        return _HeldError(_describe(text))
-    remedy = f"{_REPEAT} (if it was killed: rm '{lease}')"
-    return _HeldError(_describe(text), remedy)
+    remedy = "" if _is_near(text) else f" (if it was killed: rm '{lease}')"
+    return _HeldError(_describe(text), _REPEAT + remedy)
+
+
+def _namespace() -> str:
+    """Return the boot ID and the PID namespace of this process, or "" if one is unreadable."""
+    with contextlib.suppress(OSError):
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+        return f"{boot} {os.readlink('/proc/self/ns/pid')}"  # noqa: PTH115
+    return ""
 
 
 def _start_of(process: int) -> str | None:
-    """Return the start time of a process on the kernel's clock.
+    """Return the start time of a process of this namespace on the kernel's clock.
 
     Return "" if the time is unknown, and None if the process has ended.
     """
+    with contextlib.suppress(OSError):
+        # /proc may belong to another namespace, in which the number is that of another process.
+        if os.readlink("/proc/self") == str(os.getpid()):  # noqa: PTH115
+            fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+            state, *values = fields.rpartition(")")[2].split()
+            # Field 22 of /proc/PID/stat is the start time; a zombie process has ended.
+            return None if state in "ZX" else values[18]
     try:
-        fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
-        state, *values = fields.rpartition(")")[2].split()
-        return (
-            None if state in "ZX" else values[18]
-        )  # Field 22 of /proc/PID/stat is the start time; a zombie process has ended.
-    except OSError:
-        pass
-    try:
-        if Path("/proc/self/stat").exists():
-            return None
         os.kill(process, 0)
     except ProcessLookupError:
         return None
-    except OSError:
+    except (OSError, OverflowError):
         pass
     return ""

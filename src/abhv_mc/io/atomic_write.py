@@ -3,10 +3,27 @@
 import contextlib
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 TEMPORARY = ".temporary"  # suffix of files that are being written
+_checks: list[Callable[[], None]] = []
+
+
+@contextlib.contextmanager
+def checking_before_writes(check: Callable[[], None]) -> Iterator[None]:
+    """Call ``check`` before each file that is written in the context; an error prevents it."""
+    _checks.append(check)
+    try:
+        yield
+    finally:
+        _checks.remove(check)
+
+
+def check_before_write() -> None:
+    """Call the functions of :func:`checking_before_writes`."""
+    for check in _checks:
+        check()
 
 
 @contextlib.contextmanager
@@ -25,6 +42,7 @@ def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
         if durable:
             with temporary.open("rb") as file:
                 os.fsync(file.fileno())
+        check_before_write()
         temporary.replace(path)
     except BaseException:
         with contextlib.suppress(OSError):
