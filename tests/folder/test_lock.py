@@ -8,6 +8,7 @@ import platform
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -142,7 +143,7 @@ def test_a_process_of_another_proc_is_not_looked_up_there(monkeypatch):
     """As in a container that sees the /proc of its host."""
     monkeypatch.setattr(os, "getpid", lambda: 2**22 + 1)
     assert module._start_of(os.getppid()) == "" and module._start_of(2**22 + 1) is None
-    assert module._namespace().endswith(os.readlink("/proc/self/ns/pid"))
+    assert module._namespace().endswith(str(Path("/proc/self/ns/pid").readlink()))
 
 
 @pytest.mark.parametrize("text", [None, '["other", 1, "1", "0", ""]'])

@@ -154,12 +154,31 @@ def _fly_twice(
         open_threads(min(2 * pairs, executor.workers)) as threads,
     ):
         processes = list(threads.map(fly, range(2 * pairs)))
+    for name in campaign.systems:
+        for first in range(0, 2 * pairs, 2):
+            _repeat_lost(campaign, executor, name, [processes[i][name] for i in (first, first + 1)])
     warnings = [
         f"native code reads {path}, which 'files' does not list; changes to that file will not be "
         "detected"
         for path in sorted(native)
     ]
     return {name: [process[name] for process in processes] for name in campaign.systems}, warnings
+
+
+def _repeat_lost(
+    campaign: Experiment, executor: FlightRunner, name: str, pair: list[_Repeats]
+) -> None:
+    """Simulate lost flights again if another attempt computed them, and replace their results."""
+    blocks = [entry for r in pair for entry in ((r.rows, r.first), (r.again_rows, r.again))]
+    flights = [
+        (row.tobytes(), row, block, i) for rows, block in blocks for i, row in enumerate(rows)
+    ]
+    is_lost = [block.outcome[i] == Outcome.FAILED_TO_RUN for *_, block, i in flights]
+    computed = {flight[0] for flight, lost in zip(flights, is_lost, strict=True) if not lost}
+    for (key, row, block, i), lost in zip(flights, is_lost, strict=True):
+        if lost and key in computed:
+            repeat = simulate(_checked(campaign), name, row[None], None, executor.fly)
+            block.outcome[i], block.metrics[i] = repeat.outcome[0], repeat.metrics[0]
 
 
 def _judge_repeats(

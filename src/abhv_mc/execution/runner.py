@@ -329,7 +329,9 @@ class _Run:
         """Re-run some flights of a custom simulator and record whether their values differ."""
         if self.stored is None:
             return
-        size, description = self.stored.run_again(self.fly, self.workers)
+        size, description = self.stored.run_again(
+            self.fly, self.workers, self.samples, self.completion.all_counts
+        )
         observed = Repeatability.EXACT if size == 0.0 else Repeatability.ROUNDING
         warnings = list(self.manifest.warnings)
         if size > ROUNDING:

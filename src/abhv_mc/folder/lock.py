@@ -1,8 +1,8 @@
 """Lock of a results folder, so that only one process at a time computes its flights.
 
 The lock is a `flock`, which the system releases when its holder ends. On file systems without
-`flock` the holder creates a lease: a file with its host, its process, the start time of the process,
-and its boot ID and PID namespace. Only a process in the same namespace can know that a holder ended.
+`flock` the holder creates a lease: a file with its host, process, start time, boot ID and PID
+namespace. Only a process in the same namespace can know that the holder has ended.
 """
 
 import contextlib
@@ -233,7 +233,7 @@ def _namespace() -> str:
     """Return the boot ID and the PID namespace of this process, or "" if one is unreadable."""
     with contextlib.suppress(OSError):
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-        return f"{boot} {os.readlink('/proc/self/ns/pid')}"  # noqa: PTH115
+        return f"{boot} {Path('/proc/self/ns/pid').readlink()}"
     return ""
 
 
@@ -244,7 +244,7 @@ def _start_of(process: int) -> str | None:
     """
     with contextlib.suppress(OSError):
         # /proc may belong to another namespace, in which the number is that of another process.
-        if os.readlink("/proc/self") == str(os.getpid()):  # noqa: PTH115
+        if str(Path("/proc/self").readlink()) == str(os.getpid()):
             fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
             state, *values = fields.rpartition(")")[2].split()
             # Field 22 of /proc/PID/stat is the start time; a zombie process has ended.
