@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from abhv_mc.folder.manifest import Manifest
+from abhv_mc.folder.manifest import Manifest, hash_entries
 from abhv_mc.topics.section import Lead
 
+HASH = "hash"  # entry of `report.json` with the hash of all other entries
 Met: TypeAlias = Literal["yes", "no", "not shown", "nothing required"]
 
 
@@ -47,13 +48,23 @@ def parse_judgement(entry: Mapping[str, Any]) -> Judgement:
     return Judgement(**{**entry, "because": tuple(entry["because"]), "next": next_step})
 
 
-def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
-    """Read the assessment from a folder's `report.json`; None if missing or outdated."""
+def read_numbers(folder: Path) -> dict[str, Any] | None:
+    """Read a folder's `report.json` without its hash; None if missing or damaged."""
     try:
-        content = json.loads((folder / "report.json").read_text("utf-8"))
+        content: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
+        return content if content.pop(HASH) == hash_entries(content) else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
+    """Read the assessment from a folder's `report.json`; None if missing, damaged or outdated."""
+    if (content := read_numbers(folder)) is None:
+        return None
+    try:
         state = manifest.digest, manifest.state, len(manifest.requirement_sets)
         if (content["digest"], content["state"], content.get("requirement_sets", 0)) != state:
             return None
         return parse_judgement(content["judgement"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (KeyError, TypeError):
         return None

@@ -12,7 +12,7 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.status import read_status
 from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.judgement_record import read_judgement
+from abhv_mc.report.numbers.judgement_record import read_judgement, read_numbers
 
 COMPARISON_FILE = "comparison.json"  # file with the numbers of a comparison, next to its page
 _MANIFEST = "manifest.json"
@@ -120,6 +120,5 @@ def _is_ours(manifest: Path) -> bool:
 
 
 def _question(folder: Path) -> str:
-    # The file is valid JSON, because read_judgement has read it.
-    content = json.loads((folder / "report.json").read_text("utf-8"))
+    content = read_numbers(folder) or {}
     return str((content.get("provenance") or {}).get("question") or "")
