@@ -7,7 +7,6 @@ flights that changed the state of their process. Each flight is re-run in a new 
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from abhv_mc.execution.flight_differences import (
     outcome_and_metrics,
 )
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate
+from abhv_mc.execution.simulation import simulate, with_proofs
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.folder.samples import SampleReader
@@ -73,14 +72,9 @@ class StoredFlights:
         self, fly: Fly, workers: int, samples: SampleReader, counts: Mapping[str, FlightCounts]
     ) -> Difference:
         """Re-run flights and return the largest difference from the stored values."""
-        simulator = self._campaign.simulator
-        if simulator.engine.close is not None:
-            simulator.engine.close()  # New processes may need the licences of idle processes.
-        systems = {
-            name: system._replace(plan=simulator.prove(system.plan, check=-1))
-            for name, system in self._campaign.systems.items()
-        }
-        campaign = replace(self._campaign, systems=systems)
+        campaign = with_proofs(self._campaign, check=-1)
+        if (close := campaign.simulator.engine.close) is not None:
+            close()  # New processes may need the licences of idle processes.
         calls = [(name, i) for name in self._values for i in self.choose(counts[name]).tolist()]
 
         def run(name: str, i: int) -> Difference:

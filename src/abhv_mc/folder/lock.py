@@ -8,6 +8,7 @@ namespace. Only a process in the same namespace can know that the holder has end
 import contextlib
 import errno
 import fcntl
+import functools
 import json
 import os
 import platform
@@ -17,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from abhv_mc.folder.layout import explain_os_error
-from abhv_mc.io.atomic_write import TEMPORARY, checking_before_writes
+from abhv_mc.io.atomic_write import TEMPORARY, checks_before_writes
 from abhv_mc.io.input_error import InputError
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
@@ -27,12 +28,10 @@ _SETTLE = 0.2  # time in s for another process to restore a lease that it moved 
 _REPEAT = "the same command after the process has ended"
 
 
-class _HeldError(Exception):
-    """Error raised if another process holds the lock; it names the holder and a remedy."""
-
-    def __init__(self, holder: str, remedy: str = _REPEAT) -> None:
-        super().__init__(holder, remedy)
-        self.holder, self.remedy = holder, remedy
+def _in_use(path: Path, holder: str, remedy: str = _REPEAT) -> InputError:
+    """Return the error for a lock that another process holds."""
+    problem = f"the folder is in use by {holder}"
+    return InputError(path.parent, problem, f"{remedy}, or another folder (-o DIR)")
 
 
 @contextlib.contextmanager
@@ -45,22 +44,18 @@ def hold_lock(path: Path) -> Iterator[None]:
     created = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
     earlier = set() if created else _names(path.parent)
     with contextlib.ExitStack() as stack:
-        try:
-            with explain_os_error(path, writing=True):
-                descriptor, is_locked = _open_locked(path)
-                stack.callback(os.close, descriptor)
-                if path.name not in earlier:
-                    stack.callback(_remove_unused, path, earlier, created)
-                if not is_locked:
-                    lease = _lease_of(path)
-                    text = _take_lease(lease)
-                    stack.callback(_drop_lease, lease, text)
-                    stack.enter_context(checking_before_writes(lambda: _check_lease(lease, text)))
-        except _HeldError as error:
-            problem = f"the folder is in use by {error.holder}"
-            raise InputError(
-                path.parent, problem, f"{error.remedy}, or another folder (-o DIR)"
-            ) from None
+        with explain_os_error(path, writing=True):
+            descriptor, is_locked = _open_locked(path)
+            stack.callback(os.close, descriptor)
+            if path.name not in earlier:
+                stack.callback(_remove_unused, path, earlier, created)
+            if not is_locked:
+                lease = _lease_of(path)
+                text = _take_lease(lease)
+                stack.callback(_drop_lease, lease, text)
+                check = functools.partial(_check_lease, lease, text)
+                checks_before_writes.append(check)
+                stack.callback(checks_before_writes.remove, check)
         with contextlib.suppress(OSError):  # The lock also works on a full disk.
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"process {os.getpid()} on {platform.node()}".encode(), 0)
@@ -105,7 +100,7 @@ def _open_locked(path: Path) -> tuple[int, bool]:
                 raise
             os.close(descriptor)
         if time.monotonic() > deadline:
-            raise _HeldError(_read_holder(path))
+            raise _in_use(path, _read_holder(path))
         time.sleep(_POLL)
 
 
@@ -209,24 +204,21 @@ def _describe(text: str) -> str:
     return f"process {holder[1]} on {holder[0]}" if holder else "another process"
 
 
-def _is_near(text: str) -> bool:
-    """Return whether the holder of a lease is known to share this process's namespace."""
-    holder = _parse(text)
-    return holder is not None and holder[3] != "" and holder[3] == _namespace()
+def _has_died(text: str) -> bool | None:
+    """Return whether the holder of a lease has ended, or None if it is unknown.
 
-
-def _has_died(text: str) -> bool:
-    """Return whether the holder of a lease shares this process's namespace and has ended."""
+    It is known only if the holder is in the namespace of this process.
+    """
     holder = _parse(text)
-    if holder is None or not _is_near(text):
-        return False
+    if holder is None or not holder[3] or holder[3] != _namespace():
+        return None
     start = _start_of(holder[1])
     return start is None or ("" not in (start, holder[2]) and start != holder[2])
 
 
-def _held_error(lease: Path, text: str) -> _HeldError:
-    remedy = "" if _is_near(text) else f" (if it was killed: rm '{lease}')"
-    return _HeldError(_describe(text), _REPEAT + remedy)
+def _held_error(lease: Path, text: str) -> InputError:
+    remedy = f"{_REPEAT} (if it was killed: rm '{lease}')"
+    return _in_use(lease, _describe(text), remedy if _has_died(text) is None else _REPEAT)
 
 
 def _namespace() -> str:

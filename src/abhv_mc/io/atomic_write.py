@@ -7,22 +7,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 TEMPORARY = ".temporary"  # suffix of files that are being written
-_checks: list[Callable[[], None]] = []
-
-
-@contextlib.contextmanager
-def checking_before_writes(check: Callable[[], None]) -> Iterator[None]:
-    """Call ``check`` before each file that is written in the context; an error prevents it."""
-    _checks.append(check)
-    try:
-        yield
-    finally:
-        _checks.remove(check)
+# Functions that raise an error if this process must not write any more.
+checks_before_writes: list[Callable[[], None]] = []
 
 
 def check_before_write() -> None:
-    """Call the functions of :func:`checking_before_writes`."""
-    for check in _checks:
+    """Call the functions in ``checks_before_writes``."""
+    for check in checks_before_writes:
         check()
 
 

@@ -51,13 +51,13 @@ def cache_root() -> Path:
 
 @functools.lru_cache(maxsize=1)
 def _find_root(_environment: tuple[str | None, ...]) -> Path:
-    until, unsafe = "", list[Path]()
+    until, problems = "", list[str]()
     for base in _bases():
         folder = base / "abhv-mc"
         with contextlib.suppress(OSError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if not _is_safe(folder):
-                unsafe.append(folder)
+                problems.append(f"{folder} belongs to another user, or all users can write to it")
             elif os.access(folder, os.W_OK | os.X_OK):
                 break
     else:
@@ -65,25 +65,20 @@ def _find_root(_environment: tuple[str | None, ...]) -> Path:
         if not _is_private(base):
             base, until = Path(tempfile.mkdtemp(prefix="abhv-mc-")), " until this command ends"
             atexit.register(shutil.rmtree, base, ignore_errors=True)
-        # Without MPLCONFIGDIR, matplotlib would also warn that its configuration folder is
-        # read-only.
+        # Without MPLCONFIGDIR, matplotlib would also warn that its folder is read-only.
         os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))
         folder = base / "abhv-mc"
         folder.mkdir(mode=0o700, exist_ok=True)
-        if not unsafe:
-            _warn("No cache folder is writable", base, until)
-    if unsafe:
-        paths = ", ".join(map(str, unsafe))
-        _warn(f"Cache folder of another user or writable for all: {paths}", base, until)
+        problems = problems or ["No cache folder is writable"]
+    if problems:
+        os.environ["XDG_CACHE_HOME"] = str(base)
+        warnings.warn(
+            f"{'; '.join(problems)}; compiled code is stored in {base}{until}. "
+            "Set XDG_CACHE_HOME to a writable folder of your own.",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     return folder
-
-
-def _warn(problem: str, base: Path, until: str) -> None:
-    """Warn that compiled code is stored in ``base``, also by child processes."""
-    os.environ["XDG_CACHE_HOME"] = str(base)
-    message = f"{problem}; compiled code is stored in {base}{until}."
-    remedy = "Set XDG_CACHE_HOME to a writable folder of your own."
-    warnings.warn(f"{message} {remedy}", RuntimeWarning, stacklevel=4)
 
 
 def _is_safe(folder: Path) -> bool:
@@ -119,12 +114,11 @@ def cache_folder(compiler: str) -> Path:
     the folder if its members can write all files; otherwise each member has a folder.
     """
     name = hashlib.sha256(f"{_SOURCE} {compiler}".encode()).hexdigest()[:16]
-    folder, mode = cache_root() / name, stat.S_IMODE(cache_root().stat().st_mode)
-    is_shared = bool(mode & stat.S_IWGRP)
-    if is_shared and folder.exists():
-        paths = folder, *folder.rglob("*")
-        if not all(os.access(path, os.R_OK | os.W_OK) for path in paths):
-            folder = folder.with_name(f"{name}-{os.getuid()}")
+    folder = cache_root() / name
+    is_shared = folder.parent.stat().st_mode & stat.S_IWGRP
+    paths = (folder, *folder.rglob("*")) if is_shared and folder.exists() else ()
+    if not all(os.access(path, os.R_OK | os.W_OK) for path in paths):
+        folder = folder.with_name(f"{name}-{os.getuid()}")
     folder.mkdir(mode=0o770 if is_shared else 0o700, exist_ok=True)
     return folder
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -59,17 +58,18 @@ def _report_differences(root: Path) -> Iterator[str]:
         yield f"baseline: {baseline} no longer exists"
         del written["baseline"]
         baseline = None
-    differences = chain(
-        _find_changed(files, hash_files(root)), _find_differences(root, written, baseline)
-    )
+    differences = _find_stale(root, files, written, baseline)
     if is_current:
         yield from differences
     elif any(True for _ in differences):
         yield "report.json: written by another version of abhv-mc, which gives other numbers"
 
 
-def _find_differences(root: Path, written: dict[str, Any], baseline: Path | None) -> Iterator[str]:
-    """Yield differences between the numbers ``written`` in a report and its data."""
+def _find_stale(
+    root: Path, files: dict[str, str], written: dict[str, Any], baseline: Path | None
+) -> Iterator[str]:
+    """Yield changed data files, and differences between the numbers of a report and its data."""
+    yield from _find_changed(files, hash_files(root))
     results = read_flown(root)
     comparison = compare_baseline(results, baseline) if baseline else None
     remade = json.loads(json.dumps(make_numbers(Models(results), comparison)))
