@@ -53,10 +53,7 @@ def test_report_and_its_verification(folder):
 def test_a_report_of_another_version_is_not_called_changed(folder, monkeypatch):
     run("report", folder)
     numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    numbers["files"]["campaign.yaml"] = numbers["digest"] = "0"
-    (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
-    assert "changed after" in run("verify", "campaign", folder).stdout
-    numbers["code"] = "0"
+    numbers["files"]["campaign.yaml"] = numbers["code"] = "0"
     (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
     verification = run("verify", "campaign", folder)
     assert verification.exit_code == 1

@@ -44,7 +44,7 @@ class _Repeats(NamedTuple):
     rows: Floats  # [flight, input]
     values: Floats  # [flight, value] outcome and metrics
     blocks: tuple[FlightBlock, ...]
-    count: int  # number of rows before their repetition
+    distinct: int  # number of rows before their repetition
 
     @property
     def lost(self) -> Mask:
@@ -203,13 +203,13 @@ def _judge_repeats(
 def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield each row of inputs with its results in two processes."""
     # If one process was slow, it repeated fewer flights than the other process.
-    count = len(a.rows) if len(a.rows) == len(b.rows) else a.count
+    count = len(a.rows) if len(a.rows) == len(b.rows) else a.distinct
     yield from zip(a.rows[:count], a.values[:count], b.values[:count], strict=True)
 
 
 def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield each repeated row of inputs with its first and second results in one process."""
-    rows, again = repeats.rows[repeats.count :], repeats.values[repeats.count :]
-    first = repeats.values[: repeats.count]
+    rows, again = repeats.rows[repeats.distinct :], repeats.values[repeats.distinct :]
+    first = repeats.values[: repeats.distinct]
     first = first[::-1] if len(again) == len(first) else first[: len(again)]
     yield from zip(rows, first, again, strict=True)

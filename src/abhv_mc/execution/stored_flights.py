@@ -5,7 +5,7 @@ the end of a run also reveals files that changed later, workers that disturbed e
 flights that changed the state of their process. Each flight is re-run in a new process.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 
 import numpy as np
@@ -29,6 +29,7 @@ from abhv_mc.interfaces import Fly
 
 # One of 20 stored flights of each system is re-run, but at least 4 and at most 20.
 _LEAST, _MOST, _SHARE = 4, 20, 20
+_LOST = float(Outcome.FAILED_TO_RUN)
 
 
 class StoredFlights:
@@ -39,23 +40,22 @@ class StoredFlights:
         first, self._stop = shard
         self._count = max(_LEAST, min(_MOST, (self._stop - first) // _SHARE))
         self._campaign = campaign
-        # [flight, value] outcome, NaN for flights that failed to run, and metrics
+        # [flight, value] outcome and metrics
         self._values: dict[str, Floats] = {}
 
     def add(self, rows: FlightRows) -> None:
         """Record the outcomes and metrics of a block."""
         campaign, metrics = self._campaign, len(self._campaign.measured)
         values = self._values.setdefault(
-            rows.controller, np.full((campaign.runs, 1 + metrics), np.nan)
+            rows.controller, np.full((campaign.runs, 1 + metrics), _LOST)
         )
-        outcome = np.array([campaign.outcomes.numbers[code] for code in rows.outcome], np.float64)
-        outcome[outcome == Outcome.FAILED_TO_RUN] = np.nan
+        outcome = [campaign.outcomes.numbers[code] for code in rows.outcome]
         values[rows.flights] = np.column_stack([outcome, rows.values[:, :metrics]])
 
     def choose(self, counts: FlightCounts) -> NDArray[np.intp]:
         """Return the numbers of the flights to re-run: random failures, then the worst flights."""
         values = self._values[counts.controller]
-        flights = np.flatnonzero(~np.isnan(values[:, 0]))
+        flights = np.flatnonzero(values[:, 0] != _LOST)
         columns = [metric.name for metric in self._campaign.measured]
         is_failure, rank = np.zeros(flights.size, bool), np.full(flights.size, flights.size)
         for count in counts.requirements:
@@ -79,17 +79,13 @@ class StoredFlights:
 
         def run(name: str, i: int) -> Difference:
             row = samples.rows(i, i + 1)
-            block = simulate(campaign, name, row, None, fly)
-            computed = block.outcome[0] != Outcome.FAILED_TO_RUN
-            stored = self._values[name][i]
-            pairs = [(row[0], stored, outcome_and_metrics(block)[0])] if computed else []
-            return find_difference(campaign, name, pairs)
+            again = outcome_and_metrics(simulate(campaign, name, row, None, fly))
+            pairs = zip(row, self._values[name][i : i + 1], again, strict=True)
+            return find_difference(campaign, name, pairs if again[0, 0] != _LOST else ())
 
-        def differences() -> Iterator[Difference]:
-            landed = work_ahead(workers, run, calls)
-            with Progress("stored flights again", len(calls)) as progress, closing(landed):
-                for difference in landed:
-                    progress.add(1)
-                    yield difference
-
-        return max(differences(), default=Difference())
+        largest, landed = Difference(), work_ahead(workers, run, calls)
+        with Progress("stored flights again", len(calls)) as progress, closing(landed):
+            for difference in landed:
+                progress.add(1)
+                largest = max(largest, difference)
+        return largest

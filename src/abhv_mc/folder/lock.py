@@ -6,7 +6,6 @@ namespace. Only a process in the same namespace can know that the holder has end
 """
 
 import contextlib
-import errno
 import fcntl
 import functools
 import json
@@ -20,8 +19,8 @@ from pathlib import Path
 from abhv_mc.folder.layout import explain_os_error
 from abhv_mc.io.atomic_write import TEMPORARY, checks_before_writes
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.cache import NO_LOCKS
 
-_NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 _PATIENCE = 0.5  # waiting time in s: the command `runs` tests a lock by holding it briefly
 _POLL = 0.01  # time in s between attempts
 _SETTLE = 0.2  # time in s for another process to restore a lease that it moved by mistake
@@ -71,7 +70,7 @@ def lock_holder(path: Path) -> str | None:
         except BlockingIOError:
             return _read_holder(path)
         except OSError as error:
-            holder = _read_lease(_lease_of(path)) if error.errno in _NO_LOCKS else None
+            holder = _read_lease(_lease_of(path)) if error.errno in NO_LOCKS else None
             return None if holder is None or _has_died(holder) else _describe(holder)
         finally:
             os.close(descriptor)
@@ -94,7 +93,7 @@ def _open_locked(path: Path) -> tuple[int, bool]:
             except BlockingIOError:
                 pass
             except OSError as error:
-                if error.errno in _NO_LOCKS:
+                if error.errno in NO_LOCKS:
                     return descriptor, False
                 os.close(descriptor)
                 raise
@@ -204,21 +203,17 @@ def _describe(text: str) -> str:
     return f"process {holder[1]} on {holder[0]}" if holder else "another process"
 
 
-def _has_died(text: str) -> bool | None:
-    """Return whether the holder of a lease has ended, or None if it is unknown.
-
-    It is known only if the holder is in the namespace of this process.
-    """
+def _has_died(text: str) -> bool:
+    """Return whether the holder of a lease is in this process's namespace and has ended."""
     holder = _parse(text)
     if holder is None or not holder[3] or holder[3] != _namespace():
-        return None
+        return False
     start = _start_of(holder[1])
     return start is None or ("" not in (start, holder[2]) and start != holder[2])
 
 
 def _held_error(lease: Path, text: str) -> InputError:
-    remedy = f"{_REPEAT} (if it was killed: rm '{lease}')"
-    return _in_use(lease, _describe(text), remedy if _has_died(text) is None else _REPEAT)
+    return _in_use(lease, _describe(text), f"{_REPEAT} (if it was killed: rm '{lease}')")
 
 
 def _namespace() -> str:

@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
-_NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
+NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 
 def source_hash() -> str:
@@ -153,7 +153,7 @@ def compilation_lock(
                 with waiting():
                     fcntl.flock(lock, fcntl.LOCK_EX)
             except OSError as error:
-                if error.errno not in _NO_LOCKS:
+                if error.errno not in NO_LOCKS:
                     raise
             if not is_noted(folder, name):
                 for file in _files_of(folder, name):

@@ -57,14 +57,15 @@ def read_numbers(folder: Path) -> dict[str, Any] | None:
         return None
 
 
+def read_current_numbers(folder: Path, manifest: Manifest) -> dict[str, Any] | None:
+    """Read a folder's `report.json`; None if missing, damaged or outdated."""
+    content = read_numbers(folder) or {}
+    state = manifest.digest, manifest.state, len(manifest.requirement_sets)
+    stored = *map(content.get, ("digest", "state")), content.get("requirement_sets", 0)
+    return content if stored == state else None
+
+
 def read_judgement(folder: Path, manifest: Manifest) -> Judgement | None:
-    """Read the assessment from a folder's `report.json`; None if missing, damaged or outdated."""
-    if (content := read_numbers(folder)) is None:
-        return None
-    try:
-        state = manifest.digest, manifest.state, len(manifest.requirement_sets)
-        if (content["digest"], content["state"], content.get("requirement_sets", 0)) != state:
-            return None
-        return parse_judgement(content["judgement"])
-    except (KeyError, TypeError):
-        return None
+    """Read the assessment from a folder's `report.json`; None if missing or outdated."""
+    content = read_current_numbers(folder, manifest)
+    return parse_judgement(content["judgement"]) if content else None

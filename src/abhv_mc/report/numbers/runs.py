@@ -12,7 +12,7 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.status import read_status
 from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.judgement_record import read_judgement, read_numbers
+from abhv_mc.report.numbers.judgement_record import read_current_numbers
 
 COMPARISON_FILE = "comparison.json"  # file with the numbers of a comparison, next to its page
 _MANIFEST = "manifest.json"
@@ -92,14 +92,14 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
             return None
         problem = error.found if isinstance(error, InputError) else str(error)
         return CampaignRun(folder=name, problem=problem)
-    judgement = read_judgement(folder, manifest)
+    numbers = read_current_numbers(folder, manifest)
     return CampaignRun(
         folder=name,
         name=manifest.name,
         state=manifest.state,
         started=manifest.started or "",
-        question=_question(folder) if judgement else "",
-        answer=judgement.answer if judgement else "",
+        question=numbers["provenance"]["question"] or "" if numbers else "",
+        answer=numbers["judgement"]["answer"] if numbers else "",
         verdicts=dict(Counter(entry.verdict for entry in manifest.requirements)),
         flights=manifest.runs_done,
         flights_planned=manifest.runs_planned,
@@ -117,8 +117,3 @@ def _is_ours(manifest: Path) -> bool:
     except (OSError, ValueError, RecursionError):
         return True
     return isinstance(content, dict) and "format" in content
-
-
-def _question(folder: Path) -> str:
-    content = read_numbers(folder) or {}
-    return str((content.get("provenance") or {}).get("question") or "")

@@ -58,11 +58,11 @@ def _report_differences(root: Path) -> Iterator[str]:
         yield f"baseline: {baseline} no longer exists"
         del written["baseline"]
         baseline = None
-    differences = _find_stale(root, files, written, baseline)
-    if is_current:
-        yield from differences
-    elif any(True for _ in differences):
-        yield "report.json: written by another version of abhv-mc, which gives other numbers"
+    for difference in _find_stale(root, files, written, baseline):
+        if not is_current:
+            yield "report.json: written by another version of abhv-mc, which gives other numbers"
+            return
+        yield difference
 
 
 def _find_stale(
