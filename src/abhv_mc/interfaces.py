@@ -167,7 +167,7 @@ class Simulator(Protocol):
         """Return a plan that checks after each block that the simulator sent no extra reply.
 
         ``check`` is the number of a separate process for the flights; 0 selects the processes of
-        the campaign.
+        the campaign, and -1 a new process for each flight.
         """
 
     def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
@@ -251,8 +251,9 @@ class Store(Protocol):
     - **One writer.** While one process is in :meth:`writing`, any other process, on any host, gets
       an InputError that names the writer. The claim of a process that died expires, by the clock
       of the store if the store has a clock. On a file system without ``flock``, however, the lease
-      of another host must be removed by hand. A local folder is locked by the command that writes,
-      not by the store. A process whose claim was taken over is interrupted and writes nothing more.
+      of another host or container must be removed by hand. A local folder is locked by the command
+      that writes, not by the store. A process whose claim was taken over is interrupted and writes
+      nothing more.
     - **No loss.** :meth:`writing` begins with the content of the store, so that an interrupted run
       can resume. When the context ends, even by an error or an interrupt, the content of the local
       folder is copied to the store, or kept in a local folder that ``StorageFullError``

@@ -28,6 +28,8 @@ def explore(
     """
     import webbrowser
     from contextlib import suppress
+    from pathlib import Path
+    from tempfile import TemporaryDirectory
 
     from abhv_mc_explore.counts import open_flights
     from abhv_mc_explore.server import ExploreServer
@@ -40,9 +42,12 @@ def explore(
             raise InputError(
                 "--port", f"port {port} cannot be opened ({error.strerror})", "a free port"
             ) from None
-        with server:
+        with server, TemporaryDirectory(prefix="abhv-mc-") as private:
             say(server.url, flush=True)
             if browser:
-                webbrowser.open(server.url)
+                # Other users can see the arguments of the browser, but cannot read this file.
+                page = Path(private, "explore.html")
+                page.write_text(f'<meta http-equiv="refresh" content="0; url={server.url}">')
+                webbrowser.open(page.as_uri())
             with suppress(KeyboardInterrupt):  # Ctrl-C ends the server.
                 server.serve_forever()

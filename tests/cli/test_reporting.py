@@ -53,6 +53,17 @@ def test_report_and_its_verification(folder):
     assert re.fullmatch(r"flights\.counts\.tlc\.flown: 13\D+12\D+", verification.stdout)
 
 
+@pytest.mark.usefixtures("no_figures")
+def test_a_report_of_another_version_is_not_called_changed(folder, monkeypatch):
+    run("report", folder)
+    numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    numbers["files"]["campaign.yaml"] = numbers["code"] = "0"
+    (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
+    verification = run("verify", "campaign", folder)
+    assert verification.exit_code == 1
+    assert re.fullmatch(r"report\.json: written by another version\b.*\n", verification.stdout)
+
+
 def test_a_missing_chromium_is_reported_before_files_are_written(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     error = run("report", folder, "-o", tmp_path / "there", "--pdf").exception

@@ -218,6 +218,24 @@ def fly(inputs, settings):
     assert any("outcome" in warning for warning in manifest.warnings)
 
 
+def test_a_check_flight_that_was_killed_once_is_repeated(tmp_path: Path) -> None:
+    source = f"""
+import os
+flights = 0
+
+def fly(inputs, settings):
+    global flights
+    flights += 1
+    if flights == 3 and not os.path.exists({str(tmp_path / "once")!r}):
+        open({str(tmp_path / "once")!r}, "x")
+        os.kill(os.getpid(), 9)
+    return {{"total": 1.0}}
+"""
+    path = write_study(tmp_path / "own", source, runs=40)
+    manifest = run_campaign(Request(path, tmp_path / "out")).manifest
+    assert manifest.repeatable == "yes" and manifest.requirements[0].verdict == "PASS"
+
+
 def test_the_report_describes_the_simulator(tmp_path: Path) -> None:
     run_campaign(Request(write_study(tmp_path / "own", FAILING, runs=60), tmp_path / "out"))
     facts = Results(tmp_path / "out").simulator

@@ -4,13 +4,16 @@ import csv
 import http.client
 import json
 import threading
-from urllib.parse import quote
+from pathlib import Path
+from urllib.parse import quote, urlsplit
 
 import pytest
 from fake_flight import ENGINE, run, write_campaign
 from report.browser import open_browser
+from typer.testing import CliRunner
 
 from abhv_mc.analysis.replay import EQUAL_BITS
+from abhv_mc.cli.app import app
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
 
@@ -69,6 +72,19 @@ def test_only_this_machine_and_only_with_the_token_is_answered(server):
             assert ask(server, path, data, **wrong)[0] == 403
     assert ask(server, "/")[0] == 200 and server.token.encode() in ask(server, "/")[1]
     assert ask(server, "/../manifest.json")[0] == 404
+
+
+def test_other_users_do_not_see_the_token_among_the_arguments_of_the_browser(server, monkeypatch):
+    opened = []
+
+    def read(address):
+        opened.extend([address, Path(urlsplit(address).path).read_text()])
+
+    monkeypatch.setattr("webbrowser.open", read)
+    monkeypatch.setattr(ExploreServer, "serve_forever", lambda _: None)
+    printed = CliRunner().invoke(app, ["explore", str(server.root)])
+    token = printed.stdout.strip().partition("token=")[2]
+    assert token and token not in opened[0] and token in opened[1]
 
 
 def test_flights_are_counted_and_the_nearest_is_flown_again(server):

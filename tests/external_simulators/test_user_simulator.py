@@ -48,6 +48,7 @@ WRONG = {  # by the delay that is asked for: what the flight returns, and a patt
     16.0: ("found | {'load': True}", r"\btrue\b.*\bload\b.*\(.* 1\b"),
     17.0: ("found | {'end_time': '1_000'}", r'"1_000".*\bend_time\b'),
     18.0: ("found | {'flight': 1}", "'flight'"),
+    19.0: ("int('x' * 300)", r"^ValueError: .*xxx"),
 }
 WRONG_HISTORIES = {  # what is done to the history, and a pattern of the reason
     2.0: (
@@ -136,6 +137,7 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
         16.0,
         17.0,
         18.0,
+        19.0,
         1.3,
     ]
     block = fly_delays(path, delays)
@@ -431,6 +433,17 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     path = dive_campaign(tmp_path, simulator=simulator)
     assert fly_delays(path, [1.0]).outcome.tolist() == [LOST]
     assert "flush" in capfd.readouterr().err
+
+
+def test_output_without_line_ends_is_lost_at_the_time_limit(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The start limit does not apply, because the program has written."""
+    (tmp_path / "dots.py").write_text("while True:\n    print('.' * 999, end='')\n")
+    simulator = {"command": [sys.executable, "dots.py", "x" * 300], "time_limit": "200 ms"}
+    path = dive_campaign(tmp_path, simulator=simulator)
+    assert fly_delays(path, [1.0, 2.0]).outcome.tolist() == [LOST] * 2
+    assert "within 0.2 s" in capfd.readouterr().err
 
 
 def test_a_program_without_answers_is_lost_with_its_last_error(

@@ -8,10 +8,12 @@ import platform
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
 from abhv_mc.folder import lock as module
+from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.lock import hold_lock, lock_holder
 from abhv_mc.io.input_error import InputError
 
@@ -38,7 +40,7 @@ def refuse_locks(monkeypatch, number=errno.ENOSYS):
 def write_lease(path, host, process, start):
     lease = path.with_name(".lock.lease")
     lease.parent.mkdir(parents=True, exist_ok=True)
-    lease.write_text(json.dumps([host, process, start, "0"]))
+    lease.write_text(json.dumps([host, process, start, "0", module._namespace()]))
     return lease
 
 
@@ -121,6 +123,41 @@ def test_the_lease_of_a_process_of_this_host_that_died_is_taken_over(path, monke
     assert not path.with_name(".lock.lease").exists()
     process.kill()
     process.communicate()
+
+
+@pytest.mark.parametrize(("own", "other"), [("boot pid:[1]", "boot pid:[2]"), ("", "")])
+def test_only_the_same_namespace_declares_a_holder_dead(path, monkeypatch, own, other):
+    """Process numbers of other containers and before a restart mean nothing here."""
+    refuse_locks(monkeypatch)
+    monkeypatch.setattr(module, "_namespace", lambda: other)
+    lease = write_lease(path, platform.node(), 2**22 + 1, "1")
+    path.touch()
+    monkeypatch.setattr(module, "_namespace", lambda: own)
+    assert lock_holder(path) == f"process {2**22 + 1} on {platform.node()}"
+    with pytest.raises(InputError) as refused, hold_lock(path):
+        pass
+    assert f"rm '{lease}'" in str(refused.value)
+
+
+def test_a_process_of_another_proc_is_not_looked_up_there(monkeypatch):
+    """As in a container that sees the /proc of its host."""
+    monkeypatch.setattr(os, "getpid", lambda: 2**22 + 1)
+    assert module._start_of(os.getppid()) == "" and module._start_of(2**22 + 1) is None
+    assert module._namespace().endswith(str(Path("/proc/self/ns/pid").readlink()))
+
+
+@pytest.mark.parametrize("text", [None, '["other", 1, "1", "0", ""]'])
+def test_a_holder_without_its_lease_writes_nothing_more(path, monkeypatch, text):
+    refuse_locks(monkeypatch)
+    lease = path.with_name(".lock.lease")
+    with hold_lock(path):
+        write_text(path.parent / "file", "1")
+        lease.unlink()
+        if text:
+            lease.write_text(text)
+        with pytest.raises(InputError, match=r"\.lock\.lease"):
+            write_text(path.parent / "file", "2")
+    assert (path.parent / "file").read_text() == "1" and lease.exists() == (text is not None)
 
 
 @pytest.mark.parametrize("text", ['["node7", 12, "3", "0"]', "", "[1]"])

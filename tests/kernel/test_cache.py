@@ -182,6 +182,42 @@ def test_a_temporary_folder_of_another_user_is_not_used(monkeypatch, bare, kind)
     assert not root.parent.exists()
 
 
+@pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME/.cache"])
+@pytest.mark.parametrize(
+    ("owner", "mode", "is_used"),
+    [
+        (0, 0o755, True),
+        (1, 0o2770, True),
+        (1, 0o777, False),
+        (2, 0o700, False),
+    ],
+)
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give folders to other users")
+def test_a_folder_that_others_can_fill_is_not_used(
+    monkeypatch, tmp_path, bare, name, owner, mode, is_used
+):
+    """The user has the number 1."""
+    folder = tmp_path / name / "abhv-mc"
+    folder.mkdir(parents=True)
+    folder.chmod(mode)
+    os.chown(folder, owner, -1)
+    variable = name.partition("/")[0]
+    monkeypatch.setenv(variable, str(tmp_path / variable))
+    monkeypatch.setattr(os, "getuid", lambda: 1)
+    with contextlib.nullcontext() if is_used else pytest.warns(RuntimeWarning, match=str(folder)):
+        assert (cache.cache_root() == folder) == is_used
+
+
+def test_a_group_shares_what_its_members_can_write(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tmp_path / "abhv-mc").mkdir()
+    (tmp_path / "abhv-mc").chmod(0o2770)
+    folder = cache.cache_folder("x")
+    assert cache.cache_folder("x") == folder
+    monkeypatch.setattr(os, "access", lambda path, _: path != folder)
+    assert cache.cache_folder("x") == folder.with_name(f"{folder.name}-{os.getuid()}")
+
+
 def test_a_file_system_without_locks_keeps_compiled_code(monkeypatch, tmp_path):
     def refuse(*_):
         raise OSError(errno.ENOSYS, "Function not implemented")

@@ -27,7 +27,7 @@ def reports(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("abhv_mc.topics.registry.make_figures", lambda models: {})
         build_report(first)
-    for name, text in (("damaged", '{"format": 1,'), ("strange", '{"manifest_version": 3}')):
+    for name, text in (("damaged", '{"format": 2,'), ("strange", '{"manifest_version": 3}')):
         (root / name).mkdir()
         (root / name / "manifest.json").write_text(text, encoding="utf-8")
     assert run("compare", first, other, "-o", root / "compared").exit_code == 0
@@ -51,6 +51,15 @@ def test_every_campaign_is_found_and_a_damaged_one_says_why(reports):
     other = by_folder["deeper/other's one"]
     pair = f"{first.digest} {other.digest}"
     assert campaigns.comparisons == {pair: "compared/report.html"}
+
+
+def test_an_edited_report_is_not_printed(reports):
+    report = reports / "first/report.json"
+    text = report.read_text("utf-8")
+    report.write_text(text.replace('"answer": "', '"answer": "All is well. '), "utf-8")
+    runs = {entry.folder: entry for entry in find_runs(reports, LocalStore(reports)).runs}
+    report.write_text(text, "utf-8")
+    assert (runs["first"].answer, runs["first"].question) == ("", "")
 
 
 def test_the_terminal_fits_80_columns(reports, monkeypatch, tmp_path):

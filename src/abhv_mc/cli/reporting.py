@@ -419,7 +419,11 @@ def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
         count = counted(run.flights, "flight") if run.state == COMPLETE else run.state
         origin = f"version {run.version} {run.commit[:9]}".strip()
         facts = (run.started[:10], count, verdict_counts(run), origin, f"digest {run.digest[:12]}")
-        texts = [", ".join(filter(None, facts)), run.question, run.answer or "There is no report."]
+        texts = [
+            ", ".join(filter(None, facts)),
+            run.question,
+            run.answer or "There is no current report.",
+        ]
         for text in [f"Not readable: {run.problem}"] if run.problem else filter(None, texts):
             say(fill(text, width, initial_indent="  ", subsequent_indent="  "), folds=False)
     if not runs:

@@ -57,12 +57,7 @@ def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
     that ends as planned, or if flights exceed the time limit.
     """
     trials = make_trials(campaign)
-    limit = _COMPILING + time_limit(
-        len(trials), campaign.model.execution.flight_time_limit or _DEFAULT_LIMIT
-    )
-    flown = {
-        name: _fly_temporary(campaign, name, trials, every, limit) for name in campaign.systems
-    }
+    flown = {name: _fly_temporary(campaign, name, trials, every) for name in campaign.systems}
     errors = list(_find_not_finite(campaign, flown))
     for name, low, high in find_ineffective(campaign, trials, flown.values()):
         key = "unknowns" if name in campaign.unknowns.names else "dispersions"
@@ -87,17 +82,17 @@ def find_ineffective(
             yield name, *trials[rows, i].tolist()
 
 
-def _fly_temporary(
-    campaign: Experiment, name: str, trials: Floats, every: int, limit: float
-) -> FlightBlock:
+def _fly_temporary(campaign: Experiment, name: str, trials: Floats, every: int) -> FlightBlock:
     """Simulate trials without storing them.
 
-    Raise InputError if the trials take longer than ``limit`` seconds.
+    Raise InputError if the trials exceed the time limit, which does not include compilation.
     """
+    limit = time_limit(len(trials), campaign.model.execution.flight_time_limit or _DEFAULT_LIMIT)
     try:
+        run_in_thread(lambda: simulate(campaign, name, trials[:0], every), _COMPILING)
         return run_in_thread(lambda: simulate(campaign, name, trials, every), limit)
     except TimeoutError:
-        problem = f"the first flights of '{name}' did not end within {limit:g} s"
+        problem = f"the trial flights of '{name}' did not end within {limit:g} s"
         expected = "a control law without endless loops, or a longer 'flight_time_limit'"
         raise InputError("controllers", problem, expected) from None
 

@@ -6,10 +6,11 @@ The flights are simulated in two new processes in parallel, and repeated in each
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, NamedTuple
 
-from abhv_mc.array_types import Floats
+import numpy as np
+
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.dispersion_probes import find_ineffective, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
@@ -20,7 +21,7 @@ from abhv_mc.execution.flight_differences import (
     outcome_and_metrics,
 )
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate
+from abhv_mc.execution.simulation import simulate, with_proofs
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability
@@ -40,15 +41,15 @@ class FirstFlights(NamedTuple):
 class _Repeats(NamedTuple):
     """Flights of one system in a new process: all rows, then repeated rows in reverse order."""
 
-    rows: Floats
-    first: FlightBlock
-    again: FlightBlock
+    rows: Floats  # [flight, input]
+    values: Floats  # [flight, value] outcome and metrics
+    blocks: tuple[FlightBlock, ...]
+    distinct: int  # number of rows before their repetition
 
     @property
-    def again_rows(self) -> Floats:
-        """Rows that were repeated, in the order of simulation."""
-        count = len(self.again.outcome)
-        return self.rows[::-1] if count == len(self.rows) else self.rows[:count]
+    def lost(self) -> Mask:
+        """Whether each flight failed to run."""
+        return self.values[:, 0] == Outcome.FAILED_TO_RUN
 
 
 def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
@@ -61,21 +62,23 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
         _end_processes(campaign)  # The check of repeatability needs new processes.
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
-            blocks = [process.first for process in repeats[name]]
-            if all((block.outcome == Outcome.FAILED_TO_RUN).all() for block in blocks):
+            if all(process.lost.all() for process in repeats[name]):
+                blocks = [block for process in repeats[name] for block in process.blocks]
                 reason = next((text for block in blocks for text in block.reasons.values()), "")
                 problem = f"no flight of '{name}' can be computed ({reason})"
                 expected = "a simulator that computes the first flights"
                 raise campaign.document.key_error(("simulator",), problem, expected)
         events = {
             name: sum(
-                (Counter(block.events) for _, *pair in processes for block in pair), Counter()
+                (Counter(block.events) for process in processes for block in process.blocks),
+                Counter(),
             )
             for name, processes in repeats.items()
         }
         repeatability, noise = _judge_repeats(campaign, repeats)
         warnings += noise
-        plans = [system.plan for system in _checked(campaign).systems.values()]
+        checked = with_proofs(campaign, check=1)
+        plans = [system.plan for system in checked.systems.values()]
         if (campaign.simulator.time_of_flight(plans) or 0.0) < _LONG and campaign.dimensions:
             trials = make_trials(campaign)
             with (
@@ -84,7 +87,7 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
             ):
                 flown = []
                 for block in threads.map(
-                    lambda name: simulate(_checked(campaign), name, trials, None, executor.fly),
+                    lambda name: simulate(checked, name, trials, None, executor.fly),
                     campaign.systems,
                 ):
                     progress.add(len(block.outcome))
@@ -107,18 +110,6 @@ def _end_processes(campaign: Experiment) -> None:
         campaign.simulator.engine.close()
 
 
-def _checked(campaign: Experiment, process: int = 1) -> Experiment:
-    """Return the campaign with plans for checks in a separate process.
-
-    ``process`` is the number of the process.
-    """
-    systems = {
-        name: system._replace(plan=campaign.simulator.prove(system.plan, check=process))
-        for name, system in campaign.systems.items()
-    }
-    return replace(campaign, systems=systems)
-
-
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
@@ -134,32 +125,54 @@ def _fly_twice(
     native = set[str]()
 
     def fly(process: int) -> dict[str, _Repeats]:
-        own, own_rows = _checked(campaign, process + 1), rows[process // 2 :: pairs]
+        own, own_rows = with_proofs(campaign, process + 1), rows[process // 2 :: pairs]
         first = {name: simulate(own, name, own_rows, None, executor.fly) for name in own.systems}
         plans = [system.plan for system in own.systems.values()]
         is_long = (campaign.simulator.time_of_flight(plans) or 0.0) > _LONG
         repeated = own_rows[:1] if is_long else own_rows[::-1]
         if is_long and process > 1:  # One pair of processes shows whether flights are repeatable.
             repeated = own_rows[:0]
-        again = {name: simulate(own, name, repeated, None, executor.fly) for name in own.systems}
+        flown = {}
+        for name, block in first.items():
+            blocks = block, simulate(own, name, repeated, None, executor.fly)
+            values = np.concatenate([outcome_and_metrics(block) for block in blocks])
+            flown[name] = _Repeats(
+                np.concatenate([own_rows, repeated]), values, blocks, len(own_rows)
+            )
         progress.add(len(own_rows) * len(own.systems))
         native.update(campaign.simulator.find_undeclared_reads(plan, started))
         if executor.workers == 1:
             # The licence of a simulator may allow only one process at a time.
             _end_processes(campaign)
-        return {name: _Repeats(own_rows, first[name], again[name]) for name in own.systems}
+        return flown
 
     with (
         Progress("first flights", total) as progress,
         open_threads(min(2 * pairs, executor.workers)) as threads,
     ):
         processes = list(threads.map(fly, range(2 * pairs)))
+    for name in campaign.systems:
+        for pair in zip(processes[::2], processes[1::2], strict=True):
+            _repeat_lost(campaign, executor, name, [process[name] for process in pair])
     warnings = [
         f"native code reads {path}, which 'files' does not list; changes to that file will not be "
         "detected"
         for path in sorted(native)
     ]
     return {name: [process[name] for process in processes] for name in campaign.systems}, warnings
+
+
+def _repeat_lost(
+    campaign: Experiment, executor: FlightRunner, name: str, pair: list[_Repeats]
+) -> None:
+    """Simulate lost flights again if another attempt computed them, and replace their values."""
+    computed = {row.tobytes() for process in pair for row in process.rows[~process.lost]}
+    for process in pair:
+        for i in np.flatnonzero(process.lost):
+            row = process.rows[i]
+            if row.tobytes() in computed:
+                block = simulate(with_proofs(campaign, 1), name, row[None], None, executor.fly)
+                process.values[i] = outcome_and_metrics(block)[0]
 
 
 def _judge_repeats(
@@ -189,15 +202,14 @@ def _judge_repeats(
 
 def _across(a: _Repeats, b: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield each row of inputs with its results in two processes."""
-    yield from zip(a.rows, outcome_and_metrics(a.first), outcome_and_metrics(b.first), strict=True)
-    if len(a.again.outcome) == len(b.again.outcome):
-        # If one process was slow, it repeated fewer flights than the other process.
-        again = outcome_and_metrics(a.again), outcome_and_metrics(b.again)
-        yield from zip(a.again_rows, *again, strict=True)
+    # If one process was slow, it repeated fewer flights than the other process.
+    count = len(a.rows) if len(a.rows) == len(b.rows) else a.distinct
+    yield from zip(a.rows[:count], a.values[:count], b.values[:count], strict=True)
 
 
 def _within(repeats: _Repeats) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield each repeated row of inputs with its first and second results in one process."""
-    first, again = outcome_and_metrics(repeats.first), outcome_and_metrics(repeats.again)
+    rows, again = repeats.rows[repeats.distinct :], repeats.values[repeats.distinct :]
+    first = repeats.values[: repeats.distinct]
     first = first[::-1] if len(again) == len(first) else first[: len(again)]
-    yield from zip(repeats.again_rows, first, again, strict=True)
+    yield from zip(rows, first, again, strict=True)

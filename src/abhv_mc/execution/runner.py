@@ -28,7 +28,7 @@ from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interru
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
-from abhv_mc.execution.simulation import check_source, simulate
+from abhv_mc.execution.simulation import check_source, simulate, with_proofs
 from abhv_mc.execution.stored_flights import StoredFlights
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
@@ -110,11 +110,7 @@ class _Run:
     def __init__(self, opened: OpenCampaign) -> None:
         self.folder, self.plans = opened.folder, opened.plans
         self.manifest, self.simulator = opened.manifest, opened.campaign.simulator
-        systems = {
-            name: system._replace(plan=self.simulator.prove(system.plan))
-            for name, system in opened.campaign.systems.items()
-        }
-        self.campaign = replace(opened.campaign, systems=systems)
+        self.campaign = with_proofs(opened.campaign)
         self.files = opened.files
         model = self.campaign.model
         self.completion = Completion(self.campaign, opened.shard, opened.requested)
@@ -330,7 +326,9 @@ class _Run:
         """Re-run some flights of a custom simulator and record whether their values differ."""
         if self.stored is None:
             return
-        size, description = self.stored.run_again(self.fly, self.workers)
+        size, description = self.stored.run_again(
+            self.fly, self.workers, self.samples, self.completion.all_counts
+        )
         observed = Repeatability.EXACT if size == 0.0 else Repeatability.ROUNDING
         warnings = list(self.manifest.warnings)
         if size > ROUNDING:

@@ -37,6 +37,15 @@ def make_ready(
     )
 
 
+def with_proofs(experiment: Experiment, check: int = 0) -> Experiment:
+    """Return the experiment with the plans of :meth:`Simulator.prove`."""
+    systems = {
+        name: system._replace(plan=experiment.simulator.prove(system.plan, check=check))
+        for name, system in experiment.systems.items()
+    }
+    return replace(experiment, systems=systems)
+
+
 def simulate(
     experiment: Experiment,
     system: str,

@@ -1,70 +1,91 @@
-"""Check of the stored flights of a custom simulator: some flights are re-run.
+"""Check of the stored flights of a custom simulator: failed and worst flights are re-run.
 
 The first flights of a campaign reveal only the noise of a simulator. Re-running stored flights at
-the end of a run also reveals files that changed later and workers that disturbed each other.
+the end of a run also reveals files that changed later, workers that disturbed each other, and
+flights that changed the state of their process. Each flight is re-run in a new process.
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from contextlib import closing
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.backpressure import work_ahead
+from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.flight_differences import (
     Difference,
     find_difference,
     outcome_and_metrics,
 )
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate
+from abhv_mc.execution.simulation import simulate, with_proofs
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import FlightRows
+from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 
-# One of 50 stored flights is re-run, but at least 4 and at most 64 flights in total.
-_LEAST, _MOST, _SHARE = 4, 64, 50
+# One of 20 stored flights of each system is re-run, but at least 4 and at most 20.
+_LEAST, _MOST, _SHARE = 4, 20, 20
+_LOST = float(Outcome.FAILED_TO_RUN)
 
 
 class StoredFlights:
-    """Inputs and values of the flights of each system that the check re-runs."""
+    """Values of the stored flights of each system, some of which the check re-runs."""
 
     def __init__(self, campaign: Experiment, shard: tuple[int, int]) -> None:
-        """Choose random flights of a shard; extending a campaign changes the choice."""
-        first, stop = shard
+        """Initialize the check of the flights of a shard."""
+        first, self._stop = shard
+        self._count = max(_LEAST, min(_MOST, (self._stop - first) // _SHARE))
         self._campaign = campaign
-        count = min(stop - first, max(_LEAST, min(_MOST, (stop - first) // _SHARE)))
-        generator = np.random.default_rng(stop)
-        self._numbers = first + generator.choice(stop - first, count, replace=False)
-        self._rows: dict[str, list[tuple[Floats, Floats]]] = {}
+        # [flight, value] outcome and metrics
+        self._values: dict[str, Floats] = {}
 
     def add(self, rows: FlightRows) -> None:
-        """Record the inputs and values of the chosen flights of a block."""
-        campaign, stored = self._campaign, self._rows.setdefault(rows.controller, [])
-        is_inside = (self._numbers >= rows.first) & (self._numbers < rows.stop)
-        for i in (self._numbers[is_inside] - rows.first).tolist():
-            outcome = campaign.outcomes.numbers[rows.outcome[i]]
-            if outcome != Outcome.FAILED_TO_RUN:
-                metrics = rows.values[i, : len(campaign.measured)]
-                stored.append((rows.samples[i], np.append(float(outcome), metrics)))
+        """Record the outcomes and metrics of a block."""
+        campaign, metrics = self._campaign, len(self._campaign.measured)
+        values = self._values.setdefault(
+            rows.controller, np.full((campaign.runs, 1 + metrics), _LOST)
+        )
+        outcome = [campaign.outcomes.numbers[code] for code in rows.outcome]
+        values[rows.flights] = np.column_stack([outcome, rows.values[:, :metrics]])
 
-    def run_again(self, fly: Fly, workers: int) -> Difference:
-        """Re-run the chosen flights and return the largest difference from the stored values."""
-        calls = [(name, i) for name, rows in self._rows.items() for i in range(len(rows))]
+    def choose(self, counts: FlightCounts) -> NDArray[np.intp]:
+        """Return the numbers of the flights to re-run: random failures, then the worst flights."""
+        values = self._values[counts.controller]
+        flights = np.flatnonzero(values[:, 0] != _LOST)
+        columns = [metric.name for metric in self._campaign.measured]
+        is_failure, rank = np.zeros(flights.size, bool), np.full(flights.size, flights.size)
+        for count in counts.requirements:
+            severity = count.requirement.limits.worse(
+                values[flights, 1 + columns.index(count.requirement.metric)]
+            )
+            is_failure |= count.missed[flights]
+            rank = np.minimum(rank, np.argsort(np.argsort(-severity, kind="stable")))
+        order = np.random.default_rng(self._stop).permutation(flights.size)
+        chosen = np.lexsort([order, np.where(is_failure, -1, rank)])
+        return flights[chosen[: self._count]]
+
+    def run_again(
+        self, fly: Fly, workers: int, samples: SampleReader, counts: Mapping[str, FlightCounts]
+    ) -> Difference:
+        """Re-run flights and return the largest difference from the stored values."""
+        campaign = with_proofs(self._campaign, check=-1)
+        if (close := campaign.simulator.engine.close) is not None:
+            close()  # New processes may need the licences of idle processes.
+        calls = [(name, i) for name in self._values for i in self.choose(counts[name]).tolist()]
 
         def run(name: str, i: int) -> Difference:
-            row, values = self._rows[name][i]
-            block = simulate(self._campaign, name, row[None], None, fly)
-            computed = block.outcome[0] != Outcome.FAILED_TO_RUN
-            pairs = [(row, values, outcome_and_metrics(block)[0])] if computed else []
-            return find_difference(self._campaign, name, pairs)
+            row = samples.rows(i, i + 1)
+            again = outcome_and_metrics(simulate(campaign, name, row, None, fly))
+            pairs = zip(row, self._values[name][i : i + 1], again, strict=True)
+            return find_difference(campaign, name, pairs if again[0, 0] != _LOST else ())
 
-        def differences() -> Iterator[Difference]:
-            landed = work_ahead(workers, run, calls)
-            with Progress("stored flights again", len(calls)) as progress, closing(landed):
-                for difference in landed:
-                    progress.add(1)
-                    yield difference
-
-        return max(differences(), default=Difference())
+        largest, landed = Difference(), work_ahead(workers, run, calls)
+        with Progress("stored flights again", len(calls)) as progress, closing(landed):
+            for difference in landed:
+                progress.add(1)
+                largest = max(largest, difference)
+        return largest

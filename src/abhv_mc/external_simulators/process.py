@@ -175,32 +175,34 @@ class Process:
         raise LostFlightError(f"{problem} (messages belong on standard error)")
 
     def _read_lines(self, limit: float, verb: str, notice: float) -> None:
-        deadline, notice = time.monotonic() + limit, time.monotonic() + notice
+        begun, reply_limit = time.monotonic(), notice
+        deadline, notice = begun + limit, begun + notice
         while not self._read:
             left = max(0.0, deadline - time.monotonic())
-            if not self._poll.poll(1e3 * min(left, _LOOK)):
-                self._bound_errors()
-                if left <= _LOOK:
-                    self.has_timed_out = True
-                    self.end()
-                    raise LostFlightError(
-                        f"not {verb} within {limit:g} s{self._describe_silence()}"
-                    )
-                if notice < time.monotonic():
-                    notice = math.inf
-                    self._gather_errors()
-                    message = f"still waiting for the first reply, for {left:.0f} s more at most"
-                    message = ", ".join([f"{message} (start_limit)", *self._quote_last_error()])
-                    print(f"simulator: {message}", file=sys.stderr, flush=True)
-                if self._process.poll() is None or self._poll.poll(0):
-                    continue  # Children may keep the standard output open.
+            if self._poll.poll(1e3 * min(left, _LOOK)):
+                if not (content := os.read(self._process.stdout.fileno(), _READ)):
+                    raise LostFlightError(f"its process ended: {self._describe_end()}")
+                *lines, self._rest = (self._rest + content).split(b"\n")
+                self._read.extend(lines)
+                if not self._has_written:  # The start ends with the first output.
+                    self._has_written, limit = True, min(limit, reply_limit)
+                    deadline = min(deadline, time.monotonic() + limit)
+                if left or self._read:
+                    continue
+            self._bound_errors()
+            if left <= _LOOK:
+                self.has_timed_out = True
+                self.end()
+                raise LostFlightError(f"not {verb} within {limit:g} s{self._describe_silence()}")
+            if notice < time.monotonic():
+                notice = math.inf
+                self._gather_errors()
+                message = f"still waiting for the first reply, for {left:.0f} s more at most"
+                message = ", ".join([f"{message} (start_limit)", *self._quote_last_error()])
+                print(f"simulator: {message}", file=sys.stderr, flush=True)
+            # Children may keep the standard output open.
+            if self._process.poll() is not None and not self._poll.poll(0):
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
-            content = os.read(self._process.stdout.fileno(), _READ)
-            if not content:
-                raise LostFlightError(f"its process ended: {self._describe_end()}")
-            self._has_written = True
-            *lines, self._rest = (self._rest + content).split(b"\n")
-            self._read.extend(lines)
 
     def _describe_silence(self) -> str:
         """Return the last error line of the process, or a possible cause of its silence."""

@@ -159,7 +159,8 @@ class ExternalSimulator:
         return seconds_of_a_flight(plans)
 
     def prove(self, plan: UserPlan, check: int = 0) -> UserPlan:
-        return replace(plan, check=check, is_proven=True)
+        most = 1 if check < 0 else plan.flights_per_process
+        return replace(plan, check=check, is_proven=True, flights_per_process=most)
 
     def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
         if not events.get("surplus"):

@@ -324,7 +324,7 @@ class _Flights:
 
 
 def _tell(plan: UserPlan, reason: str) -> None:
-    which = "a check flight before the campaign" if plan.check else "a flight"
+    which = "a check or trial flight before the campaign" if plan.check > 0 else "a flight"
     if (message := f"'{plan.controller}': {which} could not be computed: {reason}") not in _told:
         _told.add(message)
         print(message, file=sys.stderr, flush=True)

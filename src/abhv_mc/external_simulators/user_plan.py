@@ -12,6 +12,7 @@ from typing import ClassVar
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
+from abhv_mc.user_code.read_guard import is_regular
 from abhv_mc.user_code.source import UserSource
 
 _PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")))
@@ -42,7 +43,7 @@ class UserPlan:
     start_limit: float = 600.0  # time limit in s for the start
     flights_per_process: int | None = None
     campaign_folder: str = ""  # folder of the campaign file
-    check: int = 0  # number of a process used only for checks, or 0
+    check: int = 0  # number of a process used only for checks; 0 or -1 otherwise
     is_proven: bool = False  # whether each block ends with a silence check
     # numbers of flights and surplus lines observed by other processes
     seen: tuple[int, int] = (0, 0)
@@ -80,7 +81,7 @@ class UserPlan:
         for word in re.findall(r"[\w.+/-]+", message):
             for path in (word.rstrip("."), f"{word.replace('.', '/')}.py"):
                 name = os.path.normpath(path)
-                is_inside = name[0] not in "./" and Path(self.folder, name).is_file()
+                is_inside = name[0] not in "./" and is_regular(f"{self.folder}/{name}")
                 if is_inside and not self._find_declared(name):
                     return f"; 'files' does not list {name}, which is in the simulator's folder"
         return ""

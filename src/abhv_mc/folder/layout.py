@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 
-from abhv_mc.io.atomic_write import TEMPORARY, atomic_write
+from abhv_mc.io.atomic_write import TEMPORARY, atomic_write, check_before_write
 from abhv_mc.io.input_error import InputError, is_printable
 
 _FULL = (
@@ -120,6 +120,7 @@ class CampaignFolder:
         """Delete the files of a campaign, starting with the manifest."""
         import shutil
 
+        check_before_write()
         self.manifest.unlink(missing_ok=True)
         for path in self.contents:
             if path.is_dir() and not path.is_symlink():
@@ -238,6 +239,7 @@ def write_text(path: Path, text: str) -> None:
 
 def append_log(path: Path, head: str, text: str) -> None:
     """Append a heading and a message to a log, unless the log is full."""
+    check_before_write()
     with explain_os_error(path, writing=True), path.open("a", encoding="utf-8") as file:
         if file.tell() < _LARGEST_LOG:
             file.write(f"== {head}\n{text.rstrip()}\n")

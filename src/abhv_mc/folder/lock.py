@@ -1,13 +1,13 @@
 """Lock of a results folder, so that only one process at a time computes its flights.
 
 The lock is a `flock`, which the system releases when its holder ends. On file systems without
-`flock` the holder creates a lease: a file with its host, its process and the start time of the
-process.
+`flock` the holder creates a lease: a file with its host, process, start time, boot ID and PID
+namespace. Only a process in the same namespace can know that the holder has ended.
 """
 
 import contextlib
-import errno
 import fcntl
+import functools
 import json
 import os
 import platform
@@ -17,22 +17,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from abhv_mc.folder.layout import explain_os_error
-from abhv_mc.io.atomic_write import TEMPORARY
+from abhv_mc.io.atomic_write import TEMPORARY, checks_before_writes
 from abhv_mc.io.input_error import InputError
+from abhv_mc.kernel.cache import NO_LOCKS
 
-_NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 _PATIENCE = 0.5  # waiting time in s: the command `runs` tests a lock by holding it briefly
 _POLL = 0.01  # time in s between attempts
 _SETTLE = 0.2  # time in s for another process to restore a lease that it moved by mistake
 _REPEAT = "the same command after the process has ended"
 
 
-class _HeldError(Exception):
-    """Error raised if another process holds the lock; it names the holder and a remedy."""
-
-    def __init__(self, holder: str, remedy: str = _REPEAT) -> None:
-        super().__init__(holder, remedy)
-        self.holder, self.remedy = holder, remedy
+def _in_use(path: Path, holder: str, remedy: str = _REPEAT) -> InputError:
+    """Return the error for a lock that another process holds."""
+    problem = f"the folder is in use by {holder}"
+    return InputError(path.parent, problem, f"{remedy}, or another folder (-o DIR)")
 
 
 @contextlib.contextmanager
@@ -45,20 +43,18 @@ def hold_lock(path: Path) -> Iterator[None]:
     created = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
     earlier = set() if created else _names(path.parent)
     with contextlib.ExitStack() as stack:
-        try:
-            with explain_os_error(path, writing=True):
-                descriptor, is_locked = _open_locked(path)
-                stack.callback(os.close, descriptor)
-                if path.name not in earlier:
-                    stack.callback(_remove_unused, path, earlier, created)
-                if not is_locked:
-                    lease = _lease_of(path)
-                    stack.callback(_drop_lease, lease, _take_lease(lease))
-        except _HeldError as error:
-            problem = f"the folder is in use by {error.holder}"
-            raise InputError(
-                path.parent, problem, f"{error.remedy}, or another folder (-o DIR)"
-            ) from None
+        with explain_os_error(path, writing=True):
+            descriptor, is_locked = _open_locked(path)
+            stack.callback(os.close, descriptor)
+            if path.name not in earlier:
+                stack.callback(_remove_unused, path, earlier, created)
+            if not is_locked:
+                lease = _lease_of(path)
+                text = _take_lease(lease)
+                stack.callback(_drop_lease, lease, text)
+                check = functools.partial(_check_lease, lease, text)
+                checks_before_writes.append(check)
+                stack.callback(checks_before_writes.remove, check)
         with contextlib.suppress(OSError):  # The lock also works on a full disk.
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"process {os.getpid()} on {platform.node()}".encode(), 0)
@@ -74,7 +70,7 @@ def lock_holder(path: Path) -> str | None:
         except BlockingIOError:
             return _read_holder(path)
         except OSError as error:
-            holder = _read_lease(_lease_of(path)) if error.errno in _NO_LOCKS else None
+            holder = _read_lease(_lease_of(path)) if error.errno in NO_LOCKS else None
             return None if holder is None or _has_died(holder) else _describe(holder)
         finally:
             os.close(descriptor)
@@ -97,13 +93,13 @@ def _open_locked(path: Path) -> tuple[int, bool]:
             except BlockingIOError:
                 pass
             except OSError as error:
-                if error.errno in _NO_LOCKS:
+                if error.errno in NO_LOCKS:
                     return descriptor, False
                 os.close(descriptor)
                 raise
             os.close(descriptor)
         if time.monotonic() > deadline:
-            raise _HeldError(_read_holder(path))
+            raise _in_use(path, _read_holder(path))
         time.sleep(_POLL)
 
 
@@ -137,22 +133,23 @@ def _take_lease(lease: Path) -> str:
 
     A stale lease is moved aside and read again, because another process may have replaced it.
     """
-    text = json.dumps([platform.node(), os.getpid(), _start_of(os.getpid()), secrets.token_hex(4)])
+    own = platform.node(), os.getpid(), _start_of(os.getpid()), secrets.token_hex(4), _namespace()
+    text = json.dumps(own)
     while not _create(lease, text):
         holder = _read_lease(lease)
         if holder is None:
             continue
         if not _has_died(holder):
             raise _held_error(lease, holder)
-        own = lease.with_name(f"{lease.name}.{secrets.token_hex(8)}{TEMPORARY}")
+        moved = lease.with_name(f"{lease.name}.{secrets.token_hex(8)}{TEMPORARY}")
         with contextlib.suppress(
             FileNotFoundError
         ):  # Another process may have moved the lease first.
-            lease.rename(own)
-            if _read_lease(own) != holder:
-                own.rename(lease)
+            lease.rename(moved)
+            if _read_lease(moved) != holder:
+                moved.rename(lease)
                 continue
-            own.unlink()
+            moved.unlink()
     time.sleep(_SETTLE)
     holder = _read_lease(lease)
     if holder != text:
@@ -177,6 +174,13 @@ def _drop_lease(lease: Path, text: str) -> None:
         lease.unlink()
 
 
+def _check_lease(lease: Path, text: str) -> None:
+    """Raise InputError if the lease is no longer the lease of this process."""
+    if (holder := _read_lease(lease)) != text:
+        owner = f"is that of {_describe(holder)}" if holder else "was deleted"
+        raise InputError(lease, f"the lease {owner}; nothing more is written", _REPEAT)
+
+
 def _read_lease(lease: Path) -> str | None:
     """Return the text of a lease file, or None if it does not exist."""
     try:
@@ -185,11 +189,11 @@ def _read_lease(lease: Path) -> str | None:
         return None
 
 
-def _parse(text: str) -> tuple[str, int, str] | None:
-    """Return host, process and start time, or None if the lease is incomplete."""
+def _parse(text: str) -> tuple[str, int, str, str] | None:
+    """Return host, process, start time and namespace, or None if the lease is incomplete."""
     try:
-        host, process, start, _ = json.loads(text)
-        return str(host), int(process), str(start)
+        host, process, start, _, *namespace = json.loads(text)
+        return str(host), int(process), str(start), "".join(namespace)
     except (ValueError, TypeError):
         return None
 
@@ -200,39 +204,42 @@ def _describe(text: str) -> str:
 
 
 def _has_died(text: str) -> bool:
-    """Return whether the process of a lease ran on this host and has ended."""
+    """Return whether the holder of a lease is in this process's namespace and has ended."""
     holder = _parse(text)
-    return holder is not None and holder[0] == platform.node() and _start_of(holder[1]) != holder[2]
+    if holder is None or not holder[3] or holder[3] != _namespace():
+        return False
+    start = _start_of(holder[1])
+    return start is None or ("" not in (start, holder[2]) and start != holder[2])
 
 
-def _held_error(lease: Path, text: str) -> _HeldError:
-    holder = _parse(text)
-    is_here = holder is not None and holder[0] == platform.node()
-    if is_here:
-        return _HeldError(_describe(text))
-    remedy = f"{_REPEAT} (if it was killed: rm '{lease}')"
-    return _HeldError(_describe(text), remedy)
+def _held_error(lease: Path, text: str) -> InputError:
+    return _in_use(lease, _describe(text), f"{_REPEAT} (if it was killed: rm '{lease}')")
+
+
+def _namespace() -> str:
+    """Return the boot ID and the PID namespace of this process, or "" if one is unreadable."""
+    with contextlib.suppress(OSError):
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+        return f"{boot} {Path('/proc/self/ns/pid').readlink()}"
+    return ""
 
 
 def _start_of(process: int) -> str | None:
-    """Return the start time of a process on the kernel's clock.
+    """Return the start time of a process of this namespace on the kernel's clock.
 
     Return "" if the time is unknown, and None if the process has ended.
     """
+    with contextlib.suppress(OSError):
+        # /proc may belong to another namespace, in which the number is that of another process.
+        if str(Path("/proc/self").readlink()) == str(os.getpid()):
+            fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+            state, *values = fields.rpartition(")")[2].split()
+            # Field 22 of /proc/PID/stat is the start time; a zombie process has ended.
+            return None if state in "ZX" else values[18]
     try:
-        fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
-        state, *values = fields.rpartition(")")[2].split()
-        return (
-            None if state in "ZX" else values[18]
-        )  # Field 22 of /proc/PID/stat is the start time; a zombie process has ended.
-    except OSError:
-        pass
-    try:
-        if Path("/proc/self/stat").exists():
-            return None
         os.kill(process, 0)
     except ProcessLookupError:
         return None
-    except OSError:
+    except (OSError, OverflowError):
         pass
     return ""

@@ -18,7 +18,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.statistics.verdicts import label_status
 
 Ranges = tuple[tuple[int, int], ...]  # (first, stop) of each range of flights
-FORMAT = 1  # version of the folder's format
+# Version of the folder's format, which increases when the meaning of a file changes.
+FORMAT = 2
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
 _HASH = "manifest_hash"  # entry with the hash of all other entries
 _REMEDY = "the original manifest, or a new run with --fresh or in another folder (-o DIR)"
@@ -169,7 +170,7 @@ def manifest_schema() -> dict[str, Any]:
 def write_manifest(path: Path, manifest: Manifest) -> None:
     """Write the manifest with its format number and a hash of its entries."""
     content = manifest.as_entries()
-    write_text(path, json.dumps(content | {_HASH: _hash(content)}, indent=2) + "\n")
+    write_text(path, json.dumps(content | {_HASH: hash_entries(content)}, indent=2) + "\n")
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -186,18 +187,12 @@ def read_manifest(path: Path) -> Manifest:
         raise InputError(path, f"the manifest is damaged ({error})", _REMEDY) from None
     version = manifest.get("format") if isinstance(manifest, dict) else None
     if version != FORMAT:
-        problem = (
-            "the format number is missing"
-            if version is None
-            else f"the folder has format {version}"
-        )
-        raise InputError(
-            path,
-            problem,
-            f"format {FORMAT} (use the version of abhv-mc that wrote the folder, or run the "
-            "campaign again)",
-        )
-    if manifest.pop(_HASH, None) != _hash(manifest):
+        problem = "the format number is missing"
+        if version is not None:
+            problem = f"the folder was written by another version of abhv-mc (format {version})"
+        expected = f"format {FORMAT} (use the version that wrote the folder, or run it again)"
+        raise InputError(path, problem, expected)
+    if manifest.pop(_HASH, None) != hash_entries(manifest):
         raise InputError(path, "the manifest is damaged (its hash differs)", _REMEDY)
     try:
         return _FILE.validate_python(manifest)
@@ -208,7 +203,8 @@ def read_manifest(path: Path) -> Manifest:
         ) from None
 
 
-def _hash(content: dict[str, Any]) -> str:
+def hash_entries(content: dict[str, Any]) -> str:
+    """Return the hash of entries that is stored beside them."""
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 

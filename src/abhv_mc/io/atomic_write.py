@@ -3,10 +3,18 @@
 import contextlib
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 TEMPORARY = ".temporary"  # suffix of files that are being written
+# Functions that raise an error if this process must not write any more.
+checks_before_writes: list[Callable[[], None]] = []
+
+
+def check_before_write() -> None:
+    """Call the functions in ``checks_before_writes``."""
+    for check in checks_before_writes:
+        check()
 
 
 @contextlib.contextmanager
@@ -25,6 +33,7 @@ def atomic_write(path: Path, durable: bool = False) -> Iterator[Path]:
         if durable:
             with temporary.open("rb") as file:
                 os.fsync(file.fileno())
+        check_before_write()
         temporary.replace(path)
     except BaseException:
         with contextlib.suppress(OSError):

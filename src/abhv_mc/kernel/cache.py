@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
-_NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
+NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 
 def source_hash() -> str:
@@ -38,11 +38,12 @@ def source_unchanged() -> bool:
 
 
 def cache_root() -> Path:
-    """Return the writable folder for all caches of the program, creating it if necessary.
+    """Return the folder for all caches of the program, creating it if necessary.
 
-    The parent folder is the first writable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache. If
-    none is writable, a temporary folder is used and a warning is issued. Child processes use the
-    same folder.
+    The parent folder is the first usable one of XDG_CACHE_HOME, NUMBA_CACHE_DIR and ~/.cache. A
+    folder of another user, or to which all users can write, is not used, because numba would
+    execute its files; a warning is issued. If none is usable, a temporary folder is used with a
+    warning. Child processes use the same folder.
     """
     names = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "HOME", "TMPDIR")
     return _find_root(tuple(map(os.environ.get, names)))
@@ -50,28 +51,40 @@ def cache_root() -> Path:
 
 @functools.lru_cache(maxsize=1)
 def _find_root(_environment: tuple[str | None, ...]) -> Path:
+    until, problems = "", list[str]()
     for base in _bases():
         folder = base / "abhv-mc"
         with contextlib.suppress(OSError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if os.access(folder, os.W_OK | os.X_OK):
-                return folder
-    base = Path(tempfile.gettempdir()) / f"abhv-mc-{os.getuid()}"
-    is_lasting = _is_private(base)
-    if not is_lasting:
-        base = Path(tempfile.mkdtemp(prefix="abhv-mc-"))
-        atexit.register(shutil.rmtree, base, ignore_errors=True)
-    os.environ["XDG_CACHE_HOME"] = str(base)
-    # Without MPLCONFIGDIR, matplotlib would also warn that its configuration folder is read-only.
-    os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))
-    until = "" if is_lasting else " until this command ends"
-    message = f"No cache folder is writable; compiled code is stored in {base}{until}."
-    warnings.warn(
-        f"{message} Set XDG_CACHE_HOME to a writable folder.", RuntimeWarning, stacklevel=2
-    )
-    folder = base / "abhv-mc"
-    folder.mkdir(mode=0o700, exist_ok=True)
+            if not _is_safe(folder):
+                problems.append(f"{folder} belongs to another user, or all users can write to it")
+            elif os.access(folder, os.W_OK | os.X_OK):
+                break
+    else:
+        base = Path(tempfile.gettempdir()) / f"abhv-mc-{os.getuid()}"
+        if not _is_private(base):
+            base, until = Path(tempfile.mkdtemp(prefix="abhv-mc-")), " until this command ends"
+            atexit.register(shutil.rmtree, base, ignore_errors=True)
+        # Without MPLCONFIGDIR, matplotlib would also warn that its folder is read-only.
+        os.environ.setdefault("MPLCONFIGDIR", str(base / "matplotlib"))
+        folder = base / "abhv-mc"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        problems = problems or ["No cache folder is writable"]
+    if problems:
+        os.environ["XDG_CACHE_HOME"] = str(base)
+        warnings.warn(
+            f"{'; '.join(problems)}; compiled code is stored in {base}{until}. "
+            "Set XDG_CACHE_HOME to a writable folder of your own.",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     return folder
+
+
+def _is_safe(folder: Path) -> bool:
+    """Return whether only this user, root, and a group that one of them chose can write."""
+    status = folder.stat()
+    return status.st_uid in (os.getuid(), 0) and not status.st_mode & stat.S_IWOTH
 
 
 def _bases() -> Iterator[Path]:
@@ -97,11 +110,16 @@ def _is_private(folder: Path) -> bool:
 def cache_folder(compiler: str) -> Path:
     """Return the cache folder for kernels that are compiled with ``compiler``.
 
-    ``compiler`` is a string that describes the compiler's interface and settings.
+    ``compiler`` is a string that describes the compiler's interface and settings. A group shares
+    the folder if its members can write all files; otherwise each member has a folder.
     """
     name = hashlib.sha256(f"{_SOURCE} {compiler}".encode()).hexdigest()[:16]
     folder = cache_root() / name
-    folder.mkdir(mode=0o700, exist_ok=True)
+    is_shared = folder.parent.stat().st_mode & stat.S_IWGRP
+    paths = (folder, *folder.rglob("*")) if is_shared and folder.exists() else ()
+    if not all(os.access(path, os.R_OK | os.W_OK) for path in paths):
+        folder = folder.with_name(f"{name}-{os.getuid()}")
+    folder.mkdir(mode=0o770 if is_shared else 0o700, exist_ok=True)
     return folder
 
 
@@ -135,7 +153,7 @@ def compilation_lock(
                 with waiting():
                     fcntl.flock(lock, fcntl.LOCK_EX)
             except OSError as error:
-                if error.errno not in _NO_LOCKS:
+                if error.errno not in NO_LOCKS:
                     raise
             if not is_noted(folder, name):
                 for file in _files_of(folder, name):

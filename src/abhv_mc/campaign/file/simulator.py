@@ -18,6 +18,7 @@ from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import ANGLE, Time, parse_unit
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
+from abhv_mc.user_code.read_guard import is_regular
 
 SYSTEMS = "systems"
 _TAKEN = {
@@ -120,7 +121,7 @@ class Simulator(StrictModel):
             if word
         }
         for word, path in start_paths.items():
-            if ".." in Path(word).parts and path.is_file() and not path.is_relative_to(base):
+            if ".." in Path(word).parts and is_regular(str(path)) and not path.is_relative_to(base):
                 raise Refusal(
                     f"the file '{word}' is outside the simulator's folder",
                     "'folder: ..' (or a higher folder) in 'simulator', and names relative to that "
@@ -128,7 +129,9 @@ class Simulator(StrictModel):
                     ("python" if self.python else "command",),
                 )
         named = [
-            path for path in start_paths.values() if path.is_relative_to(base) and path.is_file()
+            path
+            for path in start_paths.values()
+            if path.is_relative_to(base) and is_regular(str(path))
         ]
         if self.python and not named:
             raise Refusal(

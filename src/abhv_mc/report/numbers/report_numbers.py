@@ -59,6 +59,8 @@ def report_schema() -> Schema:
             "state": text,
             "digest": text,
             "key": {"type": "string"},
+            "code": {"type": "string"},
+            "hash": {"type": "string"},
             "requirement_sets": {"type": "integer"},
             "warnings": {"type": "array", "items": {"type": "string"}},
             "baseline": {"type": "object"},

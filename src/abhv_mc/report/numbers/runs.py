@@ -12,7 +12,8 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.status import read_status
 from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.summary import read_summary
+from abhv_mc.report.numbers.stored_numbers import read_current_numbers
+from abhv_mc.report.numbers.summary import parse_summary
 
 COMPARISON_FILE = "comparison.json"  # file with the numbers of a comparison, next to its page
 _MANIFEST = "manifest.json"
@@ -93,14 +94,14 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
             return None
         problem = error.found if isinstance(error, InputError) else str(error)
         return CampaignRun(folder=name, problem=problem)
-    summary = read_summary(folder, manifest)
+    numbers = read_current_numbers(folder, manifest)
     return CampaignRun(
         folder=name,
         name=manifest.name,
         state=manifest.state,
         started=manifest.started or "",
-        question=_question(folder) if summary else "",
-        answer=summary.records[0].line if summary else "",
+        question=numbers["provenance"]["question"] or "" if numbers else "",
+        answer=parse_summary(numbers["summary"]).records[0].line if numbers else "",
         verdicts=dict(Counter(entry.label for entry in manifest.requirements)),
         controllers=tuple(dict.fromkeys(entry.controller for entry in manifest.requirements)),
         flights=manifest.runs_done,
@@ -119,9 +120,3 @@ def _is_ours(manifest: Path) -> bool:
     except (OSError, ValueError, RecursionError):
         return True
     return isinstance(content, dict) and "format" in content
-
-
-def _question(folder: Path) -> str:
-    # The file is valid JSON, because read_summary has read it.
-    content = json.loads((folder / "report.json").read_text("utf-8"))
-    return str((content.get("provenance") or {}).get("question") or "")

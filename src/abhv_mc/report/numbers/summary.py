@@ -1,6 +1,5 @@
 """Summary of a campaign as labelled records, and the records on statistical confidence."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from abhv_mc.flight.metrics import GAIN_MARGIN, PHASE_MARGIN
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.folder.pooled_campaigns import suggest_merge
 from abhv_mc.report.numbers.next_step import find_next_step
+from abhv_mc.report.numbers.stored_numbers import read_current_numbers
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import label_status
 from abhv_mc.statistics.winner import RISK
@@ -69,14 +69,8 @@ def parse_summary(entry: Any) -> Records:
 
 def read_summary(folder: Path, manifest: Manifest) -> Records | None:
     """Read the summary from a folder's `report.json`; None if missing or outdated."""
-    try:
-        content = json.loads((folder / "report.json").read_text("utf-8"))
-        state = manifest.digest, manifest.state, len(manifest.requirement_sets)
-        if (content["digest"], content["state"], content.get("requirement_sets", 0)) != state:
-            return None
-        return parse_summary(content["summary"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    content = read_current_numbers(folder, manifest)
+    return parse_summary(content["summary"]) if content else None
 
 
 def _labels(models: Models) -> Mapping[str, str]:

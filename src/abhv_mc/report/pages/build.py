@@ -12,9 +12,11 @@ from typing import Any
 from abhv_mc.folder.flights import Digest, parse_block_name, read_digest
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
-from abhv_mc.folder.manifest import Manifest, read_manifest
+from abhv_mc.folder.manifest import Manifest, hash_entries, read_manifest
 from abhv_mc.folder.pooled_campaigns import suggest_merge
+from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.numbers.stored_numbers import HASH, read_numbers
 
 Stage = Callable[[str], AbstractContextManager[object]]
 
@@ -79,7 +81,7 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
 def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
     """Return whether the page and its figures match the data and the program version."""
     try:
-        written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+        written = read_numbers(folder) or {}
         hashes = {**written["pages"], **written["pictures"]}
         is_current = written["key"] == report_key(folder, baseline) and "report.html" in hashes
         return bool(is_current and hash_pages(folder, hashes) == hashes)
@@ -241,6 +243,8 @@ def build_report(
     names = [path.name for path in pages]
     numbers |= {"pages": hash_pages(out, names), "pictures": pictures, "key": key}
     numbers["failure_map"] = hash_failure_map(folder)
+    numbers["code"] = code_hash()
+    numbers[HASH] = hash_entries(numbers)
     # Each entry is on one line: indentation would make the encoder several times slower.
     lines = [
         f"{json.dumps(name)}: {json.dumps(entry, allow_nan=False)}"

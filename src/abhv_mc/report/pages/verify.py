@@ -10,9 +10,11 @@ from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.identity import code_hash
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers
+from abhv_mc.report.numbers.stored_numbers import HASH
 from abhv_mc.report.pages.build import hash_failure_map, hash_files, hash_pages
 from abhv_mc.topics.topic import Models, user_topics
 
@@ -46,8 +48,9 @@ def _report_differences(root: Path) -> Iterator[str]:
     except (ValueError, KeyError) as error:
         problem = f"the file does not contain the valid numbers of a report ({error})"
         raise InputError(path, problem, f"a report made by `abhv-mc report {root}`") from None
-    written.pop("key", None)
-    yield from _find_changed(files, hash_files(root))
+    is_current = written.pop("code", None) == code_hash()
+    for name in ("key", HASH):
+        written.pop(name, None)
     yield from _find_changed(pages, hash_pages(root, pages))
     yield from _find_changed(pictures, hash_pages(root, pictures))
     baseline = Path(written["baseline"]["folder"]) if "baseline" in written else None
@@ -55,6 +58,18 @@ def _report_differences(root: Path) -> Iterator[str]:
         yield f"baseline: {baseline} no longer exists"
         del written["baseline"]
         baseline = None
+    for difference in _find_stale(root, files, written, baseline):
+        if not is_current:
+            yield "report.json: written by another version of abhv-mc, which gives other numbers"
+            return
+        yield difference
+
+
+def _find_stale(
+    root: Path, files: dict[str, str], written: dict[str, Any], baseline: Path | None
+) -> Iterator[str]:
+    """Yield changed data files, and differences between the numbers of a report and its data."""
+    yield from _find_changed(files, hash_files(root))
     results = read_flown(root)
     comparison = compare_baseline(results, baseline) if baseline else None
     remade = json.loads(json.dumps(make_numbers(Models(results), comparison)))
