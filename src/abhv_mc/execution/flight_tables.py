@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Ints
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.execution.table_draws import follows
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.io.foreign_table import Column, ForeignTable, read_foreign_table
@@ -35,6 +36,7 @@ class FlightTable:
     lines: Ints  # [flight] line number of the inputs in the file
     factors: Floats  # [input] conversion factors from units of the file to units of the campaign
     blocks: tuple[FlightRows, ...]
+    warnings: tuple[str, ...]  # assumptions about the tables
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,11 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         key=lambda rows: sum(name in rows.columns for name in measured),
     )
     results = result_tables[0] if result_tables else inputs
+    warnings = [
+        f"the last line of '{rows.table.path.name}' has no end; the table may be incomplete"
+        for rows in (inputs, *result_tables)
+        if rows.table.is_cut
+    ]
     model: Any = campaign.model
     for name, head in model.columns.items():
         is_by_row = (name, head) == ("flight", _BY_ROW)
@@ -87,11 +94,10 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     if "system" not in results.columns and len(campaign.controllers) > 1:
         expected = f"a column with the system of each flight ({quoted(campaign.controllers, 'or')})"
         raise results.table.error(None, None, "the column 'system' is missing", expected)
-    frame = (
-        _join(inputs, results, campaign)
-        if result_tables
-        else results.frame.assign(**{_LINE: results.frame[_ROW]})
-    )
+    if result_tables:
+        frame = _join(inputs, results, campaign, warnings)
+    else:
+        frame = results.frame.assign(**{_LINE: results.frame[_ROW]})
     systems = {name: _select(results, frame, name) for name in campaign.controllers}
     counts = {name: len(own) for name, own in systems.items()}
     if len(set(counts.values())) > 1 or not counts[campaign.controllers[0]]:
@@ -124,6 +130,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
             for (name, own), values in zip(systems.items(), samples, strict=True)
             for block in _blocks(name, own, values, campaign, measured)
         ),
+        warnings=tuple(warnings),
     )
 
 
@@ -131,8 +138,8 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     """Read the columns that a campaign uses. Raise InputError for an invalid row."""
     import pandas as pd
 
-    table = read_foreign_table(path)
     model: Any = campaign.model
+    table = read_foreign_table(path, comma=model.comma)
     units = {name: campaign.parameters[name].unit for name in campaign.inputs}
     units |= {metric.name: metric.unit for metric in campaign.measured}
     units |= {"end_time": "s", "flight": "-"}
@@ -144,7 +151,17 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     factors = {
         name: table.factor(columns[name], unit) for name, unit in units.items() if name in columns
     }
-    numbers = table.numbers([columns[name].position for name in factors], finite=False)
+    positions = {name: columns[name].position for name in factors}
+
+    def fits(values: Floats) -> Mask:
+        laws = [campaign.marginals.get(name) for name in factors]
+        columns = zip(laws, values.T, factors.values(), strict=True)
+        return np.array(
+            [law is not None and follows(law, own, factor) for law, own, factor in columns]
+        )
+
+    dimensional = [positions[name] for name in factors if units[name] != "-"]
+    numbers = table.numbers([*positions.values()], False, dimensional, fits)
     frame = pd.DataFrame(numbers * list(factors.values()), columns=list(factors))
     if model.columns.get("flight") == _BY_ROW and "flight" not in columns:
         frame["flight"] = np.arange(len(frame), dtype=np.float64)
@@ -168,10 +185,13 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     return rows
 
 
-def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
+def _join(
+    inputs: _Rows, results: _Rows, campaign: Experiment, warnings: list[str]
+) -> "pd.DataFrame":
     """Join inputs and results by flight number; flights without results failed to run.
 
-    Raise InputError if a row of results has no inputs, or if it repeats inputs with other values.
+    Append assumptions to ``warnings``. Raise InputError if a row of results has no inputs, or if it
+    repeats inputs with other values.
     """
     is_paired = all("flight" in rows.columns for rows in (inputs, results))
     key = None if is_paired else _find_key(inputs, results)
@@ -202,21 +222,16 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
             problem,
             "equal numbers of rows in both tables, to pair the rows in order",
         )
-    drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
-    drawn = drawn.drop_duplicates("flight")
-    name = inputs.table.path.name
+    _align_numbers(inputs, results, campaign, warnings)
+    name, drawn = inputs.table.path.name, _drawn(inputs)
     for row in np.flatnonzero(~results.frame.flight.isin(drawn.flight))[:1]:
         problem = f"flight {results.frame.flight[row]:g} is not in '{name}'"
         raise results.error(row, "flight", problem, f"flights of '{name}'")
-    paired = results.frame.merge(drawn, on="flight", how="left", suffixes=("_repeated", ""))
-    for quantity in campaign.inputs:
-        if (repeated := paired.get(f"{quantity}_repeated")) is not None:
-            errors = (repeated - paired[quantity]).abs()
-            for row in np.flatnonzero(errors > _ECHO * paired[quantity].abs().max())[:1]:
-                problem = (
-                    f"'{quantity}' is {repeated[row]:g}, but {paired[quantity][row]:g} in '{name}'"
-                )
-                raise results.error(row, quantity, problem, "the same inputs in both tables")
+    paired = _pair(results.frame, drawn)
+    for row, quantity in _mismatches(paired, campaign):
+        repeated, own_value = paired[f"{quantity}_repeated"][row], paired[quantity][row]
+        problem = f"'{quantity}' is {repeated:g}, but {own_value:g} in '{name}'"
+        raise results.error(row, quantity, problem, "the same inputs in both tables")
     own = {system: paired[paired.system == system] for system in campaign.controllers}
     without_results = [
         drawn[~drawn.flight.isin(rows.flight)].assign(
@@ -227,6 +242,58 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
     import pandas as pd
 
     return pd.concat([paired, *(rows for rows in without_results if len(rows))], ignore_index=True)
+
+
+def _drawn(inputs: _Rows) -> "pd.DataFrame":
+    drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
+    return drawn.drop_duplicates("flight")
+
+
+def _pair(results: "pd.DataFrame", drawn: "pd.DataFrame") -> "pd.DataFrame":
+    return results.merge(drawn, on="flight", how="left", suffixes=("_repeated", ""))
+
+
+def _mismatches(paired: "pd.DataFrame", campaign: Experiment) -> Iterator[tuple[int, str]]:
+    """Yield the first row, and the input, at which results repeat other inputs."""
+    for quantity in campaign.inputs:
+        if (repeated := paired.get(f"{quantity}_repeated")) is not None:
+            errors = (repeated - paired[quantity]).abs()
+            for row in np.flatnonzero(errors > _ECHO * paired[quantity].abs().max())[:1]:
+                yield int(row), quantity
+
+
+def _align_numbers(
+    inputs: _Rows, results: _Rows, campaign: Experiment, warnings: list[str]
+) -> None:
+    """Renumber flights from 0 if only one of the tables contains flight 0.
+
+    Raise InputError if the other table may be numbered from 0 or 1.
+    """
+    has_zero = [bool((rows.frame.flight == 0.0).any()) for rows in (inputs, results)]
+    if has_zero[0] == has_zero[1]:
+        return
+    reference, other = (inputs, results) if has_zero[0] else (results, inputs)
+    names = [rows.table.path.name for rows in (other, reference)]
+    model: Any = campaign.model
+    numbers, firsts = other.frame.flight, [0, 1]
+
+    def agree(first: int) -> bool:
+        other.frame["flight"] = numbers - first
+        paired = _pair(results.frame, _drawn(inputs))
+        return bool(paired[_LINE].notna().all()) and not any(_mismatches(paired, campaign))
+
+    if model.first_flight is not None:
+        firsts = [model.first_flight]
+    elif np.array_equal(np.unique(numbers) - 1.0, np.unique(reference.frame.flight)):
+        firsts = [1]
+    elif {*inputs.frame} & {*results.frame} & {*campaign.inputs}:
+        firsts = [first for first in firsts if agree(first)] or [0]
+    if len(firsts) > 1:
+        expected = f"'first_flight: 0' or 'first_flight: 1' for '{names[0]}' in the campaign file"
+        raise other.error(0, "flight", f"flight 0 is only in '{names[1]}'", expected)
+    if firsts != [model.first_flight or 0]:
+        warnings.append("'{}' numbers the flights from 1, '{}' from 0".format(*names))
+    other.frame["flight"] = numbers - firsts[0]
 
 
 def _find_key(inputs: _Rows, results: _Rows) -> str | None:

@@ -62,9 +62,22 @@ def check_draws(
     )
 
 
+def follows(marginal: Marginal, values: Floats, factor: float) -> bool:
+    """Return whether values [flight], converted by ``factor``, may be draws of a distribution."""
+    values = values[np.isfinite(values)]
+    rounding = half_steps(values) * abs(factor)
+    if not values.size or outside(marginal, values * factor, rounding).any():
+        return False
+    findings = check_table([make_column(marginal, values * factor, rounding)], np.eye(1))
+    return not (findings.too_far or findings.levels)
+
+
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
     """Return a column of values [flight] with the largest rounding error of each value."""
     atoms = find_atoms(marginal)
+    # Tables are also rounded to 32 bits, and by truncation.
+    step = np.maximum(2.0 * rounding, 2.0**-23 * np.abs(values))
+    ends = marginal.cdf(np.array([np.min(values - step), np.max(values + step)]))
     return Column(
         values=values,
         half_step=rounding,
@@ -72,6 +85,7 @@ def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
         high=marginal.cdf(values + rounding),
         atoms=atoms,
         shares=marginal.cdf(atoms) - marginal.cdf(np.nextafter(atoms, -np.inf)),
+        tails=(float(ends[0]), float(1.0 - ends[1])),
     )
 
 
@@ -105,6 +119,14 @@ def _contradictions(
             problem += f"{counted(len(values), 'row')}, but its stated probability is "
             problem += f"{100 * level.probability:.4g} %"
         yield problem, f"draws from the stated distributions ({_MISSING}), or {_ESTIMATES}", 1
+    for j, side in findings.missing:
+        mean, sigma = find_moments(campaign.marginals[names[j]])
+        largest = abs((columns[j].values.min(), columns[j].values.max())[side] - mean) / sigma
+        problem = (
+            f"column '{names[j]}' has no value beyond {'-+'[side]}{largest:.1f} sigma: state the "
+            "truncation, or failed rows are missing"
+        )
+        yield problem, f"all draws from the stated distributions, or {_ESTIMATES}", 1
     for pair in findings.correlations:
         a, b = (names[j] for j in pair.columns)
         problem = (

@@ -2,7 +2,9 @@
 
 A table rounds its values, so each value represents an interval of its distribution function, and
 each test uses the point of the interval that is most favourable to the table. The probability that
-any test rejects a table of independent draws is about 1e-6.
+any test rejects a table of independent draws is about 1e-6. The test for missing extremes uses the
+probability that all of n draws lie within the range of the column, and allows for a whole step of
+rounding.
 
 Sources: the exact Kolmogorov-Smirnov test (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for
 columns that are too far from their distributions, or closer to them than chance allows; the sum of
@@ -39,6 +41,8 @@ class Column:
     high: Floats  # F at the largest value that rounds to the row's value [row]
     atoms: Floats  # values of positive probability [atom]
     shares: Floats  # probabilities of the atoms [atom]
+    # probabilities of values below and above the column by more than one step of rounding
+    tails: tuple[float, float] = (0.0, 0.0)
 
     @property
     def is_discrete(self) -> bool:
@@ -102,6 +106,7 @@ class TableFindings:
     # columns that follow their distributions more closely than random draws
     too_close: tuple[int, ...]
     constant: tuple[int, ...]  # columns with a single value, which rounding may explain
+    missing: tuple[tuple[int, int], ...]  # columns without small (0) or large (1) values
 
 
 def half_steps(values: Floats) -> Floats:
@@ -135,8 +140,8 @@ def check_table(
     """Test the claim that the rows of a table are independent draws.
 
     `correlation` [column, column] is the correlation matrix of the Gaussian copula. The tests of
-    columns and pairs share `risk` (Bonferroni); the test for equal rows has an additional risk of
-    `risk`.
+    columns and pairs share `risk` (Bonferroni); the tests for equal rows and for missing extremes
+    have an additional risk of `risk` each.
     """
     smooth = [j for j, column in enumerate(columns) if not column.is_discrete]
     levels = [(j, k) for j, column in enumerate(columns) for k in range(column.atoms.size)]
@@ -168,6 +173,12 @@ def check_table(
         equal=_check_equal(columns, correlation, total_risk) if n else None,
         too_close=tuple(close),
         constant=tuple(constant),
+        missing=tuple(
+            (j, side)
+            for j in smooth
+            for side, tail in enumerate(columns[j].tails)
+            if n * np.log1p(-tail) < np.log(total_risk / (2 * len(smooth)))
+        ),
     )
 
 
