@@ -344,6 +344,88 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
         adopt_table(table, campaign, tmp_path / "other")
 
 
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_thousands_are_read_by_the_distribution_of_an_input_or_by_a_key(
+    separator: str, tmp_path: Path
+) -> None:
+    table, campaign = drawn_table(tmp_path)
+    content = json.loads(campaign.read_text())
+    content["inputs"]["a"]["nominal"], content["dispersions"]["a"]["sigma"] = 10e3, "1000 m"
+    random = np.random.default_rng(1)
+    values = np.round([random.normal(10e3, 1e3, 60), 2.0 - 4.0 * random.random(60)]).astype(int)
+
+    def misses(form: str, **keys: Any) -> list[float]:
+        rows = [(form.format(a), str(b), f"{a + 2000:,}") for a, b in values.T]
+        body = "".join('"' + f'"{separator}"'.join(row) + '"\n' for row in rows)
+        table.write_text(separator.join(["a", "b", "miss"]) + "\n" + body)
+        campaign.write_text(json.dumps({**content, **keys}))
+        adopt_table(table, campaign, tmp_path / "out", fresh=True)
+        return read_flown(tmp_path / "out").flights["system"].metrics["miss"].tolist()
+
+    expected = [float(a + 2000) for a in values[0]]
+    assert misses("{:,}") == misses("{}", thousands=",") == expected
+    assert misses("{}", decimal=",") == [miss / 1e3 for miss in expected]
+    with pytest.raises(InputError, match=r"decimal: .*thousands: "):
+        misses("{}")
+
+
+@pytest.mark.parametrize(
+    ("rows", "keys", "shift"),
+    [
+        (slice(None), {}, 1),  # 1 to n
+        (slice(0, 59), {}, None),
+        (slice(1, None), {}, None),
+        (slice(0, 40), {"first_flight": 1}, 1),
+        (slice(1, 40), {"first_flight": 0}, 0),
+        (slice(0, 40), {"repeated": 1}, 1),
+        (slice(1, 40), {"repeated": 0}, 0),
+    ],
+)
+def test_flights_numbered_from_1_get_their_own_inputs(
+    rows: slice, keys: dict[str, int], shift: int | None, tmp_path: Path
+) -> None:
+    campaign, inputs, results = written_inputs(tmp_path)
+    number = keys.pop("repeated", None)
+    shifted = shift if shift is not None else 1
+    lines = [[str(i + shifted), miss, drawn_b(inputs, i)] for i, (_, miss) in enumerate(results)]
+    lines = [["flight", "miss", "b"], *lines[rows]]
+    table = tmp_path / "results.csv"
+    table.write_text("".join(",".join(line[: 2 + (number is not None)]) + "\n" for line in lines))
+    campaign.write_text(json.dumps({**json.loads(campaign.read_text()), **keys}))
+    if shift is None:
+        with pytest.raises(InputError, match="'first_flight: 0' or 'first_flight: 1'"):
+            import_tables([inputs, table], campaign, tmp_path / "out")
+        return
+    manifest = import_tables([inputs, table], campaign, tmp_path / "out").manifest
+    assert sum("results.csv" in text for text in manifest.warnings) == (shift == 1 and not keys)
+    flown = read_flown(tmp_path / "out")
+    metrics, samples = flown.flights["system"].metrics["miss"], flown.samples
+    assert metrics == pytest.approx((samples["a"] + samples["b"])[rows])
+
+
+def test_a_table_without_a_last_line_end_or_with_words_as_lengths(tmp_path: Path) -> None:
+    table, campaign = drawn_table(tmp_path)
+    text = table.read_text()
+    table.write_text(text.rstrip())
+    assert "drawn.csv" in adopt_table(table, campaign, tmp_path / "out").manifest.warnings[0]
+    lines = text.splitlines()
+    for word in ("true", "False"):
+        table.write_text("\n".join([*lines[:-1], f"{lines[-1].rpartition(',')[0]},{word}\n"]))
+        with pytest.raises(InputError, match=f"'{word}'") as caught:
+            adopt_table(table, campaign, tmp_path / "other")
+        assert caught.value.line == 61
+
+
+def test_a_table_without_extremes_lacks_failed_flights(tmp_path: Path) -> None:
+    def cut(values: Any) -> Any:
+        a = np.random.default_rng(5).normal(10.0, 1.0, 1100)
+        a = a[abs(a - 10.0) < 2.0][:1000]
+        return np.column_stack([a, np.resize(values[:, 1], a.size) * 0.999 ** np.arange(a.size)])
+
+    with pytest.raises(InputError, match=r"'a' has no value beyond \+2\.0 sigma"):
+        adopt_table(*drawn_table(tmp_path, cut), tmp_path / "out")
+
+
 def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[str]]]:
     """Write a campaign and the table of its inputs; return rows of results: flight, a + b."""
     _, campaign = drawn_table(folder)
@@ -368,6 +450,7 @@ def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> Non
     lines = [f"{flight};{miss.replace('.', ',')}" for flight, miss in reversed(results[1:])]
     table.write_text("\n".join(["case;miss (m)", *lines, ""]))
     content = {**json.loads(campaign.read_text()), "columns": {"flight": "case"}}
+    content["first_flight"] = 0
     with pytest.raises(InputError, match=r"'a'.*'columns'"):
         import_tables([table], campaign, tmp_path / "out")
     with pytest.raises(InputError, match="'flight'"):

@@ -75,8 +75,7 @@ def follows(marginal: Marginal, values: Floats, factor: float) -> bool:
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
     """Return a column of values [flight] with the largest rounding error of each value."""
     atoms = find_atoms(marginal)
-    # Tables are also rounded to 32 bits, and by truncation.
-    step = np.maximum(2.0 * rounding, 2.0**-23 * np.abs(values))
+    step = np.maximum(2.0 * rounding, np.diff(np.unique(values)).min(initial=np.inf))
     ends = marginal.cdf(np.array([np.min(values - step), np.max(values + step)]))
     return Column(
         values=values,

@@ -26,6 +26,7 @@ from abhv_mc.array_types import Floats, Ints, Mask
 RISK = 1e-6  # risk of rejecting a table of independent draws
 _DIGITS = 15  # number of significant decimal digits of a double-precision number
 _SLACK = 1e-12  # relative rounding error of values converted from other units
+_SINGLE = 1e-8  # relative error of 32-bit numbers written with 9 digits
 _FEWEST_CORRELATED = 60  # minimum number of rows for Fisher's z
 _MOST_CORRELATED = 20_000  # maximum number of ranked rows, enough to show correlations of 0.05
 _LARGEST_CORRELATION = 0.95  # largest correlation at which the variance of Fisher's z is accurate
@@ -114,7 +115,7 @@ def half_steps(values: Floats) -> Floats:
 
     The error is half the finest decimal step among values of the same power of ten, which allows
     for rounding to a fixed number of decimals or of significant digits. Zeros get the finest step
-    of the column.
+    of the column. The steps of columns of 32-bit numbers are at least those of such numbers.
     """
     size = np.abs(values)
     used = size > 0.0
@@ -131,6 +132,9 @@ def half_steps(values: Floats) -> Floats:
     steps = 10.0 ** (powers - finest + 1)
     result = np.full(size.shape, steps.min(initial=np.inf) if powers.size else 0.0)
     result[used] = steps[group]
+    single = values.astype(np.float32)
+    if np.all(np.abs(single - values) <= _SINGLE * size):
+        result = np.maximum(result, np.spacing(np.abs(single)))
     return np.asarray(np.maximum(0.5 * result, _SLACK * size))
 
 
@@ -177,7 +181,7 @@ def check_table(
             (j, side)
             for j in smooth
             for side, tail in enumerate(columns[j].tails)
-            if n * np.log1p(-tail) < np.log(total_risk / (2 * len(smooth)))
+            if (1.0 - tail) ** n < total_risk / (2 * len(smooth))
         ),
     )
 

@@ -575,15 +575,15 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     )
     if missing and (unshown or "FAIL" not in statuses):
         remaining = counted(missing - models.results.campaign.runs_at_point, "remaining flight")
-        why = f"run the {remaining} of the campaign file"
+        why = f"{'run' if flies else 'import'} the {remaining} of the campaign file"
         if unshown:
-            verdicts_open = counted(undecided, "verdict is/verdicts are")
-            why = f"run the {remaining}, because {verdicts_open} undecided"
+            why += f", because {counted(undecided, 'verdict is/verdicts are')} undecided"
         elif "PASS" in statuses:
             why += "; no verdict is undecided"
         if "FAIL" in statuses:
             why += f"; {_FAILS_STAY}"
-        return NextStep(why, f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}")
+        command = f"abhv-mc run DIR/campaign.yaml -o DIR --runs {missing}"
+        return NextStep(why, command if flies else "")
     if not models.names.campaign.judged:
         return None
     if met == "nothing required":
@@ -594,7 +594,7 @@ def _next_step(models: Models, met: Met) -> NextStep | None:
     if met == "no" or (missing and "FAIL" in statuses):
         changes = models.results.requirement_changes
         # These requirements apply only to this report, not to the folder.
-        if changes and not changes[-1].time:
+        if flies and changes and not changes[-1].time:
             return NextStep(
                 "these requirements apply only to this report; to adopt them, add them to the "
                 "campaign file and run the campaign, which keeps the stored flights",
