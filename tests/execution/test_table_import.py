@@ -259,6 +259,13 @@ def correlated(values: Any) -> Any:
     return np.column_stack([np.sort(values[:, 0]), np.sort(values[:, 1])])
 
 
+def without_extremes() -> Any:
+    random = np.random.default_rng(5)
+    a = random.normal(10.0, 1.0, 1100)
+    a = a[abs(a - 10.0) < 2.0]
+    return np.column_stack([a, random.uniform(-1.97, 1.97, a.size)])
+
+
 def latin(values: Any) -> Any:
     order = np.argsort(np.argsort(values[:, 1]))
     return np.column_stack([values[:, 0], -1.97 + 3.94 * (order + 0.5) / len(values)])
@@ -272,6 +279,7 @@ def latin(values: Any) -> Any:
         (scaled(1 / 3), r":1: .*'a' .* 10 .* 1, .* 0\.2"),
         (scaled(3.0), r":1: .*'a' .*'independent: no'"),
         (correlated, r"'a'.*'b'"),
+        (lambda _: without_extremes(), r"'a' has no value beyond \+2\.0 sigma"),
     ],
 )
 def test_a_table_that_holds_no_independent_draws_is_rejected(
@@ -370,60 +378,50 @@ def test_thousands_are_read_by_the_distribution_of_an_input_or_by_a_key(
 
 
 @pytest.mark.parametrize(
-    ("rows", "keys", "shift"),
+    ("rows", "first", "keys"),
     [
-        (slice(None), {}, 1),  # 1 to n
-        (slice(0, 59), {}, None),
-        (slice(1, None), {}, None),
-        (slice(0, 40), {"first_flight": 1}, 1),
-        (slice(1, 40), {"first_flight": 0}, 0),
-        (slice(0, 40), {"repeated": 1}, 1),
-        (slice(1, 40), {"repeated": 0}, 0),
+        (slice(60), 1, {}),  # 1 to n
+        (slice(59), 1, None),
+        (slice(1, 60), 0, None),
+        (slice(40), 1, {"first_flight": 1}),
+        (slice(1, 40), 0, {"first_flight": 0}),
+        (slice(40), 1, {"b": 1}),  # with repeated inputs
+        (slice(1, 40), 0, {"b": 1}),
     ],
 )
 def test_flights_numbered_from_1_get_their_own_inputs(
-    rows: slice, keys: dict[str, int], shift: int | None, tmp_path: Path
+    rows: slice, first: int, keys: dict[str, int] | None, tmp_path: Path
 ) -> None:
     campaign, inputs, results = written_inputs(tmp_path)
-    number = keys.pop("repeated", None)
-    shifted = shift if shift is not None else 1
-    lines = [[str(i + shifted), miss, drawn_b(inputs, i)] for i, (_, miss) in enumerate(results)]
-    lines = [["flight", "miss", "b"], *lines[rows]]
-    table = tmp_path / "results.csv"
-    table.write_text("".join(",".join(line[: 2 + (number is not None)]) + "\n" for line in lines))
-    campaign.write_text(json.dumps({**json.loads(campaign.read_text()), **keys}))
-    if shift is None:
+    lines = [f"{i + first},{m},{drawn_b(inputs, i)}" for i, (_, m) in enumerate(results)][rows]
+    table, repeated = tmp_path / "results.csv", "b" if keys and keys.pop("b", 0) else "unused"
+    table.write_text("\n".join([f"flight,miss,{repeated}", *lines, ""]))
+    campaign.write_text(json.dumps({**json.loads(campaign.read_text()), **(keys or {})}))
+    if keys is None:
         with pytest.raises(InputError, match="'first_flight: 0' or 'first_flight: 1'"):
             import_tables([inputs, table], campaign, tmp_path / "out")
         return
     manifest = import_tables([inputs, table], campaign, tmp_path / "out").manifest
-    assert sum("results.csv" in text for text in manifest.warnings) == (shift == 1 and not keys)
+    assert sum("results.csv" in text for text in manifest.warnings) == (first == 1 and not keys)
     flown = read_flown(tmp_path / "out")
-    metrics, samples = flown.flights["system"].metrics["miss"], flown.samples
-    assert metrics == pytest.approx((samples["a"] + samples["b"])[rows])
+    expected = (flown.samples["a"] + flown.samples["b"])[rows]
+    assert flown.flights["system"].metrics["miss"] == pytest.approx(expected)
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_table_without_a_last_line_end_or_with_words_as_lengths(tmp_path: Path) -> None:
     table, campaign = drawn_table(tmp_path)
+    campaign.write_text(json.dumps({**json.loads(campaign.read_text()), "runs": 90}))
     text = table.read_text()
     table.write_text(text.rstrip())
-    assert "drawn.csv" in adopt_table(table, campaign, tmp_path / "out").manifest.warnings[0]
-    lines = text.splitlines()
+    out = tmp_path / "out"
+    assert "drawn.csv" in adopt_table(table, campaign, out).manifest.warnings[0]
+    assert "abhv-mc run" not in shown_text(build_report(out))
     for word in ("true", "False"):
-        table.write_text("\n".join([*lines[:-1], f"{lines[-1].rpartition(',')[0]},{word}\n"]))
+        table.write_text(f"{text.rpartition(',')[0]},{word}\n")
         with pytest.raises(InputError, match=f"'{word}'") as caught:
-            adopt_table(table, campaign, tmp_path / "other")
+            adopt_table(table, campaign, out)
         assert caught.value.line == 61
-
-
-def test_a_table_without_extremes_lacks_failed_flights(tmp_path: Path) -> None:
-    def cut(values: Any) -> Any:
-        a = np.random.default_rng(5).normal(10.0, 1.0, 1100)
-        a = a[abs(a - 10.0) < 2.0][:1000]
-        return np.column_stack([a, np.resize(values[:, 1], a.size) * 0.999 ** np.arange(a.size)])
-
-    with pytest.raises(InputError, match=r"'a' has no value beyond \+2\.0 sigma"):
-        adopt_table(*drawn_table(tmp_path, cut), tmp_path / "out")
 
 
 def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[str]]]:

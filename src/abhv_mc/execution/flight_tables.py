@@ -9,12 +9,12 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.table_draws import follows
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.io.foreign_table import Column, ForeignTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.phrases import counted, joined, quoted
+from abhv_mc.statistics.table_checks import RISK, distance_p_values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,11 +154,12 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     positions = {name: columns[name].position for name in factors}
 
     def fits(values: Floats) -> Mask:
-        laws = [campaign.marginals.get(name) for name in factors]
-        columns = zip(laws, values.T, factors.values(), strict=True)
-        return np.array(
-            [law is not None and follows(law, own, factor) for law, own, factor in columns]
-        )
+        mask = np.zeros(len(factors), bool)
+        for i, (name, factor) in enumerate(factors.items()):
+            if (marginal := campaign.marginals.get(name)) is not None:
+                probability = marginal.cdf(values[:, i] * factor)
+                mask[i] = distance_p_values(probability, probability)[0] > RISK
+        return mask
 
     dimensional = [positions[name] for name in factors if units[name] != "-"]
     numbers = table.numbers([*positions.values()], False, dimensional, fits)
@@ -223,15 +224,7 @@ def _join(
             "equal numbers of rows in both tables, to pair the rows in order",
         )
     _align_numbers(inputs, results, campaign, warnings)
-    name, drawn = inputs.table.path.name, _drawn(inputs)
-    for row in np.flatnonzero(~results.frame.flight.isin(drawn.flight))[:1]:
-        problem = f"flight {results.frame.flight[row]:g} is not in '{name}'"
-        raise results.error(row, "flight", problem, f"flights of '{name}'")
-    paired = _pair(results.frame, drawn)
-    for row, quantity in _mismatches(paired, campaign):
-        repeated, own_value = paired[f"{quantity}_repeated"][row], paired[quantity][row]
-        problem = f"'{quantity}' is {repeated:g}, but {own_value:g} in '{name}'"
-        raise results.error(row, quantity, problem, "the same inputs in both tables")
+    drawn, paired = _pair(inputs, results, campaign)
     own = {system: paired[paired.system == system] for system in campaign.controllers}
     without_results = [
         drawn[~drawn.flight.isin(rows.flight)].assign(
@@ -244,22 +237,26 @@ def _join(
     return pd.concat([paired, *(rows for rows in without_results if len(rows))], ignore_index=True)
 
 
-def _drawn(inputs: _Rows) -> "pd.DataFrame":
+def _pair(
+    inputs: _Rows, results: _Rows, campaign: Experiment
+) -> "tuple[pd.DataFrame, pd.DataFrame]":
+    """Return the inputs, and the results joined with them. Raise InputError if they differ."""
     drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
-    return drawn.drop_duplicates("flight")
-
-
-def _pair(results: "pd.DataFrame", drawn: "pd.DataFrame") -> "pd.DataFrame":
-    return results.merge(drawn, on="flight", how="left", suffixes=("_repeated", ""))
-
-
-def _mismatches(paired: "pd.DataFrame", campaign: Experiment) -> Iterator[tuple[int, str]]:
-    """Yield the first row, and the input, at which results repeat other inputs."""
+    drawn = drawn.drop_duplicates("flight")
+    name = inputs.table.path.name
+    for row in np.flatnonzero(~results.frame.flight.isin(drawn.flight))[:1]:
+        problem = f"flight {results.frame.flight[row]:g} is not in '{name}'"
+        raise results.error(row, "flight", problem, f"flights of '{name}'")
+    paired = results.frame.merge(drawn, on="flight", how="left", suffixes=("_repeated", ""))
     for quantity in campaign.inputs:
         if (repeated := paired.get(f"{quantity}_repeated")) is not None:
             errors = (repeated - paired[quantity]).abs()
             for row in np.flatnonzero(errors > _ECHO * paired[quantity].abs().max())[:1]:
-                yield int(row), quantity
+                problem = (
+                    f"'{quantity}' is {repeated[row]:g}, but {paired[quantity][row]:g} in '{name}'"
+                )
+                raise results.error(row, quantity, problem, "the same inputs in both tables")
+    return drawn, paired
 
 
 def _align_numbers(
@@ -276,24 +273,24 @@ def _align_numbers(
     names = [rows.table.path.name for rows in (other, reference)]
     model: Any = campaign.model
     numbers, firsts = other.frame.flight, [0, 1]
-
-    def agree(first: int) -> bool:
-        other.frame["flight"] = numbers - first
-        paired = _pair(results.frame, _drawn(inputs))
-        return bool(paired[_LINE].notna().all()) and not any(_mismatches(paired, campaign))
-
     if model.first_flight is not None:
         firsts = [model.first_flight]
     elif np.array_equal(np.unique(numbers) - 1.0, np.unique(reference.frame.flight)):
         firsts = [1]
     elif {*inputs.frame} & {*results.frame} & {*campaign.inputs}:
-        firsts = [first for first in firsts if agree(first)] or [0]
+        for first in (0, 1):
+            other.frame["flight"] = numbers - first
+            try:
+                _pair(inputs, results, campaign)
+            except InputError:
+                firsts.remove(first)
     if len(firsts) > 1:
         expected = f"'first_flight: 0' or 'first_flight: 1' for '{names[0]}' in the campaign file"
         raise other.error(0, "flight", f"flight 0 is only in '{names[1]}'", expected)
-    if firsts != [model.first_flight or 0]:
+    first = firsts[0] if firsts else 0
+    if first != (model.first_flight or 0):
         warnings.append("'{}' numbers the flights from 1, '{}' from 0".format(*names))
-    other.frame["flight"] = numbers - firsts[0]
+    other.frame["flight"] = numbers - first
 
 
 def _find_key(inputs: _Rows, results: _Rows) -> str | None:

@@ -62,16 +62,6 @@ def check_draws(
     )
 
 
-def follows(marginal: Marginal, values: Floats, factor: float) -> bool:
-    """Return whether values [flight], converted by ``factor``, may be draws of a distribution."""
-    values = values[np.isfinite(values)]
-    rounding = half_steps(values) * abs(factor)
-    if not values.size or outside(marginal, values * factor, rounding).any():
-        return False
-    findings = check_table([make_column(marginal, values * factor, rounding)], np.eye(1))
-    return not (findings.too_far or findings.levels)
-
-
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
     """Return a column of values [flight] with the largest rounding error of each value."""
     atoms = find_atoms(marginal)
@@ -120,10 +110,10 @@ def _contradictions(
         yield problem, f"draws from the stated distributions ({_MISSING}), or {_ESTIMATES}", 1
     for j, side in findings.missing:
         mean, sigma = find_moments(campaign.marginals[names[j]])
-        largest = abs((columns[j].values.min(), columns[j].values.max())[side] - mean) / sigma
+        end = (np.sort(columns[j].values)[-side] - mean) / sigma
         problem = (
-            f"column '{names[j]}' has no value beyond {'-+'[side]}{largest:.1f} sigma: state the "
-            "truncation, or failed rows are missing"
+            f"column '{names[j]}' has no value beyond {end:+.1f} sigma: state the truncation, or "
+            "failed rows are missing"
         )
         yield problem, f"all draws from the stated distributions, or {_ESTIMATES}", 1
     for pair in findings.correlations:

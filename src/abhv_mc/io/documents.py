@@ -218,7 +218,7 @@ class CommaKeys(StrictModel):
     @property
     def comma(self) -> str:
         """Key that is present, or '' if neither is."""
-        return next((key for key in ("decimal", "thousands") if getattr(self, key)), "")
+        return "decimal" if self.decimal else "thousands" if self.thousands else ""
 
 
 def _resolve_file(value: object, info: ValidationInfo) -> object:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # Workers read no tables and do not need to import pyarrow.
 
 _NUMBER = re.compile(NUMBER.replace("eE", "eEdD"))  # Fortran writes exponents as in 1.0D+03.
 DECIMAL, THOUSANDS = "decimal", "thousands"  # meanings of the commas in numbers
-_SIGN, _EXPONENT = r"^[+\-\x{2212}]?", "[eEdD][+-]?[0-9]+"
+_SIGN, _EXPONENT = "^[+\N{MINUS SIGN}-]?", "[eEdD][+-]?[0-9]+"
 _GROUPS = f"{_SIGN}[1-9][0-9]{{0,2}}(,[0-9]{{3}})+"
 _ONLY_THOUSANDS = rf"{_GROUPS}(,[0-9]{{3}}|\.[0-9]*)$"
 _ONLY_DECIMAL = (
@@ -180,15 +180,11 @@ class ForeignTable:
         if any(map(_has_comma, cells)):
             meaning = self.comma or self._find_meaning(columns)
             if not meaning and fits:
-                decimal, thousands = (
-                    fits(self._parse(columns, _without_commas(cells, reading), dimensional))
-                    for reading in (DECIMAL, THOUSANDS)
-                )
-                if (decimal & ~thousands).any() != (thousands & ~decimal).any():
-                    meaning = DECIMAL if (decimal & ~thousands).any() else THOUSANDS
-            if not meaning:
-                raise self._two_readings(columns)
-            cells = _without_commas(cells, meaning)
+                readings = (_without_commas(cells, reading) for reading in (DECIMAL, THOUSANDS))
+                masks = [fits(self._parse(columns, own, dimensional)) for own in readings]
+                signs = {*np.subtract(*masks, dtype=int)} - {0}
+                meaning = {(1,): DECIMAL, (-1,): THOUSANDS}.get(tuple(signs), "")
+            cells = _without_commas(cells, meaning) if meaning else cells
         out = self._parse(columns, cells, dimensional)
         for row, i in np.argwhere(~np.isfinite(out))[:1] if finite else ():
             raise self._no_number(int(row), columns[i])
@@ -221,16 +217,6 @@ class ForeignTable:
                 return ""
         return DECIMAL if decimal > thousands else THOUSANDS if thousands else ""
 
-    def _two_readings(self, columns: Sequence[int]) -> InputError:
-        cells = ((row, i, text) for i in columns for row, text in enumerate(self.words(i)))
-        row, column, text = next(cell for cell in cells if "," in cell[2])
-        problem = f"'{text}' is {text.replace(',', '.')} or {text.replace(',', '')}"
-        expected = (
-            f"'{DECIMAL}: \",\"' or '{THOUSANDS}: \",\"' beside 'columns' where the table is "
-            "declared, or numbers without commas"
-        )
-        return self.error(row, column, problem, expected)
-
     def _parse(
         self,
         columns: Sequence[int],
@@ -260,8 +246,15 @@ class ForeignTable:
         return numbers
 
     def _no_number(self, row: int, column: int) -> InputError:
-        problem = f"found {describe(self.words(column)[row])} in the column '{self.heads[column]}'"
-        return self.error(row, column, problem, "a finite number")
+        text, expected = self.words(column)[row], "a finite number"
+        problem = f"found {describe(text)} in the column '{self.heads[column]}'"
+        if re.fullmatch(_GROUPS, text):
+            problem = f"'{text}' is {text.replace(',', '.')} or {text.replace(',', '')}"
+            expected = (
+                f"'{DECIMAL}: \",\"' or '{THOUSANDS}: \",\"' beside 'columns' where the table is "
+                "declared, or numbers without commas"
+            )
+        return self.error(row, column, problem, expected)
 
     def words(self, column: int) -> list[str]:
         """Return a column as strings [row], with empty strings for empty cells."""
@@ -294,14 +287,15 @@ def _without_commas(columns: "Sequence[pa.ChunkedArray]", meaning: str) -> "list
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    columns = list(map(_plain, columns))
-    for i, column in enumerate(columns):
-        if pa.types.is_string(column.type) and meaning == DECIMAL:
-            columns[i] = pc.replace_substring(pc.replace_substring(column, ".", "?"), ",", ".")
-        elif pa.types.is_string(column.type):
-            is_grouped = pc.match_substring_regex(column, rf"{_GROUPS}(\.[0-9]*)?$")
-            columns[i] = pc.if_else(is_grouped, pc.replace_substring(column, ",", ""), column)
-    return columns
+    def read(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
+        if not pa.types.is_string(column.type):
+            return column
+        if meaning == DECIMAL:
+            return pc.replace_substring(pc.replace_substring(column, ".", "?"), ",", ".")
+        is_grouped = pc.match_substring_regex(column, rf"{_GROUPS}(\.[0-9]*)?$")
+        return pc.if_else(is_grouped, pc.replace_substring(column, ",", ""), column)
+
+    return [read(_plain(column)) for column in columns]
 
 
 def split_head(head: str) -> tuple[str, str]:

@@ -31,7 +31,7 @@ _G0 = 9.80665
 
 _UNITS: dict[str, tuple[float, Exponents]] = {
     "%": (0.01, _NONE),
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), (1.0, (1, 0, 0, 0, 0))),
+    **dict.fromkeys(("m", "meter", "meters"), (1.0, (1, 0, 0, 0, 0))),
     "km": (1e3, (1, 0, 0, 0, 0)),
     "cm": (1e-2, (1, 0, 0, 0, 0)),
     "mm": (1e-3, (1, 0, 0, 0, 0)),
