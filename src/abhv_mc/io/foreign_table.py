@@ -230,8 +230,8 @@ class ForeignTable:
 
         numbers = np.empty((len(self), len(columns)))
         for i, (column, own) in enumerate(zip(columns, cells, strict=True)):
-            words = _WORDS if column in dimensional else _WORDS | _TRUTH
-            if len(self) > _FEW and not (words is _WORDS and pa.types.is_boolean(own.type)):
+            constants = _WORDS if column in dimensional else _WORDS | _TRUTH
+            if len(self) > _FEW and not (constants is _WORDS and pa.types.is_boolean(own.type)):
                 with contextlib.suppress(pa.ArrowException, ValueError):
                     numbers[:, i] = column_values(own.cast(pa.float64(), safe=False))
                     continue
@@ -239,7 +239,7 @@ class ForeignTable:
                 text = "" if cell is None else str(cell).strip().replace("\N{MINUS SIGN}", "-")
                 text = text.lower()
                 is_number = _NUMBER.fullmatch(text)
-                number = float(text.replace("d", "e")) if is_number else words.get(text)
+                number = float(text.replace("d", "e")) if is_number else constants.get(text)
                 if number is None:
                     raise self._no_number(row, column)
                 numbers[row, i] = number
