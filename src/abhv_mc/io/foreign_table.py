@@ -178,7 +178,8 @@ class ForeignTable:
         short = len(self) <= _FEW  # Importing pyarrow.compute takes 0.1 s.
         cells = [self.data.column(i) if short else _plain(self.data.column(i)) for i in columns]
         if any(map(_has_comma, cells)):
-            meaning = self.comma or self._find_meaning(columns)
+            cells = list(map(_plain, cells)) if short else cells
+            meaning = self.comma or self._find_meaning(columns, cells)
             if not meaning and fits:
                 readings = (_without_commas(cells, reading) for reading in (DECIMAL, THOUSANDS))
                 masks = [fits(self._parse(columns, own, dimensional)) for own in readings]
@@ -190,25 +191,27 @@ class ForeignTable:
             raise self._no_number(int(row), columns[i])
         return out
 
-    def _find_meaning(self, columns: Sequence[int]) -> str:
+    def _find_meaning(self, columns: Sequence[int], plain: "Sequence[pa.ChunkedArray]") -> str:
         """Return the meaning of commas that numbers of the file imply, or '' if none does.
 
-        Numbers in ``columns`` precede those in the other columns.
+        Numbers in ``columns``, with the cells ``plain``, precede those in the other columns.
         """
         import pyarrow as pa
         import pyarrow.compute as pc
 
-        cells = list(map(_plain, self.data.columns))
-        texts = [i for i, column in enumerate(cells) if pa.types.is_string(column.type)]
+        cells = dict(enumerate(self.data.columns)) | dict(zip(columns, plain, strict=True))
+        texts = [i for i, column in cells.items() if pa.types.is_string(column.type)]
 
         def count(pattern: str, indices: Sequence[int]) -> int:
             matches = (pc.match_substring_regex(cells[i], pattern) for i in indices)
             return sum(pc.sum(match).as_py() or 0 for match in matches)
 
         own = [i for i in columns if i in texts]
-        decimal, thousands = count(_ONLY_DECIMAL, own), count(_ONLY_THOUSANDS, own)
         # A number with a point in a column that is read excludes decimal commas.
-        thousands += count(re.sub(r",(?=[\[(])", r"\\.", _ONLY_DECIMAL), own)
+        with_point = re.sub(r",(?=[\[(])", r"\\.", _ONLY_DECIMAL)
+        decimal, thousands = (
+            count(pattern, own) for pattern in (_ONLY_DECIMAL, f"{_ONLY_THOUSANDS}|{with_point}")
+        )
         if not decimal and not thousands:
             grouped = [i for i in texts if count(f"{_GROUPS}$", [i])]
             decimal = count(_ONLY_DECIMAL, texts) + count(f"{_SIGN}[0-9]{{4,}}$", grouped)
@@ -295,7 +298,7 @@ def _without_commas(columns: "Sequence[pa.ChunkedArray]", meaning: str) -> "list
         is_grouped = pc.match_substring_regex(column, rf"{_GROUPS}(\.[0-9]*)?$")
         return pc.if_else(is_grouped, pc.replace_substring(column, ",", ""), column)
 
-    return [read(_plain(column)) for column in columns]
+    return list(map(read, columns))
 
 
 def split_head(head: str) -> tuple[str, str]:
