@@ -82,7 +82,9 @@ def judge(laws, values, matrix, risk=RISK):
             return "rejected"
         columns.append(make_column(law, column, half))
     findings = check_table(columns, matrix, risk)
-    if findings.too_far or findings.levels or findings.correlations or findings.equal:
+    if any(
+        (findings.too_far, findings.levels, findings.correlations, findings.equal, findings.missing)
+    ):
         return "rejected"
     return "estimate" if findings.too_close or findings.constant else "verdict"
 

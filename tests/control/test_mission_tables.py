@@ -33,6 +33,14 @@ def test_wind_of_any_unit_order_and_form(tmp_path, text):
     assert table == pytest.approx(np.array([[0.0, 0.0, 5.0], [20e3, 40.0, 5.0]]), abs=1e-9)
 
 
+def test_altitudes_with_a_comma_need_a_key(tmp_path):
+    text = "altitude_m\tdensity_factor\n0\t1\n12,000\t1\n"
+    with pytest.raises(InputError, match=r"12\.000 or 12000"):
+        read(tmp_path, text, DENSITIES)
+    for comma, height in (("decimal", 12.0), ("thousands", 12e3)):
+        assert read_air_table(tmp_path / "air.csv", DENSITIES, {}, comma)[1, 0] == height
+
+
 def test_a_sounding_gives_wind_and_density(tmp_path):
     text = (
         "PRES   HGHT   TEMP   DRCT   SKNT\n hPa     m      C    deg   knot\n"

@@ -255,6 +255,13 @@ def correlated(values: Any) -> Any:
     return np.column_stack([np.sort(values[:, 0]), np.sort(values[:, 1])])
 
 
+def without_extremes() -> Any:
+    random = np.random.default_rng(5)
+    a = random.normal(10.0, 1.0, 1100)
+    a = a[abs(a - 10.0) < 2.0]
+    return np.column_stack([a, random.uniform(-1.97, 1.97, a.size)])
+
+
 def latin(values: Any) -> Any:
     order = np.argsort(np.argsort(values[:, 1]))
     return np.column_stack([values[:, 0], -1.97 + 3.94 * (order + 0.5) / len(values)])
@@ -268,6 +275,7 @@ def latin(values: Any) -> Any:
         (scaled(1 / 3), r":1: .*'a' .* 10 .* 1, .* 0\.2"),
         (scaled(3.0), r":1: .*'a' .*'independent: no'"),
         (correlated, r"'a'.*'b'"),
+        (lambda _: without_extremes(), r"'a' has no value beyond \+2\.0 sigma"),
     ],
 )
 def test_a_table_that_holds_no_independent_draws_is_rejected(
@@ -340,6 +348,78 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
         adopt_table(table, campaign, tmp_path / "other")
 
 
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_thousands_are_read_by_the_distribution_of_an_input_or_by_a_key(
+    separator: str, tmp_path: Path
+) -> None:
+    table, campaign = drawn_table(tmp_path)
+    content = json.loads(campaign.read_text())
+    content["inputs"]["a"]["nominal"], content["dispersions"]["a"]["sigma"] = 10e3, "1000 m"
+    random = np.random.default_rng(1)
+    values = np.round([random.normal(10e3, 1e3, 60), 2.0 - 4.0 * random.random(60)]).astype(int)
+
+    def misses(form: str, **keys: Any) -> list[float]:
+        rows = [(form.format(a), str(b), f"{a + 2000:,}") for a, b in values.T]
+        body = "".join('"' + f'"{separator}"'.join(row) + '"\n' for row in rows)
+        table.write_text(separator.join(["a", "b", "miss"]) + "\n" + body)
+        campaign.write_text(json.dumps({**content, **keys}))
+        adopt_table(table, campaign, tmp_path / "out", fresh=True)
+        return read_flown(tmp_path / "out").flights["system"].metrics["miss"].tolist()
+
+    expected = [float(a + 2000) for a in values[0]]
+    assert misses("{:,}") == misses("{}", thousands=",") == expected
+    assert misses("{}", decimal=",") == [miss / 1e3 for miss in expected]
+    with pytest.raises(InputError, match=r"decimal: .*thousands: "):
+        misses("{}")
+
+
+@pytest.mark.parametrize(
+    ("rows", "first", "keys"),
+    [
+        (slice(60), 1, {}),  # 1 to n
+        (slice(59), 1, None),
+        (slice(1, 60), 0, None),
+        (slice(40), 1, {"first_flight": 1}),
+        (slice(1, 40), 0, {"first_flight": 0}),
+        (slice(40), 1, {"b": 1}),  # with repeated inputs
+        (slice(1, 40), 0, {"b": 1}),
+    ],
+)
+def test_flights_numbered_from_1_get_their_own_inputs(
+    rows: slice, first: int, keys: dict[str, int] | None, tmp_path: Path
+) -> None:
+    campaign, inputs, results = written_inputs(tmp_path)
+    lines = [f"{i + first},{m},{drawn_b(inputs, i)}" for i, (_, m) in enumerate(results)][rows]
+    table, repeated = tmp_path / "results.csv", "b" if keys and keys.pop("b", 0) else "unused"
+    table.write_text("\n".join([f"flight,miss,{repeated}", *lines, ""]))
+    campaign.write_text(json.dumps({**json.loads(campaign.read_text()), **(keys or {})}))
+    if keys is None:
+        with pytest.raises(InputError, match="'first_flight: 0' or 'first_flight: 1'"):
+            import_tables([inputs, table], campaign, tmp_path / "out")
+        return
+    manifest = import_tables([inputs, table], campaign, tmp_path / "out").manifest
+    assert sum("results.csv" in text for text in manifest.warnings) == (first == 1 and not keys)
+    flown = read_flown(tmp_path / "out")
+    expected = (flown.samples["a"] + flown.samples["b"])[rows]
+    assert flown.flights["system"].metrics["miss"] == pytest.approx(expected)
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_table_without_a_last_line_end_or_with_words_as_lengths(tmp_path: Path) -> None:
+    table, campaign = drawn_table(tmp_path)
+    campaign.write_text(json.dumps({**json.loads(campaign.read_text()), "runs": 90}))
+    text = table.read_text()
+    table.write_text(text.rstrip())
+    out = tmp_path / "out"
+    assert "drawn.csv" in adopt_table(table, campaign, out).manifest.warnings[0]
+    assert "abhv-mc run" not in shown_text(build_report(out))
+    for word in ("true", "False"):
+        table.write_text(f"{text.rpartition(',')[0]},{word}\n")
+        with pytest.raises(InputError, match=f"'{word}'") as caught:
+            adopt_table(table, campaign, out)
+        assert caught.value.line == 61
+
+
 def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[str]]]:
     """Write a campaign and the table of its inputs; return rows of results: flight, a + b."""
     _, campaign = drawn_table(folder)
@@ -364,6 +444,7 @@ def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> Non
     lines = [f"{flight};{miss.replace('.', ',')}" for flight, miss in reversed(results[1:])]
     table.write_text("\n".join(["case;miss (m)", *lines, ""]))
     content = {**json.loads(campaign.read_text()), "columns": {"flight": "case"}}
+    content["first_flight"] = 0
     with pytest.raises(InputError, match=r"'a'.*'columns'"):
         import_tables([table], campaign, tmp_path / "out")
     with pytest.raises(InputError, match="'flight'"):

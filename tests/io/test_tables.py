@@ -159,6 +159,40 @@ def test_a_mistake_is_said_with_its_place(tmp_path, text, location, problem):
     assert (caught.value.line, caught.value.column) == location
 
 
+@pytest.mark.parametrize("rows", [1, 1500])
+@pytest.mark.parametrize(
+    ("first", "second", "other", "expected"),
+    [
+        ("12,788", "0,125", "1", 12.788),
+        ("12,788", "\N{MINUS SIGN}1250,125", "1", 12.788),
+        ("12,788", "1,250e+03", "1", 12.788),
+        ("12,788", "1", "1,5", 12.788),  # in a column that is not read
+        ("12,788", "1250", "x", 12.788),  # 1,250 would have a separator
+        ("12,788", "1,234,567", "1", 12788.0),
+        ("12,788", "1,250.5", "1", 12788.0),
+        ("12,788.25", "1", "1", 12788.25),
+        ("12,788", "3.25", "1", 12788.0),
+        ("1.0D+03", "1", "12,788", 1000.0),
+        ("12,788", "1", "1250", None),
+        ("12,788", "1", "12.5", None),
+        ("-12,788", "-1,250", "x,y", None),
+    ],
+)
+def test_commas_have_one_meaning_in_a_file(tmp_path, rows, first, second, other, expected):
+    for separator in "\t;,":
+        cells = f'"{separator}"'.join(("{}", "1", other))
+        body = f'"{cells.format(first)}"\n"{cells.format(second)}"\n' * rows
+        table = read(tmp_path, separator.join("abc") + "\n" + body)
+        if expected is None:
+            with pytest.raises(InputError, match=r"12.788 or -?12788; .*decimal: .*thousands: "):
+                table.numbers([0, 1])
+            for comma, value in (("decimal", 12.788), ("thousands", 12788.0)):
+                numbers = read_foreign_table(table.path, comma=comma).numbers([0])
+                assert (abs(numbers[::2]) == value).all()
+        else:
+            assert (table.numbers([0, 1])[::2, 0] == expected).all()
+
+
 @pytest.mark.parametrize(
     ("text", "location", "problem"),
     [

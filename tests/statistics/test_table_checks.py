@@ -1,11 +1,13 @@
 """Tests of the check that the rows of a table are independent draws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from abhv_mc.execution.table_draws import make_column
 from abhv_mc.statistics.table_checks import (
-    Column,
     check_table,
     distance_p_values,
     half_steps,
@@ -16,9 +18,7 @@ NORMAL, NONE = stats.norm(20.0, 0.5), np.empty(0)
 
 
 def column(values, law=NORMAL, atoms=NONE, shares=NONE):
-    half = half_steps(values)
-    low, high = law.cdf(np.nextafter(values - half, -np.inf)), law.cdf(values + half)
-    return Column(values, half, low, high, atoms, shares)
+    return replace(make_column(law, values, half_steps(values)), atoms=atoms, shares=shares)
 
 
 def rounded(values, digits):
@@ -98,6 +98,21 @@ def test_a_constant_column_is_too_far_or_shows_no_dispersion():
     assert findings.constant == (0,) and not findings.too_far
 
 
+@pytest.mark.parametrize("digits", [None, 5, "f4"])
+@pytest.mark.parametrize(
+    "law", [NORMAL, stats.uniform(50.0, 2.0), stats.triang(0.0, 3.0, 1.0), stats.expon(2.0)]
+)
+def test_extremes_are_missing_only_where_rows_were_removed(law, digits):
+    for seed in range(20):
+        values = law.rvs(1100, random_state=seed)
+        values = rounded(values, digits) if digits == 5 else values.astype(digits or "f8")
+        values = values.astype(float)
+        findings = check(column(values, law))
+        assert not findings.missing and findings.equal is None
+        assert check(column(values[values < law.ppf(0.97725)][:1000], law)).missing == ((0, 1),)
+        assert check(column(values[values > law.ppf(0.02275)][:1000], law)).missing == ((0, 0),)
+
+
 def test_levels_are_counted_exactly():
     atoms, shares = np.array([0.0, 1.0]), np.array([0.999, 0.001])
     law = stats.rv_discrete(values=(atoms.astype(int), shares))
@@ -169,5 +184,5 @@ def test_honest_tables_pass_at_a_risk_that_would_show():
             risk=0.01,
         )
         wrong += findings.too_far != () or findings.too_close != () or findings.equal is not None
-        wrong += findings.correlations != ()
+        wrong += findings.correlations != () or findings.missing != ()
     assert wrong <= 3  # 0.6 expected at most

@@ -25,7 +25,7 @@ from abhv_mc.control.mission_tables import (
     read_trajectory,
 )
 from abhv_mc.control.s_shape import s_shape
-from abhv_mc.io.documents import File, Refusal, StrictModel, read_document, validate
+from abhv_mc.io.documents import CommaKeys, File, Refusal, StrictModel, read_document, validate
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc.kernel.world.earth import WGS84, Earth
@@ -260,7 +260,7 @@ class End(StrictModel):
         return -math.inf if low is None else low, math.inf if high is None else high
 
 
-class AirTable(StrictModel):
+class AirTable(CommaKeys):
     """Table over altitude, such as a sounding, with units in the header."""
 
     file: File = Field(description="CSV file of the table, relative to the mission file")
@@ -431,10 +431,12 @@ class Mission(StrictModel):
         """
         wind, density = self.wind, self.density
         return (
-            None if isinstance(wind, str) else read_air_table(wind.file, WIND, wind.columns),
+            None
+            if isinstance(wind, str)
+            else read_air_table(wind.file, WIND, wind.columns, wind.comma),
             None
             if isinstance(density, str)
-            else read_air_table(density.file, DENSITIES, density.columns),
+            else read_air_table(density.file, DENSITIES, density.columns, density.comma),
         )
 
     def make_air(self) -> Floats:

@@ -53,16 +53,16 @@ _HIGHEST = 1e6  # largest plausible altitude of a table, m; larger values indica
 
 
 def read_air_table(
-    path: Path, choices: Sequence[tuple[str, ...]], heads: Mapping[str, str]
+    path: Path, choices: Sequence[tuple[str, ...]], heads: Mapping[str, str], comma: str = ""
 ) -> Floats:
     """Return the altitude and the first available choice of columns [level, column].
 
-    Altitudes may increase or decrease in the file; they increase in the result. Wind is the air's
-    velocity towards north and east. Density is a factor on the standard density, followed by a
-    factor on the standard temperature if the table contains temperatures. Raise InputError if the
-    table is invalid.
+    ``comma`` is the meaning of commas in numbers. Altitudes may increase or decrease in the file;
+    they increase in the result. Wind is the air's velocity towards north and east. Density is a
+    factor on the standard density, followed by a factor on the standard temperature if the table
+    contains temperatures. Raise InputError if the table is invalid.
     """
-    table = read_foreign_table(path)
+    table = read_foreign_table(path, comma=comma)
     columns = table.find(("altitude", *AIR), heads)
     for index, head in enumerate(table.heads):
         stem, _, unit = head.rpartition("_")

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Ints
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.io.foreign_table import Column, ForeignTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.phrases import counted, joined, quoted
+from abhv_mc.statistics.table_checks import RISK, distance_p_values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +36,7 @@ class FlightTable:
     lines: Ints  # [flight] line number of the inputs in the file
     factors: Floats  # [input] conversion factors from units of the file to units of the campaign
     blocks: tuple[FlightRows, ...]
+    warnings: tuple[str, ...]  # assumptions about the tables
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,11 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         key=lambda rows: sum(name in rows.columns for name in measured),
     )
     results = result_tables[0] if result_tables else inputs
+    warnings = [
+        f"the last line of '{rows.table.path.name}' has no end; the table may be incomplete"
+        for rows in (inputs, *result_tables)
+        if rows.table.is_cut
+    ]
     model: Any = campaign.model
     for name, head in model.columns.items():
         is_by_row = (name, head) == ("flight", _BY_ROW)
@@ -87,11 +94,10 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     if "system" not in results.columns and len(campaign.controllers) > 1:
         expected = f"a column with the system of each flight ({quoted(campaign.controllers, 'or')})"
         raise results.table.error(None, None, "the column 'system' is missing", expected)
-    frame = (
-        _join(inputs, results, campaign)
-        if result_tables
-        else results.frame.assign(**{_LINE: results.frame[_ROW]})
-    )
+    if result_tables:
+        frame = _join(inputs, results, campaign, warnings)
+    else:
+        frame = results.frame.assign(**{_LINE: results.frame[_ROW]})
     systems = {name: _select(results, frame, name) for name in campaign.controllers}
     counts = {name: len(own) for name, own in systems.items()}
     if len(set(counts.values())) > 1 or not counts[campaign.controllers[0]]:
@@ -124,6 +130,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
             for (name, own), values in zip(systems.items(), samples, strict=True)
             for block in _blocks(name, own, values, campaign, measured)
         ),
+        warnings=tuple(warnings),
     )
 
 
@@ -131,8 +138,8 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     """Read the columns that a campaign uses. Raise InputError for an invalid row."""
     import pandas as pd
 
-    table = read_foreign_table(path)
     model: Any = campaign.model
+    table = read_foreign_table(path, comma=model.comma)
     units = {name: campaign.parameters[name].unit for name in campaign.inputs}
     units |= {metric.name: metric.unit for metric in campaign.measured}
     units |= {"end_time": "s", "flight": "-"}
@@ -144,7 +151,18 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     factors = {
         name: table.factor(columns[name], unit) for name, unit in units.items() if name in columns
     }
-    numbers = table.numbers([columns[name].position for name in factors], finite=False)
+    positions = {name: columns[name].position for name in factors}
+
+    def fits(values: Floats) -> Mask:
+        mask = np.zeros(len(factors), bool)
+        for i, (name, factor) in enumerate(factors.items()):
+            if (marginal := campaign.marginals.get(name)) is not None:
+                probability = marginal.cdf(values[:, i] * factor)
+                mask[i] = distance_p_values(probability, probability)[0] > RISK
+        return mask
+
+    dimensional = [positions[name] for name in factors if units[name] != "-"]
+    numbers = table.numbers([*positions.values()], False, dimensional, fits)
     frame = pd.DataFrame(numbers * list(factors.values()), columns=list(factors))
     if model.columns.get("flight") == _BY_ROW and "flight" not in columns:
         frame["flight"] = np.arange(len(frame), dtype=np.float64)
@@ -168,10 +186,13 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
     return rows
 
 
-def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame":
+def _join(
+    inputs: _Rows, results: _Rows, campaign: Experiment, warnings: list[str]
+) -> "pd.DataFrame":
     """Join inputs and results by flight number; flights without results failed to run.
 
-    Raise InputError if a row of results has no inputs, or if it repeats inputs with other values.
+    Append assumptions to ``warnings``. Raise InputError if a row of results has no inputs, or if it
+    repeats inputs with other values.
     """
     is_paired = all("flight" in rows.columns for rows in (inputs, results))
     key = None if is_paired else _find_key(inputs, results)
@@ -202,6 +223,24 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
             problem,
             "equal numbers of rows in both tables, to pair the rows in order",
         )
+    _align_numbers(inputs, results, campaign, warnings)
+    drawn, paired = _pair(inputs, results, campaign)
+    own = {system: paired[paired.system == system] for system in campaign.controllers}
+    without_results = [
+        drawn[~drawn.flight.isin(rows.flight)].assign(
+            system=system, outcome=_NOT_COMPUTED, **{_ROW: 0}
+        )
+        for system, rows in own.items()
+    ]
+    import pandas as pd
+
+    return pd.concat([paired, *(rows for rows in without_results if len(rows))], ignore_index=True)
+
+
+def _pair(
+    inputs: _Rows, results: _Rows, campaign: Experiment
+) -> "tuple[pd.DataFrame, pd.DataFrame]":
+    """Return the inputs, and the results joined with them. Raise InputError if they differ."""
     drawn = inputs.frame.rename(columns={_ROW: _LINE}).drop(columns=["system", "outcome"])
     drawn = drawn.drop_duplicates("flight")
     name = inputs.table.path.name
@@ -217,16 +256,41 @@ def _join(inputs: _Rows, results: _Rows, campaign: Experiment) -> "pd.DataFrame"
                     f"'{quantity}' is {repeated[row]:g}, but {paired[quantity][row]:g} in '{name}'"
                 )
                 raise results.error(row, quantity, problem, "the same inputs in both tables")
-    own = {system: paired[paired.system == system] for system in campaign.controllers}
-    without_results = [
-        drawn[~drawn.flight.isin(rows.flight)].assign(
-            system=system, outcome=_NOT_COMPUTED, **{_ROW: 0}
-        )
-        for system, rows in own.items()
-    ]
-    import pandas as pd
+    return drawn, paired
 
-    return pd.concat([paired, *(rows for rows in without_results if len(rows))], ignore_index=True)
+
+def _align_numbers(
+    inputs: _Rows, results: _Rows, campaign: Experiment, warnings: list[str]
+) -> None:
+    """Renumber flights from 0 if only one of the tables contains flight 0.
+
+    Raise InputError if the other table may be numbered from 0 or 1.
+    """
+    has_zero = [bool((rows.frame.flight == 0.0).any()) for rows in (inputs, results)]
+    if has_zero[0] == has_zero[1]:
+        return
+    reference, other = (inputs, results) if has_zero[0] else (results, inputs)
+    names = [rows.table.path.name for rows in (other, reference)]
+    model: Any = campaign.model
+    numbers, firsts = other.frame.flight, [0, 1]
+    if model.first_flight is not None:
+        firsts = [model.first_flight]
+    elif np.array_equal(np.unique(numbers) - 1.0, np.unique(reference.frame.flight)):
+        firsts = [1]
+    elif {*inputs.frame} & {*results.frame} & {*campaign.inputs}:
+        for first in (0, 1):
+            other.frame["flight"] = numbers - first
+            try:
+                _pair(inputs, results, campaign)
+            except InputError:
+                firsts.remove(first)
+    if len(firsts) > 1:
+        expected = f"'first_flight: 0' or 'first_flight: 1' for '{names[0]}' in the campaign file"
+        raise other.error(0, "flight", f"flight 0 is only in '{names[1]}'", expected)
+    first = firsts[0] if firsts else 0
+    if first != (model.first_flight or 0):
+        warnings.append("'{}' numbers the flights from 1, '{}' from 0".format(*names))
+    other.frame["flight"] = numbers - first
 
 
 def _find_key(inputs: _Rows, results: _Rows) -> str | None:

@@ -65,6 +65,8 @@ def check_draws(
 def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
     """Return a column of values [flight] with the largest rounding error of each value."""
     atoms = find_atoms(marginal)
+    step = np.maximum(2.0 * rounding, np.diff(np.unique(values)).min(initial=np.inf))
+    ends = marginal.cdf(np.array([np.min(values - step), np.max(values + step)]))
     return Column(
         values=values,
         half_step=rounding,
@@ -72,6 +74,7 @@ def make_column(marginal: Marginal, values: Floats, rounding: Floats) -> Column:
         high=marginal.cdf(values + rounding),
         atoms=atoms,
         shares=marginal.cdf(atoms) - marginal.cdf(np.nextafter(atoms, -np.inf)),
+        tails=(float(ends[0]), float(1.0 - ends[1])),
     )
 
 
@@ -95,6 +98,14 @@ def _contradictions(
             problem += f"{counted(len(values), 'row')}, but its stated probability is "
             problem += f"{100 * level.probability:.4g} %"
         yield problem, f"draws from the stated distributions ({_MISSING}), or {_ESTIMATES}", 1
+    for j, side in findings.missing:
+        mean, sigma = find_moments(campaign.marginals[names[j]])
+        end = (np.sort(columns[j].values)[-side] - mean) / sigma
+        problem = (
+            f"column '{names[j]}' has no value beyond {end:+.1f} sigma: state the truncation, or "
+            "failed rows are missing"
+        )
+        yield problem, f"all draws from the stated distributions, or {_ESTIMATES}", 1
     for pair in findings.correlations:
         a, b = (names[j] for j in pair.columns)
         problem = (

@@ -74,7 +74,7 @@ def import_tables(
                 {"table": name},
                 table=campaign.parameters,
             )
-            manifest = make_manifest(campaign, inputs, {}, reasons)
+            manifest = make_manifest(campaign, inputs, {}, (*table.warnings, *reasons))
             manifest = replace(manifest, files=files.listed())
             write_manifest(folder.manifest, manifest)
         if manifest.complete and not _has_flights(manifest, blocks):

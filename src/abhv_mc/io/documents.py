@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 from io import StringIO
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Field,
     GetCoreSchemaHandler,
     ValidationError,
     ValidationInfo,
@@ -31,6 +32,7 @@ from abhv_mc.io.input_files import read_input
 from abhv_mc.io.phrases import counted
 
 __all__ = [
+    "CommaKeys",
     "Document",
     "File",
     "InputError",
@@ -196,6 +198,27 @@ class StrictModel(BaseModel):
                 field.alias or name for name, field in cls.model_fields.items()
             ]
         return data
+
+
+class CommaKeys(StrictModel):
+    """Keys beside a table's ``columns`` that state the meaning of commas in its numbers."""
+
+    decimal: Literal[","] | None = Field(None, description="`','` if 12,788 in the table is 12.788")
+    thousands: Literal[","] | None = Field(
+        None, description="`','` if 12,788 in the table is 12788"
+    )
+
+    @model_validator(mode="after")
+    def _check_commas(self) -> Self:
+        if self.decimal and self.thousands:
+            expected = "either 'decimal' or 'thousands'"
+            raise Refusal("commas have two meanings", expected, ("thousands",))
+        return self
+
+    @property
+    def comma(self) -> str:
+        """Key that is present, or '' if neither is."""
+        return "decimal" if self.decimal else "thousands" if self.thousands else ""
 
 
 def _resolve_file(value: object, info: ValidationInfo) -> object:

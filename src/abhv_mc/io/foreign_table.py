@@ -12,14 +12,14 @@ import json
 import math
 import re
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.io.input_error import InputError, Refusal, describe
 from abhv_mc.io.input_files import read_input
 from abhv_mc.io.phrases import counted, quoted
@@ -28,16 +28,21 @@ from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
 if TYPE_CHECKING:  # Workers read no tables and do not need to import pyarrow.
     import pyarrow as pa
 
-_NUMBER = re.compile(NUMBER)
-_WITH_COMMA = r"^[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?$"
-_WITH_POINT = r"^[+-]?[0-9]*\.[0-9]*([eE][+-]?[0-9]+)?$"
+_NUMBER = re.compile(NUMBER.replace("eE", "eEdD"))  # Fortran writes exponents as in 1.0D+03.
+DECIMAL, THOUSANDS = "decimal", "thousands"  # meanings of the commas in numbers
+_SIGN, _EXPONENT = "^[+\N{MINUS SIGN}-]?", "[eEdD][+-]?[0-9]+"
+_GROUPS = f"{_SIGN}[1-9][0-9]{{0,2}}(,[0-9]{{3}})+"
+_ONLY_THOUSANDS = rf"{_GROUPS}(,[0-9]{{3}}|\.[0-9]*)$"
+_ONLY_DECIMAL = (
+    f"{_SIGN}((0[0-9]*|[0-9]{{4,}})?,[0-9]+({_EXPONENT})?"
+    f"|[0-9]+,([0-9]{{1,2}}|[0-9]{{4,}}|[0-9]+{_EXPONENT}))$"
+)
 _WORDS = {
     **dict.fromkeys(("", "nan", "null", "none", "na", "n/a", "#n/a"), math.nan),
     **dict.fromkeys(("inf", "+inf", "infinity"), math.inf),
     **dict.fromkeys(("-inf", "-infinity"), -math.inf),
-    "true": 1.0,
-    "false": 0.0,
 }
+_TRUTH = {"true": 1.0, "false": 0.0}
 _COMMENT = re.compile(r"\s*(?:#(?!N/A)|%|!|//|---)")
 _UNIT_IN_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\)|\{([^{}]*)\})")
 _UNIT_AFTER_SIGN = re.compile(r"(.*?\S)(?:\s*/\s+|\s+/\s*|,\s+|\s+in\s+)(\S+)")
@@ -79,6 +84,8 @@ class ForeignTable:
     texts: Sequence[str] = ()  # [row] original line of the file
     head_text: str = ""  # original line of the headings
     separator: str = ","
+    comma: str = ""  # declared meaning of commas in numbers: DECIMAL, THOUSANDS or none
+    is_cut: bool = False  # whether the last line has no end
     # [row] index of the cell that contains the value, if the file is a matrix
     value_cells: Sequence[int] = ()
 
@@ -160,47 +167,102 @@ class ForeignTable:
             problem = f"invalid unit in '{self.heads[column.position]}' ({refusal.found})"
             raise self.error(None, column.position, problem, refusal.expected) from None
 
-    def numbers(self, columns: Sequence[int], finite: bool = True) -> Floats:
+    def numbers(
+        self,
+        columns: Sequence[int],
+        finite: bool = True,
+        dimensional: Collection[int] = (),
+        fits: Callable[[Floats], Mask] | None = None,
+    ) -> Floats:
         """Return columns as numbers [row, column], with NaN for empty cells.
 
-        Raise InputError for text and, if ``finite``, for numbers that are not finite.
+        In the columns ``dimensional``, true and false are not numbers. ``fits`` returns a mask of
+        the plausible columns, which decides if commas have two readings. Raise InputError for
+        text, for commas with two readings and, if ``finite``, for numbers that are not finite.
         """
+        short = len(self) <= _FEW  # Importing pyarrow.compute takes 0.1 s.
+        cells = [self.data.column(i) if short else _plain(self.data.column(i)) for i in columns]
+        if any(map(_has_comma, cells)):
+            cells = list(map(_plain, cells)) if short else cells
+            meaning = self.comma or self._find_meaning(columns, cells)
+            if not meaning and fits:
+                readings = (_without_commas(cells, reading) for reading in (DECIMAL, THOUSANDS))
+                masks = [fits(self._parse(columns, own, dimensional)) for own in readings]
+                signs = {*np.subtract(*masks, dtype=int)} - {0}
+                meaning = {(1,): DECIMAL, (-1,): THOUSANDS}.get(tuple(signs), "")
+            cells = _without_commas(cells, meaning) if meaning else cells
+        out = self._parse(columns, cells, dimensional)
+        for row, i in np.argwhere(~np.isfinite(out))[:1] if finite else ():
+            raise self._no_number(int(row), columns[i])
+        return out
+
+    def _find_meaning(self, columns: Sequence[int], plain: "Sequence[pa.ChunkedArray]") -> str:
+        """Return the meaning of commas that numbers of the file imply, or '' if none does.
+
+        Numbers in ``columns``, with the cells ``plain``, precede those in the other columns.
+        """
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        cells = dict(enumerate(self.data.columns)) | dict(zip(columns, plain, strict=True))
+        texts = [i for i, column in cells.items() if pa.types.is_string(column.type)]
+
+        def count(pattern: str, indices: Sequence[int]) -> int:
+            matches = (pc.match_substring_regex(cells[i], pattern) for i in indices)
+            return sum(pc.sum(match).as_py() or 0 for match in matches)
+
+        own = [i for i in columns if i in texts]
+        # A number with a point in a column that is read excludes decimal commas.
+        with_point = re.sub(r",(?=[\[(])", r"\\.", _ONLY_DECIMAL)
+        decimal, thousands = (
+            count(pattern, own) for pattern in (_ONLY_DECIMAL, f"{_ONLY_THOUSANDS}|{with_point}")
+        )
+        if not decimal and not thousands:
+            grouped = [i for i in texts if count(f"{_GROUPS}$", [i])]
+            decimal = count(_ONLY_DECIMAL, texts) + count(f"{_SIGN}[0-9]{{4,}}$", grouped)
+            thousands = count(_ONLY_THOUSANDS, texts)
+            if decimal and thousands:
+                return ""
+        return DECIMAL if decimal > thousands else THOUSANDS if thousands else ""
+
+    def _parse(
+        self,
+        columns: Sequence[int],
+        cells: "Sequence[pa.ChunkedArray]",
+        dimensional: Collection[int],
+    ) -> Floats:
+        """Parse cells [column][row] as numbers. Raise InputError at the first invalid cell."""
         import pyarrow as pa
 
         from abhv_mc.io.parquet_columns import column_values
 
-        out = np.empty((len(self), len(columns)))
-        short = len(self) <= _FEW and self.separator == ","
-        values = [self.data.column(i) if short else _plain(self.data.column(i)) for i in columns]
-        if self.separator != ",":
-            values = _with_points(values)
-        for i, (column, own) in enumerate(zip(columns, values, strict=True)):
-            if short:  # Importing pyarrow.compute takes 0.1 s.
-                out[:, i] = self._parse(column, own)
-            else:
-                try:
-                    out[:, i] = column_values(own.cast(pa.float64(), safe=False))
-                except (pa.ArrowException, ValueError):
-                    out[:, i] = self._parse(column, own)
-            wrong = ~np.isfinite(out[:, i]) if finite else ()
-            for row in np.flatnonzero(wrong)[:1]:
-                raise self._no_number(int(row), column)
-        return out
-
-    def _parse(self, column: int, cells: "pa.ChunkedArray") -> Floats:
-        """Parse cells [row] as numbers. Raise InputError at the first invalid cell."""
-        numbers = np.empty(len(cells))
-        for row, cell in enumerate(cells.to_pylist()):
-            text = "" if cell is None else str(cell).strip().replace("\N{MINUS SIGN}", "-")
-            number = float(text) if _NUMBER.fullmatch(text) else _WORDS.get(text.lower())
-            if number is None:
-                raise self._no_number(row, column)
-            numbers[row] = number
+        numbers = np.empty((len(self), len(columns)))
+        for i, (column, own) in enumerate(zip(columns, cells, strict=True)):
+            constants = _WORDS if column in dimensional else _WORDS | _TRUTH
+            if len(self) > _FEW and not (constants is _WORDS and pa.types.is_boolean(own.type)):
+                with contextlib.suppress(pa.ArrowException, ValueError):
+                    numbers[:, i] = column_values(own.cast(pa.float64(), safe=False))
+                    continue
+            for row, cell in enumerate(own.to_pylist()):
+                text = "" if cell is None else str(cell).strip().replace("\N{MINUS SIGN}", "-")
+                text = text.lower()
+                is_number = _NUMBER.fullmatch(text)
+                number = float(text.replace("d", "e")) if is_number else constants.get(text)
+                if number is None:
+                    raise self._no_number(row, column)
+                numbers[row, i] = number
         return numbers
 
     def _no_number(self, row: int, column: int) -> InputError:
-        problem = f"found {describe(self.words(column)[row])} in the column '{self.heads[column]}'"
-        return self.error(row, column, problem, "a finite number")
+        text, expected = self.words(column)[row], "a finite number"
+        problem = f"found {describe(text)} in the column '{self.heads[column]}'"
+        if re.fullmatch(_GROUPS, text):
+            problem = f"'{text}' is {text.replace(',', '.')} or {text.replace(',', '')}"
+            expected = (
+                f"'{DECIMAL}: \",\"' or '{THOUSANDS}: \",\"' beside 'columns' where the table is "
+                "declared, or numbers without commas"
+            )
+        return self.error(row, column, problem, expected)
 
     def words(self, column: int) -> list[str]:
         """Return a column as strings [row], with empty strings for empty cells."""
@@ -209,13 +271,11 @@ class ForeignTable:
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
-    """Return a column without dictionary encoding, booleans as numbers and text stripped."""
+    """Return a column without dictionary encoding, and text stripped."""
     import pyarrow as pa
 
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
-    if pa.types.is_boolean(column.type):
-        return column.cast(pa.uint8())
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         import pyarrow.compute as pc  # imported here because the import takes 0.1 s
 
@@ -223,25 +283,27 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
     return column
 
 
-def _with_points(columns: "list[pa.ChunkedArray]") -> "list[pa.ChunkedArray]":
-    """Return the columns with decimal commas replaced by points.
+def _has_comma(column: "pa.ChunkedArray") -> bool:
+    import pyarrow as pa
 
-    Commas are treated as decimal separators if more numbers contain a comma than a point. Cells
-    with a point then become invalid numbers.
-    """
+    texts = [chunk.buffers()[2] for chunk in column.chunks if pa.types.is_string(column.type)]
+    return any(b"," in text.to_pybytes() for text in texts if text)
+
+
+def _without_commas(columns: "Sequence[pa.ChunkedArray]", meaning: str) -> "list[pa.ChunkedArray]":
+    """Return columns with decimal points; cells that contradict ``meaning`` are no numbers."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    def count(pattern: str) -> int:
-        matches = (pc.match_substring_regex(columns[i], pattern) for i in texts)
-        return sum(pc.sum(match).as_py() or 0 for match in matches)
+    def read(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
+        if not pa.types.is_string(column.type):
+            return column
+        if meaning == DECIMAL:
+            return pc.replace_substring(pc.replace_substring(column, ".", "?"), ",", ".")
+        is_grouped = pc.match_substring_regex(column, rf"{_GROUPS}(\.[0-9]*)?$")
+        return pc.if_else(is_grouped, pc.replace_substring(column, ",", ""), column)
 
-    texts = [i for i, column in enumerate(columns) if pa.types.is_string(column.type)]
-    if count(_WITH_COMMA) > count(_WITH_POINT):
-        for i in texts:
-            invalid = pc.replace_substring(columns[i], ".", "?")
-            columns[i] = pc.replace_substring(invalid, ",", ".")
-    return columns
+    return list(map(read, columns))
 
 
 def split_head(head: str) -> tuple[str, str]:
@@ -292,11 +354,11 @@ def read_head(head: str, names: Collection[str]) -> tuple[str, str]:
     return splits[-1] if splits else ("", "")
 
 
-def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
+def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> ForeignTable:
     """Read a table from a CSV (plain or gzipped), JSON Lines, Parquet or Excel file.
 
     CSV files may have any separator. If ``has_units``, a row of units may follow the headings.
-    Raise InputError if the file cannot be read.
+    ``comma`` is the meaning of commas in numbers. Raise InputError if the file cannot be read.
     """
     try:
         content = read_input(path)
@@ -310,17 +372,18 @@ def read_foreign_table(path: Path, has_units: bool = True) -> ForeignTable:
 
             data = pq.read_table(pa.BufferReader(arrow_memory(content)))
             heads = tuple(map(str, data.column_names))
-            return ForeignTable(path, heads, ("",) * len(heads), data, range(1, 1 + len(data)))
+            lines = range(1, 1 + len(data))
+            return ForeignTable(path, heads, ("",) * len(heads), data, lines, comma=comma)
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
             # Errors in a spreadsheet state only the row, because cells have no position in a line
             # of text.
-            return replace(table, texts=(), head_text="")
+            return replace(table, texts=(), head_text="", comma=comma)
         utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = content.decode("utf-16" if utf16 else "utf-8-sig")
-        if text.lstrip()[:1] == "{":
-            return _read_json(path, text)
-        return _read_text(path, text, has_units)
+        is_json = text.lstrip()[:1] == "{"
+        table = _read_json(path, text) if is_json else _read_text(path, text, has_units)
+        return replace(table, comma=comma, is_cut=text[-1] not in "\r\n")
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         expected = "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel"
@@ -511,7 +574,7 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
 def _are_units(cells: Sequence[str]) -> bool:
     """Return whether a row contains units: no number and at least one known unit."""
     if any(
-        _NUMBER.fullmatch(cell.replace(",", ".")) or cell.lower() in _WORDS
+        _NUMBER.fullmatch(cell.replace(",", ".")) or cell.lower() in _WORDS | _TRUTH
         for cell in cells
         if cell
     ):

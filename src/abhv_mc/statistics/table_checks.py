@@ -2,7 +2,9 @@
 
 A table rounds its values, so each value represents an interval of its distribution function, and
 each test uses the point of the interval that is most favourable to the table. The probability that
-any test rejects a table of independent draws is about 1e-6.
+any test rejects a table of independent draws is about 1e-6. The test for missing extremes uses the
+probability that all of n draws lie within the range of the column, and allows for a whole step of
+rounding.
 
 Sources: the exact Kolmogorov-Smirnov test (Simard & L'Ecuyer, J. Stat. Softw. 39(11), 2011) for
 columns that are too far from their distributions, or closer to them than chance allows; the sum of
@@ -24,6 +26,7 @@ from abhv_mc.array_types import Floats, Ints, Mask
 RISK = 1e-6  # risk of rejecting a table of independent draws
 _DIGITS = 15  # number of significant decimal digits of a double-precision number
 _SLACK = 1e-12  # relative rounding error of values converted from other units
+_SINGLE = 1e-8  # relative error of 32-bit numbers written with 9 digits
 _FEWEST_CORRELATED = 60  # minimum number of rows for Fisher's z
 _MOST_CORRELATED = 20_000  # maximum number of ranked rows, enough to show correlations of 0.05
 _LARGEST_CORRELATION = 0.95  # largest correlation at which the variance of Fisher's z is accurate
@@ -39,6 +42,8 @@ class Column:
     high: Floats  # F at the largest value that rounds to the row's value [row]
     atoms: Floats  # values of positive probability [atom]
     shares: Floats  # probabilities of the atoms [atom]
+    # probabilities of values below and above the column by more than one step of rounding
+    tails: tuple[float, float] = (0.0, 0.0)
 
     @property
     def is_discrete(self) -> bool:
@@ -102,6 +107,7 @@ class TableFindings:
     # columns that follow their distributions more closely than random draws
     too_close: tuple[int, ...]
     constant: tuple[int, ...]  # columns with a single value, which rounding may explain
+    missing: tuple[tuple[int, int], ...]  # columns without small (0) or large (1) values
 
 
 def half_steps(values: Floats) -> Floats:
@@ -109,7 +115,7 @@ def half_steps(values: Floats) -> Floats:
 
     The error is half the finest decimal step among values of the same power of ten, which allows
     for rounding to a fixed number of decimals or of significant digits. Zeros get the finest step
-    of the column.
+    of the column. The steps of columns of 32-bit numbers are at least those of such numbers.
     """
     size = np.abs(values)
     used = size > 0.0
@@ -126,6 +132,9 @@ def half_steps(values: Floats) -> Floats:
     steps = 10.0 ** (powers - finest + 1)
     result = np.full(size.shape, steps.min(initial=np.inf) if powers.size else 0.0)
     result[used] = steps[group]
+    single = values.astype(np.float32)
+    if np.all(np.abs(single - values) <= _SINGLE * size):
+        result = np.maximum(result, np.spacing(np.abs(single)))
     return np.asarray(np.maximum(0.5 * result, _SLACK * size))
 
 
@@ -135,8 +144,8 @@ def check_table(
     """Test the claim that the rows of a table are independent draws.
 
     `correlation` [column, column] is the correlation matrix of the Gaussian copula. The tests of
-    columns and pairs share `risk` (Bonferroni); the test for equal rows has an additional risk of
-    `risk`.
+    columns and pairs share `risk` (Bonferroni); the tests for equal rows and for missing extremes
+    have an additional risk of `risk` each.
     """
     smooth = [j for j, column in enumerate(columns) if not column.is_discrete]
     levels = [(j, k) for j, column in enumerate(columns) for k in range(column.atoms.size)]
@@ -168,6 +177,12 @@ def check_table(
         equal=_check_equal(columns, correlation, total_risk) if n else None,
         too_close=tuple(close),
         constant=tuple(constant),
+        missing=tuple(
+            (j, side)
+            for j in smooth
+            for side, tail in enumerate(columns[j].tails)
+            if (1.0 - tail) ** n < total_risk / (2 * len(smooth))
+        ),
     )
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import CommaKeys, File, Refusal, StrictModel, one_of
 from abhv_mc.io.units import (
     ANGLE,
     AREA,
@@ -152,7 +152,7 @@ class MassModel(MassPoints):
         return self
 
 
-class TableEntry(StrictModel):
+class TableEntry(CommaKeys):
     """Table read from a CSV file, or a constant."""
 
     file: File | None = Field(

@@ -86,7 +86,7 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
                     ("tables", name, "columns", column), refusal.found, refusal.expected
                 ) from None
         if entry.file is not None:
-            table = read_table(entry.file, roles, effectors)
+            table = read_table(entry.file, roles, effectors, entry.comma)
         else:
             table = make_constant(entry.constant or 0.0)
         tables[name] = table.scaled(parse_unit(entry.unit)[0] * entry.scale)

@@ -173,12 +173,14 @@ def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Int
     return grids
 
 
-def read_table(path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = ()) -> Table:
+def read_table(
+    path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = (), comma: str = ""
+) -> Table:
     """Read a table; convert its axes, but not its values, to SI units and radians.
 
     Raise InputError if the table is invalid.
     """
-    rows = read_foreign_table(path)
+    rows = read_foreign_table(path, comma=comma)
     heads = {name for head in rows.heads for name in (head, split_head(head)[0])}
     for name in columns:
         if name not in heads:

@@ -13,7 +13,7 @@ from abhv_mc.control.law_file import expand
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import CommaKeys, Document, InputError, Refusal, StrictModel, one_of
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import ANGLE, Time, parse_unit
 from abhv_mc.kernel.flight.counting import Statistic
@@ -231,7 +231,7 @@ class SimulatorExecution(Execution):
     flight_time_limit: ClassVar = None  # type: ignore[misc]
 
 
-class SimulatorCampaign(Campaign):
+class SimulatorCampaign(Campaign, CommaKeys):
     """Campaign file with a custom simulator or imported flights.
 
     Fields that apply only to the built-in simulator are class variables with the value None.
@@ -265,6 +265,13 @@ class SimulatorCampaign(Campaign):
             "mapping from the name of an input or metric (or `system`, `outcome`, `end_time` or "
             "`flight`) to the heading of its column in the imported table; default: the name "
             "itself, with or without a unit"
+        ),
+    )
+    first_flight: Literal[0, 1] | None = Field(
+        None,
+        description=(
+            "number of the first flight in an imported table without a flight 0, if another table "
+            "contains a flight 0"
         ),
     )
     systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
@@ -311,14 +318,9 @@ class SimulatorCampaign(Campaign):
                 raise Refusal(
                     f"unknown name '{name}'", one_of(column_names, name), ("columns", name)
                 )
-        if self.columns and self.simulator:
-            raise Refusal("'columns' applies only to imported flights", "no such key", ("columns",))
-        if self.independent and self.simulator:
-            raise Refusal(
-                "'independent' applies only to imported flights",
-                "'sampling' instead, which determines whether flights are independent",
-                ("independent",),
-            )
+        imported = {"columns", *CommaKeys.model_fields, "first_flight", "independent"}
+        for key in sorted(imported & self.model_fields_set) if self.simulator else ():
+            raise Refusal(f"'{key}' applies only to imported flights", "no such key", (key,))
         return self
 
     @property

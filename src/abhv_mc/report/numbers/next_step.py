@@ -50,7 +50,8 @@ def find_next_step(models: Models) -> NextStep | None:
     if any(verdict.status == "FAIL" for verdict in binding):
         if results.judged_by:
             command = f"abhv-mc run {_campaign_file(results)} -o DIR"
-            return NextStep("adopt these requirements, then explain the failures", command)
+            why = "adopt these requirements, then explain the failures"
+            return NextStep(why, command if flies else "")
         return NextStep("explain the failures", "abhv-mc explain DIR --all" if flies else "")
     if len(binding) < len(verdicts.binding) or any(v.status != "PASS" for v in binding):
         return _advise_flights(models, binding)
