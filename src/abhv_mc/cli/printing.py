@@ -180,7 +180,7 @@ def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
         )
         return f"  {'  '.join(padded)}".rstrip()
 
-    lines = []
+    lines: list[str] = []
     for piece in pieces:
         lines += filter(None, [str(table.columns[0].header)])
         height = max(len(heads[k]) for k in piece)
