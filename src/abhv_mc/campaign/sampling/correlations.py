@@ -56,7 +56,8 @@ def nearest_valid(names: Sequence[str], matrix: Floats) -> str:
     """Return the nearest correlations for which `matrix` [name, name] is positive definite.
 
     The result names one pair if a change of its correlation suffices; otherwise it lists the
-    nearest matrix with the same zeros (Frobenius norm; Higham, IMA J. of Numerical Analysis 22, 2002).
+    nearest matrix with the same zeros (Frobenius norm; N. Higham, IMA Journal of Numerical Analysis
+    22, 2002).
     """
     pairs, values = np.argwhere(np.triu(matrix, 1)).tolist(), np.arange(_STEP - 1.0, 1.0, _STEP)
     changes = []
