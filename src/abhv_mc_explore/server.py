@@ -15,7 +15,6 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import EQUAL_BITS, replay_flight
-from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
@@ -114,7 +113,7 @@ class ExploreServer(ThreadingHTTPServer):
         curves = {"time": history.pop("time"), "channels": history} if history else None
         return {**entry, "note": note, "history": curves}
 
-    def _history(self, block: FlightBlock) -> dict[str, Floats]:
+    def _history(self, block: FlightBlock) -> dict[str, Any]:
         """Return a flight's channels at a subset of its times, or {} if there is no history."""
         if not block.history.size:
             return {}
