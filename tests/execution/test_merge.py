@@ -190,15 +190,17 @@ def test_shards_of_another_version_are_rejected_before_writing(shards, tmp_path)
     assert not (tmp_path / "merged").exists()
 
 
-def test_shards_with_another_first_controller_are_rejected(tmp_path):
-    """Requirements must bind the same controller in all shards."""
-    campaign = write_campaign(tmp_path / "f", runs="60")
-    turned = write_campaign(tmp_path / "g", runs="60", controllers="{two: two.yaml, one: one.yaml}")
+def test_shards_with_permuted_controllers_are_merged(tmp_path):
+    keys = {"runs": "60", "under_test": "[one]"}
+    campaign = write_campaign(tmp_path / "f", **keys)
+    order = "{two: two.yaml, one: one.yaml}"
+    turned = write_campaign(tmp_path / "g", controllers=order, **keys)
     parts = [tmp_path / "part1", tmp_path / "part2"]
     for i, (file, folder) in enumerate(zip((campaign, turned), parts, strict=True), 1):
         run(file, folder, shard=(i, 2))
-    with pytest.raises(InputError, match="order"):
-        merge_campaign(parts, tmp_path / "merged", ENGINE)
+    whole = run(campaign, tmp_path / "whole").manifest
+    merged = merge_campaign(parts, tmp_path / "merged", ENGINE)
+    assert (merged.complete, merged.manifest.digest) == (True, whole.digest)
 
 
 def test_plans_of_another_folder_are_used(tmp_path):

@@ -686,6 +686,7 @@ def test_exported_flights_of_a_vehicle_have_the_same_verdicts(name: str, tmp_pat
             if code not in ("ok", "failed_to_run")
         },
         "requirements": entries,
+        "under_test": list(campaign.under_test),
     }
     (tmp_path / "adopted.yaml").write_text(json.dumps(content))
     adopted = adopt_table(table, tmp_path / "adopted.yaml", tmp_path / "adopted").manifest

@@ -59,7 +59,7 @@ def sort_by(page, head):
 def ranked(results):
     """Return all flights, the worst first: label, number, controller, row."""
     pairs = zip(results.ranking.controller, results.ranking.row, strict=True)
-    named = [(results.controllers[k], row) for k, row in pairs]
+    named = [(results.ranking.controllers[k], row) for k, row in pairs]
     return [
         (LABELS[name], str(results.flights[name].flight[row]), name, row) for name, row in named
     ]

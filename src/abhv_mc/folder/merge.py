@@ -54,10 +54,6 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
             raise InputError(
                 folder.root, f"the state of the shard is '{manifest.state}'", "a complete shard"
             )
-        # The order matters because requirements apply to the first controller by default.
-        if list(manifest.controllers) != list(manifests[0].controllers):
-            problem = f"the order of the controllers differs from that in {folders[0].root}"
-            raise InputError(folder.root, problem, "shards of one campaign file")
         require_same_entries(
             folder, manifest, folders[0], manifests[0], _SAME, expected="shards of one campaign"
         )

@@ -154,6 +154,6 @@ def test_the_arrow_of_values_beyond_the_chart_is_explained(tmp_path, limit, is_b
     folder = write_campaign(
         tmp_path / "c", runs=12, controllers=["tlc"], requirements=[requirement]
     )
-    chart, _, after = make_page(Models(read_flown(folder)), ()).partition('<p class="axis')
-    legend = after.partition("</p>")[0]
+    chart, _, after = make_page(Models(read_flown(folder)), ()).partition('<td class="axis')
+    legend = after.partition("</td>")[0]
     assert ("&#9654;" in chart) == is_beyond == ("&#9654;" in legend)

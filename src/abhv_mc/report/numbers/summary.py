@@ -51,7 +51,22 @@ def summarize(models: Models) -> Records:
         Record("Missing", tuple(_missing_entries(models))),
         Record("Next", tuple(_next_entries(models))),
     )
-    return Records(tuple(record for record in records if record.entries))
+    labels = list(_labels(models).values())
+    return Records(
+        tuple(
+            Record(record.label, tuple(_shorten(entry, labels) for entry in record.entries))
+            for record in records
+            if record.entries
+        )
+    )
+
+
+def _shorten(entry: Entry, labels: Sequence[str]) -> Entry:
+    """Return an entry on most of many controllers with the names of the exceptions instead."""
+    exceptions = [label for label in labels if label not in entry.names]
+    if len(entry.names) <= max(_DETAILED, len(exceptions)):
+        return entry
+    return Entry((f"all but {', '.join(exceptions)}" if exceptions else "all",), entry.text)
 
 
 def parse_summary(entry: Any) -> Records:
@@ -212,10 +227,10 @@ def _comparison_records(models: Models) -> Iterator[Record]:
 def _advantage(models: Models, metric: str, winner: str, selected: Sequence[str]) -> str:
     """Return medians of the winner and its nearest rival, and the share of flights it wins.
 
-    The text is empty for metrics without a requirement.
+    The text is empty without requirements and for many controllers, which have the table.
     """
     names, comparison = models.names, models[COMPARISON]
-    if not names.requirements:
+    if not names.requirements or len(names.controllers) > _DETAILED:
         return ""
     medians = {
         name: models[METRICS].table[metric].controllers[name].quantiles["q50"].value

@@ -29,9 +29,10 @@ from abhv_mc.topics.section import (
 from abhv_mc.topics.topic import Topic, figures_of
 
 _DASH = "\N{EM DASH}"
+_EFFORT = "Errors against control effort"
 _METHOD = (
     "Median, with 95 % quantile / worst flight; bold (* in text): not beaten, that is, no other "
-    "controller is significantly better on the same flights (5 % risk over all metrics and pairs, "
+    "{} is significantly better on the same flights (5 % risk over all metrics and pairs, "
     "at any number of flights) without being worse in the tails or in early terminations."
 )
 
@@ -60,10 +61,10 @@ def comparison_section(comparison: Comparison, names: Names) -> Section | None:
     title = f"{names.campaign.kind.capitalize()} comparison"
     heads = ("Metric", *names.controllers.values())
     items: tuple[Item, ...] = (
-        Text(_METHOD),
+        Text(_METHOD.format(names.campaign.kind)),
         Table("Comparison by metric", heads, tuple(groups)),
         Fold("All pairs", tuple(_overviews(comparison, names, leading))),
-        Picture("error_against_usage"),
+        *([Fold(_EFFORT, (Picture("error_against_usage"),))] if effort else []),
     )
     return Section(title, items)
 
