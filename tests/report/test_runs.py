@@ -56,7 +56,7 @@ def test_every_campaign_is_found_and_a_damaged_one_says_why(reports):
 def test_an_edited_report_is_not_printed(reports):
     report = reports / "first/report.json"
     text = report.read_text("utf-8")
-    report.write_text(text.replace('"answer": "', '"answer": "All is well. '), "utf-8")
+    report.write_text(text.replace('"question": "', '"question": "All is well. '), "utf-8")
     runs = {entry.folder: entry for entry in find_runs(reports, LocalStore(reports)).runs}
     report.write_text(text, "utf-8")
     assert (runs["first"].answer, runs["first"].question) == ("", "")

@@ -45,7 +45,8 @@ def driver_names(results, error):
     """Return names of the drivers of the regression and of the residual."""
     entry = changed_drivers(results, error).controllers["tlc"].metrics[METRIC]
     return [e.parameter for e in entry.parameters if e.driver], [
-        (share.parameter, share.partner) for share in entry.otherwise
+        (share.parameter, share.partner if share.first < share.total / 2.0 else None)
+        for share in entry.otherwise
     ]
 
 

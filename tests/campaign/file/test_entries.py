@@ -52,9 +52,9 @@ def test_a_table_reads_as_a_list(tmp_path):
     assert second.controllers == ("one", "two") and second.above == 0.1 and second.text is None
     both = TABLE.replace("equivalence_ratio_min,,0.1", "equivalence_ratio_min,0.5,0.1")
     assert read_campaign(campaign(tmp_path, both)).requirements[1].limits == Bounds(0.1, 0.5)
-    assert read_campaign(tmp_path / "campaign.yaml", controllers=["two"]).model.requirements[
+    assert read_campaign(tmp_path / "campaign.yaml", controllers=["one"]).model.requirements[
         1
-    ].controllers == ("two",)
+    ].controllers == ("one",)
 
 
 @pytest.mark.parametrize(
