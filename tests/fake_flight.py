@@ -172,7 +172,7 @@ def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
     def fly_until(
         plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
     ) -> FlightBlock:
-        if next(left, None) is None:
+        if len(parameters) and next(left, None) is None:
             raise KeyboardInterrupt
         return engine.fly(plan, parameters, record_every)
 

@@ -60,11 +60,10 @@ def test_the_recommended_next_command_works(abhv_mc, tmp_path, probability, met)
     campaign = write_campaign(tmp_path / "files", requirements=requirements)
     runs = 20 if met == "yes" else 300
     output = abhv_mc("run", campaign, "--runs", runs)[1]
-    (command,) = re.findall(r"^Next: .*: `abhv-mc (.*)`$", output, re.M)
-    assert output.splitlines()[0] in abhv_mc("runs", "reports/fake")[1].splitlines()[0]
+    (command,) = re.findall(r"^Next +`abhv-mc (.*)`:", output, re.M)
     code, output, err = abhv_mc(*shlex.split(command))
     if met == "yes":
-        assert code == 0 and "meet" in output.partition(".")[0], err
+        assert code == 0 and output.startswith("Meets "), err
     else:
         assert command == "explain reports/fake --all" and code == 0, err
 
@@ -215,7 +214,7 @@ def test_a_campaign_in_which_all_flights_failed_to_run_is_incomplete(
 
     def none(plan, parameters, every=None):
         block = fly(plan, parameters, every)
-        tried = parameters[0, DENSITY] == 1.0  # the first flight of the trial is nominal
+        tried = (parameters[:1, DENSITY] == 1.0).all()  # the first flight of the trial is nominal
         lost = np.full(
             len(parameters), not tried and (plan.controller == "one" or "two" not in controllers)
         )
@@ -238,7 +237,8 @@ def test_a_campaign_in_which_all_flights_failed_to_run_is_incomplete(
     assert ("report    " in out) == ("two" in controllers)
     if "two" in controllers:
         page = (tmp_path / "reports/fake/report.html").read_text(encoding="utf-8")
-        assert re.search(r"\bone\b\D*\b6 flights", page)
+        text = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", page))
+        assert "Missing one 6 of 6 failed" in text
 
 
 @pytest.mark.parametrize(
