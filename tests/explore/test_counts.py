@@ -78,9 +78,10 @@ def test_few_flights_are_points_and_the_worst_are_those_of_the_report(table, fai
     order = failing.ranking.rows_of("lqr")
     assert [row[1] for row in counted["rows"]] == flights.flight[order][: counts.LISTED].tolist()
     of_all = count_flights(table, Selection(X, Y, failing.controllers, "all", {}))["rows"]
-    first = zip(failing.ranking.controller, failing.ranking.row, strict=True)
-    assert [tuple(row[:2]) for row in of_all[:20]] == [
-        (k, failing.flights[failing.controllers[k]].flight[row]) for k, row in islice(first, 20)
+    ranking = failing.ranking
+    first = zip((ranking.controllers[k] for k in ranking.controller), ranking.row, strict=True)
+    assert [(failing.controllers[row[0]], row[1]) for row in of_all[:20]] == [
+        (name, failing.flights[name].flight[row]) for name, row in islice(first, 20)
     ]
 
 

@@ -179,7 +179,9 @@ def _verdict_records(models: Models) -> Iterator[Record]:
     yield Record("Misses", _grouped(shortfalls["FAIL"]))
     yield Record("Not shown", _grouped(shortfalls["NOT SHOWN"]))
     yield Record(_LATER, _grouped(shortfalls[_LATER]))
-    yield Record("Estimates, no verdicts", _grouped(shortfalls["ESTIMATE"]))
+    if estimates := _grouped(shortfalls["ESTIMATE"]):
+        reason = (Entry((), models.names.campaign.dependence),)
+        yield Record("Estimates, no verdicts", (*estimates, *reason))
     yield Record("Flights needed", (Entry((), fixed(max(needed), 0)),) if needed else ())
 
 
