@@ -60,7 +60,7 @@ def nees(folder, seed, factors=()):
     (folder / "law.yaml").write_text(yaml.safe_dump(law), encoding="utf-8")
     file = shipped_campaigns() / "navigation.yaml"
     campaign = yaml.safe_load(file.read_text(encoding="utf-8"))
-    campaign["controllers"] = {"own": "law.yaml"}
+    campaign |= {"controllers": {"own": "law.yaml"}, "under_test": ["own"]}
     campaign |= {"seed": seed, "runs": FLIGHTS}
     for key in ("vehicle", "mission", "channels"):
         campaign[key] = str((file.parent / campaign[key]).resolve())
