@@ -19,7 +19,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "reports/example"
 SHOWN = ("summary", "verdicts", "comparison", "drivers", "failures")
-HASHES = {"digest", "digests", "files", "key", "pages", "pictures"}
+HASHES = {"code", "digest", "digests", "failure_map", "files", "hash", "key", "pages", "pictures"}
 
 
 def in_words(numbers: dict[str, Any], outputs: dict[str, str]) -> str:
