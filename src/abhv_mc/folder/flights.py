@@ -66,22 +66,23 @@ def digest_rows(
     key = hashlib.blake2b(
         "|".join(["abhv-mc flights 1", controller, *names]).encode(), digest_size=32
     ).digest()
-    values = (
-        np.stack([columns[name] for name in names], axis=1).astype("<f8")
-        if names
-        else np.empty((len(flight), 0))
-    )
+    values = np.column_stack([flight, *(columns[name] for name in names)]).astype("<f8")
     values[np.isnan(values)] = np.nan  # All NaNs get the same bit pattern.
-    failed = Outcome.FAILED_TO_RUN.code
+    words, start = np.array(outcome, np.bytes_), hashlib.blake2b(digest_size=32, key=key)
     total = 0
-    for number, word, row in zip(
-        flight.astype("<i8"), outcome, np.ascontiguousarray(values), strict=True
-    ):
-        if word != failed:
-            text = number.tobytes() + word.encode() + b"|" + row.tobytes()
-            total += int.from_bytes(
-                hashlib.blake2b(text, digest_size=32, key=key).digest(), "little"
-            )
+    for word in {*outcome} - {Outcome.FAILED_TO_RUN.code}:
+        own = words == word.encode()
+        mark = f"{word}|".encode()
+        kind = [("flight", "<i8"), ("word", f"S{len(mark)}"), ("values", "<f8", (len(names),))]
+        rows = np.empty(np.count_nonzero(own), kind)
+        rows["flight"], rows["word"], rows["values"] = flight[own], mark, values[own, 1:]
+        text, size, hashes = rows.tobytes(), rows.itemsize, bytearray()
+        for first in range(0, len(text), size):
+            row = start.copy()
+            row.update(text[first : first + size])
+            hashes += row.digest()
+        limbs = np.frombuffer(hashes, "<u4").reshape(-1, 8).sum(axis=0, dtype=np.uint64)
+        total += sum(int(limb) << 32 * i for i, limb in enumerate(limbs))
     return Digest(total % _MODULUS)
 
 
@@ -278,25 +279,29 @@ def read_digest(path: Path) -> Digest:
     return Digest(int((pq.read_schema(path).metadata or {})[_DIGEST], 16))
 
 
-def read_pieces(path: Path, names: Sequence[str]) -> Iterator[tuple[FlightRows, Digest]]:
-    """Yield the row groups of a block file, each with its digest.
+def read_pieces(
+    path: Path, names: Sequence[str], *, is_intact: bool = False
+) -> Iterator[tuple[FlightRows, Digest]]:
+    """Yield the row groups of a block file, with digests whose sum is the digest of the file.
 
-    Raise DamagedFileError if the file is damaged. Some damage is detected only after the last row
-    group.
+    If ``is_intact``, because the hash of the file was checked, rows are not hashed. Raise
+    DamagedFileError if the file is damaged. Some damage is detected only after the last row group.
     """
     controller, first, stop = parse_block_name(path)
     digest = Digest()
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            expected = (file.schema_arrow.metadata or {}).get(_DIGEST, b"").decode()
+            stored = Digest(int(expected, 16)) if is_intact else None
             for group in range(file.num_row_groups):
                 table = file.read_row_group(group)
                 rows = _take_rows(table, controller, first, names)
                 if not np.array_equal(column_values(table["flight"]), rows.flights):
                     break
-                group_digest = rows.digest()
-                digest, first = digest + group_digest, rows.stop
-                yield rows, group_digest
-            expected = (file.schema_arrow.metadata or {}).get(_DIGEST, b"").decode()
+                piece = rows.digest() if stored is None else stored
+                stored = stored and Digest()
+                digest, first = digest + piece, rows.stop
+                yield rows, piece
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:
         if is_exhausted(error):
             raise

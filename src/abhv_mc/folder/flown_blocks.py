@@ -77,7 +77,7 @@ def read_flown_blocks(
         if pieces == 1:
             yield block
         else:  # The file is too large for memory.
-            yield from read_pieces(path, samples.names)
+            yield from read_pieces(path, samples.names, is_intact=True)
 
 
 def read_campaign_block(
@@ -91,7 +91,7 @@ def read_campaign_block(
     is_listed = files.knows(path)
     if is_listed and (damage := files.damage(path)):
         raise DamagedFileError(f"{path.name}: {damage}")
-    yield from read_pieces(path, names)
+    yield from read_pieces(path, names, is_intact=is_listed)
     if not is_listed:  # The file is newer than the manifest, and it matches its digest.
         files.note(path, hash_file(path))
 

@@ -53,8 +53,12 @@ def number_column(values: NDArray[Any]) -> pa.Array:
 
 def text_column(texts: Sequence[str]) -> pa.Array:
     """Convert strings [row] to a column."""
-    encoded = [text.encode() for text in texts]
-    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    if len({*texts}) == 1:
+        encoded = [texts[0].encode()] * len(texts)
+        ends = np.arange(len(texts) + 1, dtype=np.int32) * np.int32(len(encoded[0]))
+    else:
+        encoded = [text.encode() for text in texts]
+        ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.Array.from_buffers(
         pa.string(), len(encoded), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
     )

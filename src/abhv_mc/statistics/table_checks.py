@@ -25,6 +25,7 @@ from abhv_mc.array_types import Floats, Ints, Mask
 
 RISK = 1e-6  # risk of rejecting a table of independent draws
 _DIGITS = 15  # number of significant decimal digits of a double-precision number
+_SOME = 1000  # number of rows whose digits are counted first
 _SLACK = 1e-12  # relative rounding error of values converted from other units
 _SINGLE = 1e-8  # relative error of 32-bit numbers written with 9 digits
 _FEWEST_CORRELATED = 60  # minimum number of rows for Fisher's z
@@ -120,15 +121,15 @@ def half_steps(values: Floats) -> Floats:
     size = np.abs(values)
     used = size > 0.0
     exponent = np.floor(np.log10(size[used])).astype(np.int64)
-    digits = np.ones(exponent.size, np.int64)
-    left = np.arange(exponent.size)
-    for k in range(_DIGITS - 1):
-        scaled = size[used][left] * 10.0 ** (k - exponent[left])
-        left = left[np.abs(scaled - np.rint(scaled)) > 1e-15 * scaled]
-        digits[left] += 1
     powers, group = np.unique(exponent, return_inverse=True)
     finest = np.ones(powers.size, np.int64)
-    np.maximum.at(finest, group, digits)
+    for rows in np.split(np.arange(exponent.size), [_SOME]):
+        left = rows[finest[group[rows]] < _DIGITS]  # Other powers have the finest step already.
+        for k in range(_DIGITS - 1):
+            finest[group[left]] = np.maximum(finest[group[left]], k + 1)
+            scaled = size[used][left] * 10.0 ** (k - exponent[left])
+            left = left[np.abs(scaled - np.rint(scaled)) > 1e-15 * scaled]
+        finest[group[left]] = _DIGITS
     steps = 10.0 ** (powers - finest + 1)
     result = np.full(size.shape, steps.min(initial=np.inf) if powers.size else 0.0)
     result[used] = steps[group]
@@ -262,6 +263,9 @@ def _check_equal(columns: Sequence[Column], correlation: Floats, risk: float) ->
         left -= group
     explained = 0.5 * (n - 1) * float(alike.sum())
     table = np.column_stack([column.values[rows] for column in columns])
+    ordered = np.sort(table[:, 0])
+    tied = np.isin(table[:, 0], ordered[1:][ordered[1:] == ordered[:-1]])
+    rows, table = rows[tied], table[tied]
     order = np.lexsort(table.T)
     equal = (table[order[1:]] == table[order[:-1]]).all(axis=1)
     if not equal.any():
