@@ -59,6 +59,25 @@ class Progress:
         else:
             self._print(now)
 
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Number of completed steps, and of all steps."""
+        return self._done, self._total
+
+    @property
+    def pace(self) -> tuple[float, float]:
+        """Steps per s, and remaining time in s (0 before the first step)."""
+        rate = self._rate(time.monotonic())
+        return rate, (self._total - self._done) / rate if rate > 0.0 else 0.0
+
+    def say(self, line: str) -> None:
+        """Print a line above the bar."""
+        if self._bar is not None:
+            self._bar.console.print(line, soft_wrap=True, highlight=False, markup=False)
+        elif self._stream is not None:
+            with contextlib.suppress(OSError):
+                print(line, file=self._stream, flush=True)
+
     def __exit__(
         self,
         kind: type[BaseException] | None,

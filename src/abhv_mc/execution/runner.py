@@ -26,6 +26,7 @@ from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_
 from abhv_mc.execution.flight_differences import ESTIMATES
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
+from abhv_mc.execution.progress_page import ProgressPage
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
 from abhv_mc.execution.simulation import check_source, simulate, with_proofs
@@ -269,11 +270,15 @@ class _Run:
                 total,
             ) as progress,
             closing(work_ahead(self.workers, self._fly_block, calls)) as landed,
+            closing(
+                ProgressPage(self.folder.progress, self.campaign, self.completion, progress)
+            ) as page,
         ):
             for block, flown in landed:
                 with interrupts_deferred():
                     self._keep(block, flown)
                 progress.add(block.flights)
+                page.update()
                 if time.monotonic() - saved > _SAVE_INTERVAL:
                     self._write_manifest(RUNNING)
                     saved = time.monotonic()

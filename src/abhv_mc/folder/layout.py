@@ -61,6 +61,7 @@ class CampaignFolder:
         self.explained = root / "explained"
         self.failure_map = self.explained / "failures.json"
         self.log = root / "simulator.log"
+        self.progress = root / "progress.html"
         self.lock = root / ".lock"
 
     def plan(self, controller: str) -> Path:
@@ -88,6 +89,7 @@ class CampaignFolder:
             self.reference,
             self.margins,
             self.log,
+            self.progress,
         )
         folders = (
             self.inputs,
