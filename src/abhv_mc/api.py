@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.phrases import grouped_digits, quoted
 from abhv_mc.one_flight.fly_once import fly
 from abhv_mc.one_flight.given import check_mapping, write_inputs
 from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
@@ -220,7 +220,9 @@ class Campaign:
 
     def _repr_html_(self) -> str:
         """Return the campaign's question, controllers and dispersions as HTML for notebooks."""
-        head = f"{self.name}: {counted(self.runs, 'flight')} of each controller. {self.question}"
+        head = (
+            f"{self.name}: {grouped_digits(self.runs)} flights of each controller. {self.question}"
+        )
         data = self._checked.document.entries
         entries = data.get("dispersions") or {}
         rows = [("controllers", ", ".join(self.controllers), "")]
@@ -232,8 +234,8 @@ class Campaign:
 
     def __repr__(self) -> str:
         return (
-            f"<Campaign {self.name}: {counted(self.runs, 'flight')} of {quoted(self.controllers)}, "
-            f"{counted(len(self.parameters), 'dispersion')}>"
+            f"<Campaign {self.name}: {grouped_digits(self.runs)} flights of "
+            f"{quoted(self.controllers)}, dispersions: {len(self.parameters)}>"
         )
 
 

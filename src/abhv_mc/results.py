@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, found_value, one_of
-from abhv_mc.io.phrases import counted, grouped_digits, quoted
+from abhv_mc.io.phrases import quoted
 from abhv_mc.one_flight.given import check_mapping
+from abhv_mc.topics.formatting import count_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -392,16 +393,16 @@ class Results:
     def __repr__(self) -> str:
         facts = self.manifest
         return (
-            f"<Results {facts.name}: {grouped_digits(facts.runs_done)} of "
-            f"{counted(facts.runs_planned, 'flight')}, {facts.state}>"
+            f"<Results {facts.name}: {count_of(facts.runs_done, facts.runs_planned)} flights, "
+            f"{facts.state}>"
         )
 
     def _repr_html_(self) -> str:
         """Return the outcomes and verdicts in the manifest as HTML for notebooks."""
         facts = self.manifest
         head = (
-            f"{facts.name}: {grouped_digits(facts.runs_done)} of "
-            f"{counted(facts.runs_planned, 'flight')} of each controller, {facts.state}"
+            f"{facts.name}: {count_of(facts.runs_done, facts.runs_planned)} flights of each "
+            f"controller, {facts.state}"
         )
         rows = [
             (

@@ -410,13 +410,13 @@ def runs(
 
 def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
     from abhv_mc.folder.manifest import COMPLETE
-    from abhv_mc.io.phrases import counted
+    from abhv_mc.io.phrases import grouped_digits
     from abhv_mc.report.pages.runs_page import verdict_counts
 
     width = min(shutil.get_terminal_size().columns, _TEXT_WIDTH)
     for run in runs:
         say(run.folder)
-        count = counted(run.flights, "flight") if run.state == COMPLETE else run.state
+        count = f"{grouped_digits(run.flights)} flights" if run.state == COMPLETE else run.state
         origin = f"version {run.version} {run.commit[:9]}".strip()
         facts = (run.started[:10], count, verdict_counts(run), origin, f"digest {run.digest[:12]}")
         texts = [
@@ -431,18 +431,18 @@ def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
 
 
 def _print_status(status: "Status", local: Path) -> None:
-    from abhv_mc.io.phrases import counted
+    from abhv_mc.io.phrases import grouped_digits
     from abhv_mc.topics.formatting import count_of
 
     manifest = status.manifest
     print_summary(local, manifest, status.folder)
-    progress = count_of(manifest.runs_done, manifest.runs_planned, "flight")
-    say(f"{manifest.name}: {manifest.state}, {progress}")
+    progress = count_of(manifest.runs_done, manifest.runs_planned)
+    say(f"{manifest.name}: {manifest.state}, {progress} flights")
     if status.holder:
         say(f"  running      {status.holder}")
     for name, count in manifest.controllers.items():
-        flights = counted(count.flights_done, "flight")
-        say(f"  {name:<12} {flights}: {describe_outcomes(count)}")
+        flights = grouped_digits(count.flights_done)
+        say(f"  {name:<12} {flights} flights: {describe_outcomes(count)}")
     print_requirements(manifest)
     if manifest.repeatable is not None:
         say(f"  repeatable   {manifest.repeatable}: {manifest.repeatable.sentence}")

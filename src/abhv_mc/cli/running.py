@@ -35,7 +35,7 @@ from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import Refusal
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.requests import Request
 from abhv_mc.shipped import find_input
 
@@ -139,9 +139,8 @@ def finish(
     if page:
         say(f"report    {folder_name}/{page}", file=stream)
     if failed_to_run := sum(counts.get("failed_to_run", 0) for counts in outcomes):
-        count = counted(failed_to_run, "flight")
         remedy = "; run the same command to try again" if can_rerun else ""
-        say(f"{count} failed to run{remedy}", file=sys.stderr)
+        say(f"flights that failed to run: {failed_to_run}{remedy}", file=sys.stderr)
         raise typer.Exit(ExitCode.INCOMPLETE)
     if result.manifest.not_made:  # Each failure has already been printed.
         raise typer.Exit(ExitCode.INCOMPLETE)
@@ -200,17 +199,16 @@ def print_requirements(manifest: "Manifest") -> None:
         row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
         count = "" if len(flights) == 1 else f" of {grouped_digits(entry.flights)}"
         row[entry.controller] = f"{entry.label} {grouped_digits(entry.failures)}{count}"
-        not_run = grouped_digits(entry.failures_not_computed)
-        not_run = f"{not_run} of {counted(entry.failures, 'failure')}"
+        not_run = f"{entry.failures_not_computed} of {entry.failures}"
         advice += (
-            [f"{entry.verdict}: flights that failed to run account for {not_run}"]
+            [f"{entry.verdict}: failures that failed to run: {not_run}"]
             if entry.failures_not_computed
             else [f"{entry.verdict}: {sentence}" for sentence in entry.words.split("; ")[1:]]
         )
     common_count = next(iter(flights)) if len(flights) == 1 else None
     say(
         "\nVerdict and number of failures"
-        + (f" in {counted(common_count, 'flight')}" if common_count else ""),
+        + (f" in {grouped_digits(common_count)} flights" if common_count else ""),
         end="",
     )
     say(" (* must meet its requirements)")

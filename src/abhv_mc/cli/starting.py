@@ -17,7 +17,7 @@ from abhv_mc.cli.printing import (
     text_stream,
 )
 from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted, grouped_digits, joined
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def new(
     campaign, *further_files = write_new_campaign(
         folder, source, law_language, vehicle=vehicle, tune=tune
     )
-    say(f"Created {campaign} and {counted(len(further_files), 'further file')}. Next:")
+    say(f"Created {campaign}, further files: {len(further_files)}. Next:")
     if law:
         file = "my_law.c" if law_language == "c" else "my_law.py"
         test = "abhv-mc fly level --controllers control/my_law.yaml"
@@ -100,7 +100,7 @@ def _begin_simulator(folder: Path, kind: str) -> None:
 
     campaign, *further_files = write_new_simulator(folder, kind)
     names = [file.name for file in further_files if file.suffix != ".json"]
-    say(f"Created {joined([str(campaign), *names])}. Next:")
+    say(f"Created {', '.join([str(campaign), *names])}. Next:")
     if kind == "command" and "rocket" not in names:
         say(f"  cd {folder} && make   # install a C compiler first: cc was not found")
     say(f"  cd {folder} && abhv-mc run {campaign.name}")
@@ -163,7 +163,7 @@ def validate(
     if (samples or out) and len(paths) != 1:
         raise InputError(
             "--samples" if samples else "--output",
-            f"{counted(len(paths), 'file is/files are')} given",
+            f"found {len(paths)} files",
             "only one campaign",
         )
     for file in paths:
@@ -204,7 +204,7 @@ def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
     from abhv_mc.folder.input_table import write_inputs
 
     flights = write_inputs(read_campaign(campaign, runs), out)
-    return f"{out}: inputs of {counted(flights, 'flight')}"
+    return f"{out}: inputs of {grouped_digits(flights)} flights"
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
@@ -253,19 +253,16 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
 
 
 def _print_cost(file: str, cost: "Estimate") -> None:
-    systems = (
-        f"each of {cost.controllers} {cost.kind}s" if cost.controllers > 1 else f"one {cost.kind}"
-    )
-    say(f"{file}: {counted(cost.flights, 'flight')} with {systems}, in blocks of {cost.batch}")
+    say(file)
+    say(f"  flights {grouped_digits(cost.flights)} per {cost.kind} ({cost.controllers})")
     if cost.searched:
         say(
-            f"  search  {counted(cost.searched, 'flight')} of each {cost.kind} to find the worst "
-            "values of the unknown parameters (fewer if --runs is below 256), "
-            f"{cost.search_s:.0f} s"
+            f"  search  {grouped_digits(cost.searched)} flights per {cost.kind} for the worst "
+            f"unknowns (fewer if --runs is below 256), {cost.search_s:.0f} s"
         )
-    rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core"
-    say(f"  time    {cost.flying_s:.0f} s with {counted(cost.workers, 'worker')} ({rate})")
-    histories = f"{counted(cost.kept, 'history/histories')} {cost.histories_bytes / 1e6:.1f}"
+    rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core, blocks of {cost.batch}"
+    say(f"  time    {cost.flying_s:.0f} s, workers: {cost.workers} ({rate})")
+    histories = f"histories ({cost.kept}) {cost.histories_bytes / 1e6:.1f}"
     envelopes = f"envelopes during the run {cost.envelope_bytes / 1e6:.1f}"
     say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most:", end="")
     say(f" flights table {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
@@ -301,25 +298,14 @@ def _print_plan(planned: "Planned") -> None:
         low, high = (
             percent(end[index], 2) for end in vars(planned.together[0].at_some_flight).values()
         )
-        say(
-            f"The chance that all requirements PASS within {counted(planned.runs, 'flight')} is "
-            f"then {low if low == high else f'between {low} and {high}'}."
-        )
+        say(f"All PASS by {grouped_digits(planned.runs)} *  {low} to {high}")
     if planned.most_points > 1:
         say(
-            f"Each controller is simulated in {counted(planned.runs, 'flight')} at each of at most "
-            f"{counted(planned.most_points, 'value')} of the unknown parameters, which makes "
-            f"{counted(planned.runs * planned.most_points, 'flight')} in total. Before these "
-            f"flights, {counted(planned.search_flights, 'flight')} of all controllers are run to "
-            "search for the worst values. The chances apply to one value."
+            f"Points of the unknowns  at most {planned.most_points}, each with "
+            f"{grouped_digits(planned.runs)} flights per controller; the chances are those of one "
+            f"point\nSearch for the points    {grouped_digits(planned.search_flights)} flights"
         )
     if planned.family_risk:
-        say(
-            f"The chance of any false PASS among all {counted(planned.verdicts, 'verdict')} is at "
-            f"most {percent(planned.family_risk, 2)}."
-        )
+        say(f"Any false PASS          at most {percent(planned.family_risk, 2)}")
     if not planned.independent_flights:
-        say(
-            "The flights of this sampling design are not independent, so the campaign yields "
-            "estimates but no verdicts. The numbers above apply to 'sampling: random'."
-        )
+        say("Verdicts                none with this sampling; the chances are for 'random'")

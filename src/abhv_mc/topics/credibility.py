@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator
 
-from abhv_mc.io.phrases import counted, joined
-from abhv_mc.topics.formatting import count_of, percent
+from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Table, Text
 
@@ -38,23 +37,19 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
         "Validation",
         f"None. `abhv-mc place FLIGHT.csv {names.folder}` compares test flights with these.",
     )
-    drawn, unknown = len(names.results.dispersed), len(campaign.unknowns.names)
-    files = len(manifest.inputs)
-    pedigree = counted(drawn, "dispersed input")
-    if unknown:
-        points = counted(len(campaign.unknowns.points), "point")
-        pedigree += f", {counted(unknown, 'unknown')} judged at {points}"
+    unknowns = campaign.unknowns
     yield (
         "Input pedigree",
-        f"{pedigree}; {counted(files, 'input file')} with SHA-256. Sources of the "
-        "distributions are not recorded.",
+        f"Dispersed inputs: {len(names.results.dispersed)}; unknowns: {len(unknowns.names)}, "
+        f"points: {len(unknowns.points)}; input files with SHA-256: {len(manifest.inputs)}. "
+        "Sources of the distributions are not recorded.",
     )
     required = names.requirements
-    sampled = f"{counted(manifest.runs_done, 'flight')} ({campaign.sampling})"
+    sampled = f"Flights: {fixed(manifest.runs_done, 0)} ({campaign.sampling})"
     risks = sorted({item.consumer_risk for item in required})
     if required and campaign.judged:
-        risk = joined([percent(risk, 2) for risk in risks])
-        sampled += f"; verdicts at a consumer's risk of {risk}, valid for repeated checks"
+        risk = ", ".join(percent(risk, 2) for risk in risks)
+        sampled += f"; consumer's risk: {risk}, valid for repeated checks"
     yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."
     yield (
         "Results robustness",
@@ -66,6 +61,6 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     traced = sum(bool(item.traced) for item in required)
     management = f"Commit {manifest.commit or 'not known'}; campaign {manifest.campaign_hash[:12]}"
     if required:
-        management += f"; {count_of(traced, len(required), 'requirement')} traced to a source"
+        management += f"; requirements traced to a source: {count_of(traced, len(required))}"
     yield "M&S management", f"{management}. The manifest contains the SHA-256 of every file."
     yield "People qualifications", "Not recorded."

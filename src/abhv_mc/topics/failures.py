@@ -8,7 +8,6 @@ import numpy as np
 from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, read_map
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import counted, joined
 from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.failure_rules import (
     FALSE_DISCOVERY_RATE,
@@ -110,7 +109,7 @@ def _rule(
         )
         for c in rule.conditions
     )
-    text = f"{percent(inside, 2)} of the failures ({percent(outside, 2)} of the other flights) have"
+    text = f"{percent(inside, 2)} of failures ({percent(outside, 2)} of other flights)"
     named = {**vars(rule), "conditions": conditions}
     return FailureRule(**named, where=description, rule=f"{text} {description}")
 
@@ -141,34 +140,24 @@ def _difference_words(
     failed: Mask,
     column: Callable[[int], Floats],
 ) -> str:
-    """Describe how two inputs deviate in a rule's region, with their medians over failures.
+    """Describe how far apart two inputs are, with their medians over the failures on one side.
 
-    Return a phrase such as 'density and drag deviating in opposite directions (e.g. density -7 %,
-    drag +9 %)' if all failures have this property, else 'density far below drag, each relative to
-    its range'.
+    An example is 'density minus drag, each relative to its range: low (such as density -7 %, drag
+    +9 %)'.
     """
     condition = rule.conditions[0]
     inputs = condition.parameter, condition.minus or 0
-    first, second = (spoken_name(names[i]) for i in inputs)
-    region = failed & rule_mask(rule, column)
     side = failed & rule_mask(replace(rule, conditions=(condition,)), column)
-    example = ", ".join(
+    texts = [
         f"{spoken_name(names[i])} "
         f"{shown_value(names[i], float(np.median(column(i)[side])), parameters)}"
         for i in inputs
         if side.any()
-    )
-    off = [(column(i) - np.mean(column(i)))[region] for i in inputs]
-    if np.all(off[0] * off[1] < 0.0):
-        description = f"{first} and {second} deviating in opposite directions"
-    elif rule.either:
-        description = f"{first} and {second} far apart, each relative to its range"
-    else:
-        description = (
-            f"{first} far {'above' if condition.above else 'below'} {second}, each relative to its "
-            "range"
-        )
-    return f"{description} (e.g. {example})" if example else description
+    ]
+    difference = " minus ".join(spoken_name(names[i]) for i in inputs)
+    level = "high or low" if rule.either else "high" if condition.above else "low"
+    example = f" (such as {', '.join(texts)})" if texts else ""
+    return f"{difference}, each relative to its range: {level}{example}"
 
 
 TITLE = "Failure analysis"
@@ -231,7 +220,7 @@ def _map_group(controller: str, failure_map: ControllerFailures, names: Names) -
                 if requirement_text
                 else group.failure
             ),
-            Cell(joined(sides), head=True),
+            Cell(", ".join(sides), head=True),
             Cell("; ".join(_typical(dispersion, names) for dispersion in group.dispersions)),
             Cell(flights),
             Cell(str(group.flights[0]), flight=(controller, group.flights[0])),
@@ -252,30 +241,14 @@ def _typical(dispersion: Dispersed, names: Names) -> str:
 
 
 def _rest(failure_map: ControllerFailures) -> str:
-    """Return a phrase that counts the failures outside all groups.
-
-    For example, '3 of 50 failed flights are not explained by any tested set'.
-    """
-    total, unexplained = failure_map.looked_at, len(failure_map.unexplained)
-    flights = counted(total, "failed flight is/failed flights are")
-    clauses = [f"{unexplained} of {flights} not explained by any tested set"]
-    if not unexplained:
-        explained = "both" if total == 2 else f"all {total}"
-        clauses = [
-            "the failed flight is explained"
-            if total == 1
-            else f"{explained} failed flights are explained"
-        ]
-    if failure_map.nominal:
-        also = counted(len(failure_map.nominal), "flight also fails/flights also fail")
-        clauses.append(f"{also} without dispersions")
-    if failure_map.failed > total:
-        analysed = counted(total, "worst/worst")
-        clauses.append(
-            f"only the {analysed} of {counted(failure_map.failed, 'failed flight')} "
-            f"{'was' if total == 1 else 'were'} analysed"
-        )
-    return "; ".join(clauses)
+    """Return the counts of failures outside all groups."""
+    total = failure_map.looked_at
+    counts = {
+        "not explained by any tested set": count_of(len(failure_map.unexplained), total),
+        "failed without dispersions": str(len(failure_map.nominal) or ""),
+        "analysed": count_of(total, failure_map.failed) if failure_map.failed > total else "",
+    }
+    return "; ".join(f"{label}: {count}" for label, count in counts.items() if count)
 
 
 def _rules_section(failures: Failures, names: Names) -> Section:
@@ -286,8 +259,8 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     )
     for name, kinds in ranked:
         if kinds:
-            sentences = tuple(_sentence(kind, failures.fewest_failures) for kind in kinds)
-            items += [Heading(names.label(name)), Bullets(sentences)]
+            lines = tuple(_rule_line(kind, failures.fewest_failures) for kind in kinds)
+            items += [Heading(names.label(name)), Bullets(lines)]
     if not items:
         return Section(TITLE, (Text("No flight failed."),))
     command = (
@@ -304,14 +277,10 @@ def _rules_section(failures: Failures, names: Names) -> Section:
     )
 
 
-def _sentence(kind: FailureKind, fewest: int) -> str:
-    head = f"{kind.kind[0].upper()}{kind.kind[1:]} ({counted(kind.failures, 'flight')})"
-    if kind.rules:
-        return f"{head}: {'; '.join(rule.rule for rule in kind.rules[:_LISTED])}"
-    if kind.failures == kind.flights:
-        return f"{head}: every flight."
-    few = " (too few flights)" if kind.failures < fewest else ""
-    return f"{head}: no significant rule{few}."
+def _rule_line(kind: FailureKind, fewest: int) -> str:
+    rules = "; ".join(rule.rule for rule in kind.rules[:_LISTED]) or "no significant rule"
+    few = f" (fewer than {fewest} flights)" if kind.failures < fewest else ""
+    return f"{kind.kind}, {count_of(kind.failures, kind.flights)}: {rules}{few}"
 
 
 FAILURES = Topic("failures", Failures, compute_failures, failure_section)

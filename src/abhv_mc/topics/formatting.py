@@ -2,7 +2,7 @@
 
 import math
 
-from abhv_mc.io.phrases import THIN, counted, grouped_digits
+from abhv_mc.io.phrases import THIN, grouped_digits
 from abhv_mc.plant.parameters import OURS, Parameters
 from abhv_mc.statistics.estimates import Interval
 
@@ -98,9 +98,9 @@ def percent(share: float | None, digits: int = 3) -> str:
     return f"{text.rstrip('0').rstrip('.') if '.' in text else text}{THIN}%"
 
 
-def count_of(count: int, total: int, noun: str = "") -> str:
-    """Format a count such as '3 of 1000 flights'."""
-    return f"{grouped_digits(count)} of {counted(total, noun) if noun else grouped_digits(total)}"
+def count_of(count: int, total: int) -> str:
+    """Format a count such as '3 of 1000'."""
+    return f"{grouped_digits(count)} of {grouped_digits(total)}"
 
 
 def p_value(value: float) -> str:

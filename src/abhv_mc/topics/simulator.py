@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import quoted
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Text
@@ -90,10 +89,7 @@ def _section(facts: SimulatorFacts, names: Names) -> Section | None:
         items.append(Bullets(tuple(f"{note[:1].upper()}{note[1:]}." for note in facts.notes)))
     if facts.files:
         items.append(
-            Text(
-                "The simulator consists of these files, whose hashes are stored: "
-                f"{quoted(facts.files)}."
-            )
+            Text(f"Files of the simulator, whose hashes are stored: {', '.join(facts.files)}")
         )
     if facts.reasons:
         groups = tuple(

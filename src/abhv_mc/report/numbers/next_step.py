@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import MOST_TIMES, UNSEARCHED, Verdict, about, advise, predict_pass
+from abhv_mc.topics.formatting import count_of
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import Verdicts
@@ -39,7 +40,7 @@ def find_next_step(models: Models) -> NextStep | None:
         done, total = manifest.runs_done, manifest.runs_planned
         if planned > present:
             done, total = present, planned
-        why = f"complete the campaign ({grouped_digits(done)} of {counted(total, 'flight')})"
+        why = f"complete the campaign ({count_of(done, total)} flights)"
         return _longer_run(models, planned, why) if flies else NextStep(why)
     if not campaign.judged:
         return None
@@ -61,7 +62,7 @@ def find_next_step(models: Models) -> NextStep | None:
         command = f"abhv-mc run {_campaign_file(results)} -o DIR-confirmed --seed {max(seeds) + 1}"
         return NextStep(why, command if flies else "")
     if jointly := flights_for_joint_verdicts(verdicts):
-        why = f"joint PASS of all verdicts: {counted(jointly, 'flight')} without failures"
+        why = f"joint PASS of all verdicts: {grouped_digits(jointly)} flights without failures"
         return _longer_run(models, jointly, why)
     names = map(models.names.label, sorted({name for _, name, _ in verdicts.binding}))
     return NextStep(f"none: all requirements decided for {', '.join(names)}")
@@ -113,7 +114,8 @@ def _advise_flights(models: Models, binding: Sequence[Verdict]) -> NextStep | No
     at_points = " at each point" * bool(models.names.campaign.unknowns.names)
     if advice := advise(binding):
         why = (
-            f"all PASS with {counted(advice.flights, 'flight')}{at_points}: {about(advice.chance)}"
+            f"all PASS with {grouped_digits(advice.flights)} flights{at_points}: "
+            f"{about(advice.chance)}"
         )
         return _longer_run(models, advice.flights, why, _ASSUMPTION)
     present = max(verdict.flights for verdict in open_ones)
@@ -124,11 +126,11 @@ def _advise_flights(models: Models, binding: Sequence[Verdict]) -> NextStep | No
     separate = [single for verdict in open_ones if (single := advise([verdict]))]
     if least > MOST_TIMES * present and not separate:
         chance = about(min(predict_pass(verdict, least) for verdict in open_ones))
-        why = f"PASS needs at least {counted(least, 'flight')}{at_points}: {chance}"
+        why = f"PASS needs at least {grouped_digits(least)} flights{at_points}: {chance}"
         if least > _MOST_LONGER * present:
             return NextStep(why, assumption=_ASSUMPTION)
         return _longer_run(models, least, why, _ASSUMPTION)
-    most = counted(MOST_TIMES * present, "flight")
+    most = f"{grouped_digits(MOST_TIMES * present)} flights"
     return NextStep(
         f"PASS of all verdicts unlikely up to {most}{at_points}", assumption=_ASSUMPTION
     )

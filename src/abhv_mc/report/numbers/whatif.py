@@ -16,7 +16,6 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
-from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
@@ -115,7 +114,7 @@ def _check_coverage(
     if most > MOST_UNSEEN:
         problem = (
             f"{100.0 * most:.2g} % of the changed distribution lies outside the range of the "
-            f"{counted(total, 'flight')}"
+            f"{total} flights"
         )
         raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign")
     least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)

@@ -11,7 +11,6 @@ from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import counted
 from abhv_mc.report.numbers.compare import select_flights
 from abhv_mc.report.numbers.contrast import (
     Contrast,
@@ -134,7 +133,7 @@ def _verdict_table(
     counts = ""
     if len(flights) == 1:
         first, second = flights.pop()
-        counts = f", in {fixed(first, 0)} and {counted(second, 'flight')}"
+        counts = f", in {fixed(first, 0)} and {fixed(second, 0)} flights"
     return Table(
         "Verdicts",
         ("Requirement", a.campaign.kind.capitalize(), *titles, "Difference"),

@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.phrases import counted, joined
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.summary import confidence_records, summarize
 from abhv_mc.report.pages.channel_curves import envelope_data
@@ -172,25 +172,21 @@ def make_page(
     flights["folder"] = names.folder
     layout, packed = pack_arrays({**arrays, **columns})
     verdicts, state = models[VERDICTS], results.manifest.state
-    seeds = (
-        f"seeds {joined(list(map(str, campaign.pooled_seeds)))}"
-        if campaign.pooled_seeds
-        else f"seed {campaign.seed}"
-    )
     origin = campaign.simulator.origin
-    drawn = f"imported from {origin}" if origin else seeds
+    seeds = ", ".join(map(str, campaign.pooled_seeds or [campaign.seed]))
+    drawn = f"imported from {origin}" if origin else f"seed {seeds}"
     chart = chart_rows(verdicts.glance, names.controllers, colors)
     summary, before = summarize(models).at(names.folder), baseline_record(baseline, names)
     sections = page_sections(models, warnings)
     comparison = sections.get(COMPARISON.name)
-    flown = counted(next(iter(models[FLIGHTS].counts.values())).flown, "flight")
+    flown = grouped_digits(next(iter(models[FLIGHTS].counts.values())).flown)
     return (
         make_environment()
         .get_template("page.html.j2")
         .render(
             title=campaign.name,
             kicker=" \N{MIDDLE DOT} ".join(
-                filter(None, (campaign.name, *_facts(models, f"{flown} each, {drawn}")))
+                filter(None, (campaign.name, *_facts(models, f"flights of each: {flown}, {drawn}")))
             ),
             question=campaign.question or f"What does the campaign {campaign.name} show?",
             state=state,

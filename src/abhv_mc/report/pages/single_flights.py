@@ -16,7 +16,7 @@ from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.io.parquet_columns import column_values
-from abhv_mc.io.phrases import counted, joined
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.statistics.circular import unwrap
 from abhv_mc.topics.envelopes.figures import plot_flown
@@ -79,20 +79,16 @@ def explanation_words(explanation: Explanation) -> list[str]:
         return [*lines, "The nominal flight also fails: no dispersion is needed."]
     proof = "no smaller set suffices" if explanation.smallest else "all of these are needed"
     lines.append(
-        f"The flight also fails if only {number} of its "
-        f"{counted(total, 'dispersion differs/dispersions differ')} from the nominal value "
-        f"({proof}; {counted(explanation.tried, 'flight')} tried):"
+        f"Fails with {number} of its {total} dispersions, the others nominal ({proof}; "
+        f"flights tried: {grouped_digits(explanation.tried)}):"
     )
     lines += [
         f"  {name:<36} {shown_value(name, explanation.samples[name], explanation.known):>12}"
         for name in explanation.causes
     ]
     if explanation.others:
-        lines.append(
-            f"The flight also fails with {counted(len(explanation.others), 'other set')} of "
-            f"{counted(number, 'dispersion')}:"
-        )
-        lines += [f"  {joined(names)}" for names in explanation.others[:10]]
+        lines.append(f"Other sets of {number} with which it fails: {len(explanation.others)}")
+        lines += [f"  {', '.join(names)}" for names in explanation.others[:10]]
         lines += ["  ..."] if len(explanation.others) > 10 else []
     return lines
 
@@ -132,8 +128,7 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     panels = {
         label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS
     }
-    total = counted(len(explanation.samples), "dispersion")
-    label = f"only {len(explanation.causes)} of {total}"
+    label = f"only {len(explanation.causes)} of {len(explanation.samples)} dispersions"
     return plot_flights(
         explanation.block.times[mask], panels, ("nominal", label, "all dispersions"), title
     )

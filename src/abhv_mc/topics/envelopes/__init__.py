@@ -8,7 +8,6 @@ import numpy as np
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
@@ -149,7 +148,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
             if np.isnan(envelope.median[envelope.count > 0]).any()
         )
         if spread:
-            items.append(Text(f"{NO_BAND} {quoted(spread)}."))
+            items.append(Text(f"{NO_BAND} {', '.join(spread)}"))
         points = len(campaign.unknowns.points)
         if points > 1:
             items.append(
@@ -157,7 +156,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
                     "Each unknown has one value in all flights of the real vehicle. Each band "
                     f"therefore extends from the smallest to the largest quantile over {points} "
                     "points of the unknowns, with "
-                    f"{counted(model.flights // points, 'flight')} at each. The true median lies "
+                    f"{model.flights // points} flights at each. The true median lies "
                     "between the two median lines; a command is drawn midway between its two "
                     "median lines."
                 )

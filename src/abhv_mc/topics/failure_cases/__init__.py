@@ -197,10 +197,10 @@ def _row(label: str, cell: CaseFlights) -> Row:
         for clauses, verdict in cell.requirements.items()
     ]
     if cell.margins is not None:
-        unstable = count_of(cell.margins.unstable, cell.margins.flights, "flight")
+        unstable = count_of(cell.margins.unstable, cell.margins.flights)
         clauses.append(
-            f"median smallest gain margin {cell.margins.median_db:.1f} dB, unstable at some point "
-            f"in {unstable}"
+            f"median smallest gain margin {cell.margins.median_db:.1f} dB, unstable at some point: "
+            f"{unstable}"
         )
     cells = (
         Cell(percent(share.value, 1), bounds),

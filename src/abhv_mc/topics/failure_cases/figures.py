@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.failure_case import NO_FAILURE
 from abhv_mc.folder.flown_campaign import read_histories
-from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.circular import align_flights, unwrap
 from abhv_mc.topics.failure_cases import FailureCases, cases_by_frequency, drawn_cases
 from abhv_mc.topics.figure_bands import off_reference
@@ -114,7 +113,7 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
     times = np.linspace(0.0, float(results.reference["time"][-1]), 400)
     panels: dict[str, dict[str, Floats]] = {}
     for case in frequent_cases:
-        curves = panels[f"{case} ({counted(int(np.sum(cases == case)), 'flight')})"] = {}
+        curves = panels[f"{case} (flights: {np.sum(cases == case)})"] = {}
         for name in results.controllers:
             flights = results.flights[name]
             after = flights.end_time - first[flights.flight]

@@ -3,10 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.folder.flown_campaign import flights_with_history
-from abhv_mc.io.phrases import counted, joined
 from abhv_mc.topics.flights.model import (
     FlightCounts,
     Flights,
@@ -25,7 +23,19 @@ from abhv_mc.topics.formatting import (
     spoken_name,
 )
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
+from abhv_mc.topics.section import (
+    Cell,
+    Fold,
+    Item,
+    Picture,
+    Records,
+    Row,
+    Section,
+    Table,
+    Text,
+    Widget,
+    make_records,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 
 
@@ -36,7 +46,7 @@ def flight_section(flights: Flights, names: Names) -> Section:
 
 def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
     campaign = names.campaign
-    yield Text(_flown(flights_model, campaign, names))
+    yield _flown(flights_model, names)
     if flights_model.dispersions:
         rows = [
             _dispersion(name, _law(entry), _settings(entry), names)
@@ -92,7 +102,7 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
             "smallest set of "
         )
         explanation += "dispersions that still makes a flight fail."
-    yield Text(explanation + _kept_words(names))
+    yield Text(explanation)
     metric_labels = (names.metrics[metric].label_with_unit for metric in names.asked)
     worst_heads = (
         "Flight",
@@ -142,74 +152,42 @@ def _findings(flights_model: Flights, names: Names) -> Iterator[Table]:
     yield Table("Findings", heads, (cells,), caption)
 
 
-def _kept_words(names: Names) -> str:
-    """State how many of the worst flights under changed requirements have histories.
-
-    The text is empty if all of the worst flights have stored histories.
-    """
+def _kept(names: Names) -> str:
+    """Return how many worst flights by changed requirements have histories, if not all."""
     results, number = names.results, names.campaign.worst
     if not (results.requirement_changes and number and names.campaign.channels):
         return ""
     worst = {
-        name: results.flights[name].flight[results.ranking.rows_of(name)[:number]]
+        name: {*results.flights[name].flight[results.ranking.rows_of(name)[:number]].tolist()}
         for name in results.controllers
     }
-    total = sum(flights.size for flights in worst.values())
-    count_kept = sum(
-        len(flights_with_history(results.folder, name).intersection(flights.tolist()))
-        for name, flights in worst.items()
-    )
-    if count_kept == total:
+    kept = sum(len(flights_with_history(results.folder, name) & worst[name]) for name in worst)
+    total = sum(map(len, worst.values()))
+    if kept == total:
         return ""
-    return (
-        f" {count_kept} of the {counted(total, 'worst flight')} by these limits "
-        f"{'has a history' if count_kept == 1 else 'have histories'}; `abhv-mc run` stores the "
-        "others."
-    )
+    return f"{count_of(kept, total)} worst flights by these limits; `abhv-mc run` stores the others"
 
 
-def _flown(flights_model: Flights, campaign: Experiment, names: Names) -> str:
-    flown = counted(next(iter(flights_model.counts.values())).flown, "dispersed flight")
-    text = f"{flown} of {joined(list(map(names.label, names.controllers)))}"
-    text += ", on the same samples" * (len(names.controllers) > 1)
-    if campaign.model.stop:
-        text += (
-            f" (at most {fixed(campaign.runs, 0)}; the campaign stops when every verdict is "
-            "PASS or FAIL)"
-        )
-    seeds = f"seeds {joined(list(map(str, campaign.pooled_seeds)))} in sequence"
-    if origin := campaign.simulator.origin:
-        claim = (
-            "No test contradicts the assumption that they are"
-            if campaign.independent
-            else "They are not treated as"
-        )
-        return (
-            f"{text}, imported from {origin}. {claim} independent draws of the stated dispersions. "
-        )
-    text += f" ({campaign.sampling.replace('_', ' ')} sampling, "
-    text += f"{seeds if campaign.pooled_seeds else f'seed {campaign.seed}'}). "
-    if flights_model.dispersions:
-        count, unknowns = (
-            len(flights_model.dispersions) - len(campaign.unknowns.names),
-            campaign.unknowns,
-        )
-        if unknowns.names:
-            text += (
-                "Each sample was run at each of "
-                f"{counted(len(unknowns.points), 'value')} of the unknowns. "
-            )
-        text += (
-            f"Each flight has {counted(count, 'dispersed parameter')}, listed here; all others are "
-        )
-        text += "nominal. "
-        hint = unknowns_hint(
-            name for name in flights_model.dispersions if name not in unknowns.names
-        )
-        text += f"{hint} " if hint else ""
-    return text + (
-        "Early terminations count as failures unless the requirement sets `ended_early: "
-        "as_measured`."
+def _flown(flights: Flights, names: Names) -> Records:
+    """Return how many flights were drawn, and how."""
+    campaign = names.campaign
+    unknowns, seeds = campaign.unknowns, campaign.pooled_seeds or [campaign.seed]
+    flown = fixed(next(iter(flights.counts.values())).flown, 0)
+    most = f" of at most {fixed(campaign.runs, 0)}, until every verdict is PASS or FAIL"
+    claim = "not contradicted by any test" if campaign.independent else "not assumed"
+    origin, dispersed = campaign.simulator.origin, [*flights.dispersions]
+    return make_records(
+        [
+            ("Flights of each", f"{flown}{most if campaign.model.stop else ''}"),
+            ("Samples", "" if origin else campaign.sampling.replace("_", " ")),
+            ("Seed", "" if origin else ", ".join(map(str, seeds))),
+            ("Imported from", origin),
+            ("Independent draws", claim if origin else ""),
+            ("Values of the unknowns", f"{len(unknowns.points)}" if unknowns.names else ""),
+            ("Early termination", "a failure, unless `ended_early: as_measured`"),
+            ("Histories", _kept(names)),
+            ("Unknowns", unknowns_hint(name for name in dispersed if name not in unknowns.names)),
+        ]
     )
 
 
@@ -244,8 +222,8 @@ def _moments(name: str, moments: InputMoments, names: Names) -> Row:
 
 
 def _counts(label: str, counts: FlightCounts) -> Row:
-    outcomes = joined(
-        [f"{count} {code.replace('_', ' ')}" for code, count in counts.outcomes.items()]
+    outcomes = ", ".join(
+        f"{count} {code.replace('_', ' ')}" for code, count in counts.outcomes.items()
     )
     numbers = (fixed(count, 0) for count in (counts.flown, counts.failed, counts.not_computed))
     return (Cell(label, head=True), *map(Cell, numbers), Cell(outcomes))

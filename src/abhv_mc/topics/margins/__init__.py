@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
-from abhv_mc.io.phrases import counted
 from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.margins.model import (
     LISTED,
@@ -35,8 +34,7 @@ def missing_margins(margins: Margins, names: Names) -> Sequence[str]:
     for name, flights in margins.missing.items():
         listed = ", ".join([*map(str, flights[:LISTED]), *["..."] * (len(flights) > LISTED)])
         clauses.append(
-            f"margins of {names.label(name)} could not be computed in "
-            f"{counted(len(flights), 'flight')} ({listed})"
+            f"margins not computed of {names.label(name)}: {len(flights)} (flights {listed})"
         )
     return clauses
 
@@ -106,7 +104,7 @@ def _steady_group(label: str, entry: ControllerMargins, corners: int, why: str) 
     if not entry.nominal or not entry.nominal[-1].stable:
         return ((Cell(label, head=True), Cell(why, columns=7)),)
     note = (
-        f"unstable at {count_of(entry.corners_unstable, corners, 'corner')}"
+        f"unstable corners: {count_of(entry.corners_unstable, corners)}"
         if entry.corners_unstable
         else ""
     )
