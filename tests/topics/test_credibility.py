@@ -19,6 +19,6 @@ def test_the_table_has_eight_factors_and_leaves_the_assessment_to_the_user(flown
         "People qualifications",
     ]
     assert rows["Validation"].startswith("None") and "not" in rows["People qualifications"].lower()
-    assert rows["Results uncertainty"].startswith("16 flights (random)")
-    assert f"{len(results.dispersed)} dispersed inputs" in rows["Input pedigree"]
+    assert rows["Results uncertainty"].startswith("Flights: 16 (random)")
+    assert f"Dispersed inputs: {len(results.dispersed)};" in rows["Input pedigree"]
     assert results.manifest.campaign_hash[:12] in rows["M&S management"]

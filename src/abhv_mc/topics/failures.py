@@ -109,7 +109,7 @@ def _rule(
         )
         for c in rule.conditions
     )
-    text = f"{percent(inside, 2)} of failures ({percent(outside, 2)} of other flights)"
+    text = f"{percent(inside, 2)} of failures ({percent(outside, 2)} of other flights):"
     named = {**vars(rule), "conditions": conditions}
     return FailureRule(**named, where=description, rule=f"{text} {description}")
 
