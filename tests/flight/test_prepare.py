@@ -42,8 +42,8 @@ def test_missing_trim_and_exceeded_command_limits_are_warned_of_with_their_time(
 
 
 def test_a_reference_outside_the_tables_for_a_second_causes_a_warning():
-    """The tables of abhv begin at Mach 2, and 560 m/s at 12 km are Mach 1.9."""
-    slow = {"base": "level", "start.altitude": "12 km", "start.speed": "560 m/s"}
+    """The limits of abhv begin at Mach 4, and 1150 m/s at 20 km are Mach 3.9."""
+    slow = {"base": "level", "start.speed": "1150 m/s"}
     plan = make_flight_plan(slow, "abhv")
     (warning,) = plan.warnings.tolist()
     assert re.search(r"\bmach\b.* 60\.0 s\b.* 0\.00 s\b", warning)

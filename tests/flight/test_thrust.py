@@ -18,7 +18,7 @@ STEP = 1e-6  # s, so short that the rotation does not turn the velocity
 @pytest.mark.parametrize(
     ("inputs", "arm"),
     [
-        (("tlc", "level", "abhv"), (0.0, 0.0, 0.161974)),
+        (("tlc", "level", "abhv"), (0.0, 0.0, 0.16736612)),
         (("f16_autopilot", "f16_level", "f16"), (0.0, 0.0, 0.0)),
     ],
 )

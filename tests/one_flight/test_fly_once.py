@@ -74,15 +74,21 @@ def test_trims_are_a_table_by_bank():
     assert level is None and "limits" in steep
 
 
-def test_a_trim_below_the_tables_is_warned_of_once():
-    """The tables of abhv begin at Mach 2."""
-    inside, outside = (
-        abhv_mc.trim("abhv", "15 km", speed, [0.0, 0.1]).attrs["warnings"]
-        for speed in ("700 m/s", "500 m/s")
-    )
-    assert not inside
-    (warning,) = outside
-    assert "mach" in warning
+@pytest.mark.parametrize(
+    ("vehicle", "altitude", "speed", "words"),
+    [
+        ("abhv", "20 km", "1400 m/s", ()),
+        ("abhv", "17 km", "1100 m/s", ("mach and altitude",)),
+        ("flexible", "15 km", "500 m/s", ("mach",)),
+        ("winged_cone", "20 km", "1400 m/s", ("Cn_beta_dyn", "LCDP", "double")),
+    ],
+)
+def test_a_trim_warns_of_its_range_and_of_lateral_stability(vehicle, altitude, speed, words):
+    """The limits of abhv begin at Mach 4 and 18 km, the tables of flexible at Mach 2."""
+    warnings = abhv_mc.trim(vehicle, altitude, speed, [0.0, 0.1]).attrs["warnings"]
+    warned = [text for text in warnings if "outside" in text or "at most" in text]
+    assert len(warned) == len(words)
+    assert all(word in text for word, text in zip(words, warned, strict=True))
 
 
 def test_a_gain_sweep_needs_no_files(tmp_path):

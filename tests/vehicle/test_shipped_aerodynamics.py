@@ -59,7 +59,7 @@ def test_no_sideslip_and_no_deflection_pushes_the_vehicle_forward(name: str) -> 
         assert (coefficients[2] * np.sin(beta) - coefficients[1] * np.cos(beta) < 0.0).all()
 
 
-@pytest.mark.parametrize(("bank", "ratio", "thrust"), [(0.0, 4.29, 0.223), (50.0, 3.61, 0.408)])
+@pytest.mark.parametrize(("bank", "ratio", "thrust"), [(0.0, 3.645, 0.257), (50.0, 3.544, 0.408)])
 def test_trim_of_the_default_vehicle(bank: float, ratio: float, thrust: float) -> None:
     """Compare L/D and thrust over weight with those in the S manoeuvre of the paper."""
     vehicle = load("abhv")

@@ -115,6 +115,8 @@ _TRIM_ROWS = (
     ("dutch_roll_frequency_rad_s", "Dutch roll", "rad/s", 1.0, 3),
     ("dutch_roll_damping", "  damping", "-", 1.0, 3),
     ("lateral_time_to_double_s", "lateral time to double", "s", 1.0, 2),
+    ("cn_beta_dyn", "Cn_beta_dyn", "1/rad", 1.0, 4),
+    ("lcdp", "LCDP", "1/rad", 1.0, 4),
     ("aileron_power_1ps2", "aileron power", "1/s2", 1.0, 3),
     ("rudder_power_1ps2", "rudder power", "1/s2", 1.0, 3),
     ("elevator_power_1ps2", "elevator power", "1/s2", 1.0, 3),

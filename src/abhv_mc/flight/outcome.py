@@ -32,6 +32,7 @@ class Outcome(IntEnum):
     POLE_LIMIT = 12
     SPEED_LIMIT = 13
     STATE_LIMIT = 14
+    MACH_LIMIT = 15
     LAW_FAILED = 50
     LAW_CRASHED = 51
     LAW_HUNG = 52
@@ -77,7 +78,7 @@ def find_lost_outcome(law: str, hung: bool) -> Outcome:
 
 SENTENCES: dict[Outcome, str] = {
     Outcome.OK: "The flight reached the end of the mission.",
-    Outcome.ALTITUDE_LIMIT: "The altitude left the mission's limits.",
+    Outcome.ALTITUDE_LIMIT: "The altitude left the limits of the mission or the vehicle.",
     Outcome.ANGLE_OF_ATTACK_LIMIT: "The angle of attack left the vehicle's limits.",
     Outcome.SIDESLIP_LIMIT: "The sideslip left the vehicle's limits.",
     Outcome.NOT_FINITE: "A state or a command was no longer a finite number.",
@@ -97,6 +98,7 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.SPEED_LIMIT: "The speed exceeded the mission's limit, by default twice the largest "
     "reference speed.",
     Outcome.STATE_LIMIT: "A state of the vehicle's custom dynamics exceeded its limit.",
+    Outcome.MACH_LIMIT: "The Mach number left the vehicle's limits.",
     Outcome.LAW_FAILED: "The custom control law raised an exception or returned an error.",
     Outcome.LAW_CRASHED: "The custom control law crashed its process twice.",
     Outcome.LAW_HUNG: "The custom control law exceeded its time limit twice.",
@@ -145,6 +147,7 @@ class Limits(NamedTuple):
     end: EndBounds = EndBounds()
     fuel_min: float = -math.inf  # minimum mass of fuel, kg
     speed_max: float = math.inf
+    mach: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,7 @@ LIMITS: tuple[Limit, ...] = (
     *(_above(Outcome.OSCILLATION_LIMIT, f"{name}_deg", name, _DEG) for name in _RIPPLES),
     Limit(Outcome.BANK_LIMIT, "bank", lambda limits: (-limits.loads.bank, limits.loads.bank)),
     Limit(Outcome.SPEED_LIMIT, "speed", lambda limits: (-math.inf, limits.speed_max)),
+    Limit(Outcome.MACH_LIMIT, "mach", lambda limits: limits.mach),
     _above(Outcome.HEAT_FLUX_LIMIT, "stagnation_heat_flux_w_m2", "heat_flux"),
     _above(Outcome.LOAD_FACTOR_LIMIT, "load_factor_g", "load_factor"),
     _above(Outcome.DYNAMIC_PRESSURE_LIMIT, "q_bar", "dynamic_pressure"),

@@ -69,7 +69,7 @@ from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import check_finite, find_code, load_vehicle
 from abhv_mc.vehicle.effectors import name_effectors
 from abhv_mc.vehicle.evaluate import make_variables
-from abhv_mc.vehicle.pack import table_range
+from abhv_mc.vehicle.pack import valid_range
 from abhv_mc.vehicle.shared_keys import choose_sensing, tighter
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 
@@ -291,7 +291,8 @@ def make_plan(
         earth=mission.make_earth(),
         timing=timing,
         limits=Limits(
-            *mission.limits.altitude,
+            max(mission.limits.altitude[0], constants.envelope.altitude_min),
+            min(mission.limits.altitude[1], constants.envelope.altitude_max),
             angle_of_attack_min=constants.angle_of_attack_min,
             angle_of_attack_max=constants.angle_of_attack_max,
             sideslip_max=constants.sideslip_max,
@@ -299,6 +300,7 @@ def make_plan(
             end=EndBounds(*(mission.end.range_of(name) for name in EndBounds._fields)),
             fuel_min=_LEAST_FUEL if mission.limits.fuel_out and constants.burns_fuel else -np.inf,
             speed_max=mission.limits.speed or _SPEED_FACTOR * float(reference[:, SPEED].max()),
+            mach=constants.envelope[2:],
         ),
         initial_state=np.append(make_initial_state(mission, vehicle, start), states),
         reference=reference,
@@ -364,21 +366,20 @@ def limit_faults(controller: TlcController | LqrController, reference: Floats) -
 
 
 def table_faults(vehicle: Vehicle, reference: Floats, tick: float) -> list[str]:
-    """Return a sentence for each variable that is outside the tables for a second or more."""
+    """Return a sentence for each variable outside tables or limits for a second or more."""
     column = dict(zip(REFERENCE, reference.T, strict=True))
     column["mach"] = column["speed"] / column["sound_speed"]
     faults = []
-    tables = vehicle.tables
     for name in ("mach", "angle_of_attack", "elevator", "equivalence_ratio", "altitude", "mass"):
-        low, high = table_range(tables, name)
+        low, high = valid_range(vehicle, name)
         slack = 1e-9 * (1.0 + np.abs(column[name]))
         outside = (column[name] < low - slack) | (column[name] > high + slack)
         if np.sum(outside) * tick >= _OUTSIDE:
             first = reference[np.flatnonzero(outside)[0], TIME]
             faults.append(
-                f"the reference leaves the vehicle's tables in {name.replace('_', ' ')} for "
-                f"{np.sum(outside) * tick:.1f} s, first at {first:.2f} s; table values at the edge "
-                "are used"
+                f"the reference leaves the vehicle's tables or limits in {name.replace('_', ' ')} "
+                f"for {np.sum(outside) * tick:.1f} s, first at {first:.2f} s; table values at the "
+                "edge are used"
             )
     return faults
 

@@ -45,7 +45,14 @@ COLUMNS = {  # unit of each column, except the bank angle
     "aileron_power_1ps2": "1/s2",
     "rudder_power_1ps2": "1/s2",
     "elevator_power_1ps2": "1/s2",
+    "cn_beta_dyn": "1/rad",
+    "lcdp": "1/rad",
 }
+_LATERAL = (  # flying qualities with a least value: column, name and value
+    ("cn_beta_dyn", "Cn_beta_dyn", 0.0),
+    ("lcdp", "LCDP", 0.0),
+    ("lateral_time_to_double_s", "the lateral time to double (s)", 2.0),
+)
 _LIMITS = {  # limits of the arguments, SI
     "altitude": (LENGTH, -500.0, 86e3),
     "speed": (SPEED, 1.0, 1e4),
@@ -172,6 +179,10 @@ def trim(
     )  # An object Series keeps None as the value without a fault.
     table.index = pd.Index(map(math.degrees, angles), name="bank_deg")
     warnings = _find_range_warnings(craft, trims, start.altitude, weighed)
+    for name, label, least in _LATERAL:
+        low = [f"{bank:g}" for bank, value in table[name].items() if value <= least]
+        if low:
+            warnings.append(f"{label} is at most {least:g} at bank angles of {joined(low)} deg")
     if flown.wind != "none":
         warnings.append(f"{mission_document.path}: the trim ignores the wind of the mission")
     table.attrs = {
@@ -187,22 +198,22 @@ def trim(
 def _find_range_warnings(
     vehicle: "Vehicle", trims: "list[TrimPoint]", altitude: float, mass: float
 ) -> list[str]:
-    """Return a sentence if a trimmed point lies outside the ranges of the tables."""
-    from abhv_mc.vehicle.pack import table_range
+    """Return a sentence if a trimmed point is outside the ranges of the tables or the limits."""
+    from abhv_mc.vehicle.pack import valid_range
 
     outside = []
     for name in ("mach", "angle_of_attack", "elevator", "equivalence_ratio", "altitude", "mass"):
         fixed = {"altitude": altitude, "mass": mass}
         values = [fixed[name] if name in fixed else getattr(trim, name) for trim in trims]
-        low, high = table_range(vehicle.tables, name)
+        low, high = valid_range(vehicle, name)
         slack = 1e-9 * (1.0 + max(map(abs, values)))
         if min(values) < low - slack or max(values) > high + slack:
             outside.append(name.replace("_", " "))
     if not outside:
         return []
     return [
-        f"a trimmed point lies outside the vehicle's tables in {joined(outside)}; values at "
-        "the edge are used"
+        f"a trimmed point is outside the vehicle's tables or limits in {joined(outside)}; table "
+        "values at the edge are used"
     ]
 
 
@@ -240,6 +251,8 @@ def _make_row(
         qualities.aileron_power,
         qualities.rudder_power,
         qualities.elevator_power,
+        qualities.cn_beta_dyn,
+        qualities.lcdp,
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -331,13 +331,17 @@ def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
     return engine.throttle if isinstance(engine, ThrustFunction) else engine.equivalence_ratio
 
 
-AXIS_DEFLECTIONS = ("aileron", "rudder", "elevator")
+AxisDeflection = Literal["aileron", "rudder", "elevator"]
+AXIS_DEFLECTIONS: tuple[AxisDeflection, ...] = get_args(AxisDeflection)
 
 
 class Surfaces(SurfaceActuator):
     """Actuator settings that apply to the three axis deflections."""
 
     limit: Annotated[Angle, Positive] = Field(description="maximum deflection in either direction")
+    limits: dict[AxisDeflection, Annotated[Angle, Positive]] = Field(
+        default_factory=dict, description="maximum deflections that differ from 'limit', by axis"
+    )
     rate_limit: Annotated[AngularRate, Positive] | None = Field(
         default=None, description="maximum deflection rate"
     )
@@ -346,6 +350,11 @@ class Surfaces(SurfaceActuator):
     def _check(self) -> "Surfaces":
         keys = {name for name in DYNAMICS["second_order"] if getattr(self, name) is not None}
         check_dynamics(self.response or "second_order", keys, "surfaces")
+        for name, limit in self.limits.items():
+            if limit > self.limit:
+                raise Refusal(
+                    f"the limit of the {name} exceeds 'limit'", "a smaller value", ("limits", name)
+                )
         return self
 
 

@@ -8,7 +8,6 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.kernel.plant.actuator_step import (
     COLUMNS,
     DEAD_ZONE,
-    FIRST_EFFECTOR,
     KINDS,
     SLACK,
 )
@@ -52,17 +51,20 @@ def pack_effectors(
     return mix[: len(effectors)].copy(), packed, letters
 
 
-def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
+def pack_actuators(content: VehicleDocument, mix: Floats) -> Floats:
     """Return the array of actuators [actuator, column]: axes, engine, then effectors.
 
-    ``effectors`` is the number of effectors. The key ``surfaces`` supplies omitted values of
+    ``mix`` [effector, 3] is that of all effectors. The key ``surfaces`` supplies omitted values of
     effectors, and all values of axes that count as effectors.
     """
     surfaces, engine = content.surfaces, content.propulsion
     limit = surfaces.limit if surfaces else 0.0
     axis = _make_row(surfaces, (-limit, limit), surfaces.response if surfaces else None)
     throttle = _make_row(engine, throttle_range(engine), engine.response if engine else None)
-    rows = [axis, axis, axis, throttle]
+    limits = surfaces.limits if surfaces else {}
+    own = [limits.get(name, limit) for name in AXIS_DEFLECTIONS]
+    axes = [axis | {"low": -high, "high": high} for high in own]
+    rows = [*axes, throttle]
     for effector in content.effectors.values():
         row = axis
         if surfaces:
@@ -70,7 +72,7 @@ def pack_actuators(content: VehicleDocument, effectors: int) -> Floats:
             row = axis | _make_row(effector, effector.limits or (-limit, limit), kind, dynamics)
             row |= {name: axis[name] for name in SLACK if getattr(effector, name) is None}
         rows.append(row)
-    rows += [axis] * (effectors + FIRST_EFFECTOR - len(rows))
+    rows += [axes[int(np.argmax(row))] for row in mix[len(content.effectors) :]]
     return np.array([[row[name] for name in COLUMNS] for row in rows])
 
 

@@ -1,5 +1,6 @@
 """Pydantic model of the vehicle file, with the checks that need no other file."""
 
+import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
@@ -31,7 +32,7 @@ from abhv_mc.vehicle.actuator_keys import (
     Surfaces,
 )
 from abhv_mc.vehicle.dynamics_keys import Dynamics, Number
-from abhv_mc.vehicle.shared_keys import AngleRange, LoadLimits, Positive, SensingKeys
+from abhv_mc.vehicle.shared_keys import AngleRange, LoadLimits, Positive, Range, Rising, SensingKeys
 
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
@@ -275,6 +276,10 @@ class FlightLimits(LoadLimits):
 
     angle_of_attack: AngleRange = Field(description="minimum and maximum angle of attack")
     sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")
+    mach: Range = Field((-math.inf, math.inf), description="minimum and maximum Mach number")
+    altitude: Annotated[tuple[Length, Length], Rising] = Field(
+        (-math.inf, math.inf), description="minimum and maximum altitude"
+    )
     states: dict[str, Number] = Field(
         default_factory=dict,
         description="maximum magnitudes of custom states; the keys have the form state.NAME",

@@ -55,7 +55,8 @@ def axis_limits(vehicle: Vehicle) -> Floats:
 
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
     """Return the range (rad) of an axis deflection that the effectors of the axis can reach."""
-    low, high = -vehicle.constants.surface_limit, vehicle.constants.surface_limit
+    limit = min(vehicle.constants.surface_limit, vehicle.actuators[axis, HIGH])
+    low, high = -limit, limit
     if vehicle.constants.driven:
         actuators = vehicle.actuators[FIRST_EFFECTOR:]
         for mix, actuator in zip(vehicle.effectors.mix[:, axis], actuators, strict=True):

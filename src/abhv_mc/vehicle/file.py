@@ -26,6 +26,7 @@ from abhv_mc.kernel.plant.vehicle import (
     VARIABLES,
     BuildUp,
     Constants,
+    Envelope,
     Inlet,
     LoadBounds,
     Sensing,
@@ -196,7 +197,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     for function in file.code.functions() if file.code else ():
         named |= set(re.findall(r"\w+", function.text))
     mix, effectors, letters = pack_effectors(content.effectors, named)
-    actuators = pack_actuators(content, len(effectors.mix))
+    actuators = pack_actuators(content, effectors.mix)
     engines = np.array(
         engine_rows(content.propulsion.engines) if content.propulsion else []
     ).reshape(-1, 4)
@@ -283,4 +284,5 @@ def _make_constants(content: VehicleDocument) -> Constants:
         relight_delay=jet.relight.delay if jet else 0.0,
         relight_time_constant=jet.relight.time_constant if jet else 0.0,
         driven=float(any(effector.driven for effector in content.effectors.values())),
+        envelope=Envelope(*limits.altitude, *limits.mach) if limits else Envelope(),
     )

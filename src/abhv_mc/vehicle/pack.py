@@ -6,7 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, MAX_DIMENSIONS, VARIABLES, Tables
+from abhv_mc.kernel.plant.vehicle import (
+    CHUNK,
+    FIXED_TABLE_ROWS,
+    MAX_DIMENSIONS,
+    VARIABLES,
+    Tables,
+    Vehicle,
+)
 
 # Values of missing tables: 0, or 1 for the specific impulse, which is a divisor.
 _ABSENT = {name: 1.0 if name == "specific_impulse" else 0.0 for name in FIXED_TABLE_ROWS}
@@ -129,12 +136,16 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
     return packed, rows[: len(tables)]
 
 
-def table_range(tables: Tables, variable: str) -> tuple[float, float]:
-    """Return the range of a variable that all tables with this variable cover.
+def valid_range(vehicle: Vehicle, variable: str) -> tuple[float, float]:
+    """Return the range of a variable that its tables cover, within the vehicle's limits.
 
-    The range is infinite if no table depends on the variable.
+    The range is infinite if no table depends on the variable and it has no limit.
     """
-    low, high = -np.inf, np.inf
+    tables, envelope = vehicle.tables, vehicle.constants.envelope._asdict()
+    low, high = (
+        envelope.get(f"{variable}_{end}", limit)
+        for end, limit in (("min", -np.inf), ("max", np.inf))
+    )
     for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(variable)):
         grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]
         low, high = max(low, float(grid[0])), min(high, float(grid[-1]))

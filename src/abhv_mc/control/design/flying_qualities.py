@@ -35,6 +35,8 @@ class FlyingQualities(NamedTuple):
     aileron_power: float  # angular acceleration about the controlled axis per deflection, 1/s2
     rudder_power: float
     elevator_power: float
+    cn_beta_dyn: float  # Cn_beta cos(alpha) - Iz/Ix Cl_beta sin(alpha), with the product of inertia
+    lcdp: float  # Cn_beta - Cl_beta Cn_aileron / Cl_aileron, with the product of inertia
 
 
 def find_flying_qualities(
@@ -42,9 +44,10 @@ def find_flying_qualities(
 ) -> FlyingQualities:
     """Linearize the attitude dynamics at a trim point at fixed speed and flight path.
 
-    The short period involves angle of attack and pitch rate; the Dutch roll is the fastest
-    oscillation of bank, sideslip, roll and yaw rate. Derivatives are taken within the current table
-    cells.
+    The short period involves angle of attack and pitch rate. The fastest oscillation of bank,
+    sideslip, roll and yaw rate is the Dutch roll if its frequency is within a factor of 2 of the
+    directional stiffness (Cn_beta_dyn); otherwise roll and spiral form it. Derivatives are taken
+    within the current table cells.
     """
     nominal = Nominal(
         environment=make_environment(earth, point.altitude, point.latitude, point.air),
@@ -62,8 +65,15 @@ def find_flying_qualities(
     lateral = np.linalg.eigvals(slopes[np.ix_(*2 * ([_BANK, _BETA, _P, _R],))])
     stiffness = float(np.linalg.det(pitch))
     short_period = math.sqrt(stiffness) if stiffness > 0.0 else math.nan
-    swings = lateral[lateral.imag > 0.0]
-    dutch_roll = swings[np.argmax(np.abs(swings))] if swings.size else complex(math.nan)
+    roll, yaw = slopes[_P], slopes[_R]
+    alpha = trim.angle_of_attack
+    directional = float(yaw[_BETA] * math.cos(alpha) - roll[_BETA] * math.sin(alpha))
+    dutch_roll = max(lateral[lateral.imag > 0.0], key=abs, default=complex(math.nan))
+    if not directional / 4.0 <= abs(dutch_roll) ** 2 <= directional * 4.0:
+        dutch_roll = complex(math.nan)
+    inertia = evaluate_fixed(vehicle, make_variables(vehicle, mass=mass))["inertia_zz"].item()
+    unit = inertia / (trim.dynamic_pressure * vehicle.constants.area * vehicle.constants.span)
+    adverse = yaw[_AILERON] / roll[_AILERON] if roll[_AILERON] else math.nan
     return FlyingQualities(
         static_margin=_static_margin(vehicle, nominal),
         short_period_frequency=short_period,
@@ -75,6 +85,8 @@ def find_flying_qualities(
         aileron_power=float(slopes[_P, _AILERON]),
         rudder_power=float(slopes[_R, _RUDDER]),
         elevator_power=float(slopes[_Q, _ELEVATOR]),
+        cn_beta_dyn=unit * directional,
+        lcdp=unit * float(yaw[_BETA] - roll[_BETA] * adverse),
     )
 
 

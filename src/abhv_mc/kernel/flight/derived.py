@@ -17,8 +17,9 @@ from abhv_mc.kernel.flight.ripple import (
 from abhv_mc.kernel.flight.sensors import END_ROW
 from abhv_mc.kernel.jit import lanes, scalar
 from abhv_mc.kernel.laws import columns as ref
-from abhv_mc.kernel.numerics.angles import larger, wrap
+from abhv_mc.kernel.numerics.angles import wrap
 from abhv_mc.kernel.plant import state as s
+from abhv_mc.kernel.plant.actuator_step import HIGH
 from abhv_mc.kernel.plant.state import X
 
 _DEG = 180.0 / math.pi
@@ -78,8 +79,9 @@ def remember_start(Z, width):
 
 
 @lanes
-def derive(Z, width, reference, constants, tick):
+def derive(Z, width, reference, vehicle, tick):
     """Compute the derived quantities at a tick; ``reference`` has the shape [tick, column]."""
+    constants = vehicle.constants
     for lane in range(width):
         fuel_left = Z[X + s.MASS, lane] - constants.mass_empty * Z[s.K_MASS, lane]
         Z[FUEL_LEFT_KG, lane] = fuel_left if constants.burns_fuel > 0.0 else math.inf
@@ -105,17 +107,15 @@ def derive(Z, width, reference, constants, tick):
         Z[BANK_ERROR_DEG, lane] = wrap(Z[s.BANK, lane] - Z[s.BANK_CMD, lane]) * _DEG
         # A surface whose command is at the limit counts as saturated, because its deflection
         # approaches the limit asymptotically.
-        limit, deflected, commanded = constants.surface_limit * Z[s.K_LIMIT, lane], 0.0, 0.0
+        saturated = False
         for i in range(3):
-            deflection = Z[X + s.AILERON + i, lane]
-            deflected, commanded = (
-                larger(deflected, abs(deflection)),
-                larger(commanded, abs(Z[s.CMD + i, lane])),
+            deflection, limit = Z[X + s.AILERON + i, lane], vehicle.actuators[i, HIGH]
+            saturated |= limit > 0.0 and (
+                abs(deflection) >= limit * Z[s.K_LIMIT, lane] or abs(Z[s.CMD + i, lane]) >= limit
             )
             Z[AILERON_FROM_TRIM_DEG + i, lane] = (deflection - Z[FIRST_SURFACE + i, lane]) * _DEG
             Z[AILERON_MOVED_DEG + i, lane] = abs(deflection - Z[LAST_SURFACE + i, lane]) * _DEG
             Z[LAST_SURFACE + i, lane] = deflection
-        saturated = (deflected >= limit or commanded >= constants.surface_limit) and limit > 0.0
         Z[SURFACE_SATURATED, lane] = (
             Z[s.ANY_SATURATED, lane] if constants.driven > 0.0 else 1.0 if saturated else 0.0
         )

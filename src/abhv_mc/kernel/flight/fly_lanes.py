@@ -275,7 +275,7 @@ def observe_tick(plan, memory, results, width, active, flights, n, tick):
     inlet = plan.vehicle.constants.inlet
     if active is not None and inlet.unstarts > 0.0:
         watch_inlet(Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
-    derive(Z, width, reference, plan.vehicle.constants, tick)
+    derive(Z, width, reference, plan.vehicle, tick)
     follow_ripples(Z, width, reference[tick, ref.SETTLED], tick, dt)
     if active is not None and plan.user_code.channels != 0:
         call_address(plan.user_code.channels, 0, Z, reference, plan.gains, plan.settings, tick, dt)

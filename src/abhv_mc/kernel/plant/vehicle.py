@@ -115,6 +115,15 @@ class LoadBounds(NamedTuple):
     sideslip_ripple: float = math.inf
 
 
+class Envelope(NamedTuple):
+    """Altitudes (m) and Mach numbers outside which a flight ends."""
+
+    altitude_min: float = -math.inf
+    altitude_max: float = math.inf
+    mach_min: float = -math.inf
+    mach_max: float = math.inf
+
+
 class Inlet(NamedTuple):
     """Flow conditions of a started inlet, and effects of an unstart, SI units and radians."""
 
@@ -180,6 +189,7 @@ class Constants(NamedTuple):
     sensing: Sensing = Sensing()  # reference for the measured angles and speed
     # 1 if the effectors have actuators; 0 if the three axes have actuators and effectors follow
     driven: float = 0.0
+    envelope: Envelope = Envelope()
 
 
 class Effectors(NamedTuple):
