@@ -4,7 +4,9 @@ Strapdown integration of position, velocity and attitude over the rotating WGS-8
 the paper, from the measured specific force and body rates. The errors (position, velocity and
 attitude in north, east, down; biases of gyros and accelerometers) are truth minus estimate; the
 attitude error is a rotation vector in the local frame. Position and velocity are corrected at
-``update_rate``. The growth of the errors neglects the Earth's rotation and curvature.
+``update_rate``. The growth of the errors neglects the Earth's rotation and curvature. Angle of
+attack, sideslip and bank are those of the velocity relative to the Earth, so in wind they are not
+the angles of the air.
 """
 
 from collections import namedtuple
@@ -341,11 +343,20 @@ def law(measured, memory, settings, time, dt):
         if count > int((time - dt) * settings.update_rate + 1e-6):
             x, gyro, bias, P = update(x, gyro, bias, P, measured, settings)
     level = sqrt(x[3] * x[3] + x[4] * x[4])
+    to_body = transpose(axes(x[6:10]))
+    u, v, w = matmul(to_body, x[3:6])
+    down_x, down_y, down_z = to_body[0][2], to_body[1][2], to_body[2][2]
+    plane = sqrt(u * u + w * w)
+    # components of the vertical along the y and z wind axes, times the same factor
+    down = plane * plane * down_y - v * (u * down_x + w * down_z), u * down_z - w * down_x
     filtered = Filtered(
         altitude=x[2],
         speed=sqrt(level * level + x[5] * x[5]),
         flight_path_angle=atan2(-x[5], level),
         heading=atan2(x[4], x[3]),
+        angle_of_attack=atan2(w, u),
+        sideslip=atan2(v, plane),
+        bank=atan2(down[0], sqrt(plane * plane + v * v) * down[1]),
         roll_rate=rate[0] - gyro[0],
         pitch_rate=rate[1] - gyro[1],
         yaw_rate=rate[2] - gyro[2],

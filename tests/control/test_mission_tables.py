@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from abhv_mc.check_inputs import check_inputs
-from abhv_mc.control.mission_tables import DENSITIES, WIND, find_air_warnings, read_air_table
+from abhv_mc.control.mission_tables import (
+    DENSITIES,
+    WIND,
+    find_air_warnings,
+    find_imbalance,
+    read_air_table,
+)
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.world.atmosphere import atmosphere
 
@@ -117,3 +123,20 @@ def test_a_table_that_ends_within_the_flight_causes_a_warning(tmp_path, reposito
     (checked,) = check_inputs(tmp_path / "level.yaml")
     (warning,) = checked.warnings
     assert re.search(r"\b0 to 40 m\b.* in km\?$", warning)
+
+
+@pytest.mark.parametrize(
+    ("factor", "kelvin", "warnings"),
+    [
+        # an isothermal column, and the same pressure with 60 K more: -0.034 / m (1/T - 1/T')
+        (lambda z: np.exp(0.0 * z), 216.65, 0),
+        (lambda z: 216.65 / 276.65 + 0.0 * z, 276.65, 0),
+        (lambda z: np.exp(7e-5 * (z - 15e3)), 216.65, 1),
+        (lambda z: 1.0 + 0.1 * (np.abs(z - 17e3) < 600), 216.65, 0),
+        (lambda z: np.exp(4e-5 * (z - 15e3)), 216.65, 0),
+    ],
+)
+def test_air_that_is_not_in_balance_causes_a_warning(factor, kelvin, warnings):
+    z = np.arange(12e3, 19.5e3, 500.0)
+    columns = [z, 0.0 * z, 0.0 * z, factor(z), np.full(len(z), kelvin / 216.65)]
+    assert len(find_imbalance(np.stack(columns, axis=1))) == warnings

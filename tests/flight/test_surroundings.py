@@ -10,10 +10,11 @@ import abhv_mc
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.io.documents import InputError
+from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.world.atmosphere import atmosphere
+from abhv_mc.kernel.world.atmosphere import atmosphere, warm_pressure
 from abhv_mc.one_flight.given import make_flight_plan
 
 LEVEL = {"base": "level", "duration": "21 s"}
@@ -241,7 +242,8 @@ def test_a_wind_table_equals_the_wind_parameter(tmp_path):
     assert plan.reference[:, 19] == pytest.approx(1.03 * nominal.reference[:, 19])
 
 
-def test_warmer_air_is_thinner_and_slows_the_mach_number(tmp_path):
+@pytest.mark.parametrize("name", ["temperature", "uniform_temperature_offset"])
+def test_warmer_air_changes_density_and_mach_number(tmp_path, name):
     offsets, gas = np.array([0.0, 12.0, -20.0]), 287.05287
     table = tmp_path / "air.csv"
     levels = "".join(f"{z},{atmosphere(1e3 * z)[1] / 100.0},{210 + z / 2}\n" for z in range(15, 26))
@@ -249,15 +251,38 @@ def test_warmer_air_is_thinner_and_slows_the_mach_number(tmp_path):
     warmed = {"base": "level", "density": {"file": str(table)}}
     for mission, usual in (("level", 216.65), (warmed, 220.0)):
         plan = cut(make_flight_plan(mission, "ghame_x", "tlc"), 3)
-        rows = rows_of(*({"atmosphere.temperature": offset} for offset in offsets))
+        rows = rows_of(*({f"atmosphere.{name}": offset} for offset in offsets))
         rows_end = fly_until(plan, rows, 3).rows
         altitude, speed = rows_end[:, s.X + s.ALTITUDE], rows_end[:, s.AIRSPEED]
         kelvin = usual + offsets
         sound = np.sqrt(1.4 * gas * kelvin)
-        pressure = [atmosphere(height)[1] for height in altitude]
+        pressure = np.array([atmosphere(height)[1] for height in altitude])
+        if name != "temperature":  # the weight of a column with an equal pressure at sea level
+            heights = np.linspace(0.0, 19937.0, 20001)  # geopotential
+            standard = np.interp(heights, [0.0, 11e3, 20e3], [288.15, 216.65, 216.65])
+            change = 1.0 / standard - 1.0 / (standard + offsets[:, None])
+            pressure *= np.exp(9.80665 / gas * np.trapezoid(change, heights))
         # The profile is held over a tick, and the pressure of the last stage is that of its own
         # altitude.
         assert rows_end[:, s.RHO] == pytest.approx(pressure / (gas * kelvin), rel=2e-5)
         assert rows_end[:, s.V_MACH] == pytest.approx(speed / sound, rel=2e-5)
         nominal_sound = plan.reference[0, REFERENCE.index("sound_speed")]
         assert nominal_sound == pytest.approx(np.sqrt(1.4 * gas * usual), rel=1e-5)
+        # The trim tables apply at the speed of sound of the table.
+        trimmed = abhv_mc.trim("ghame_x", mission=mission).equivalence_ratio[0]
+        assert plan.reference[0, ref.EQUIVALENCE_RATIO] == pytest.approx(trimmed, rel=2e-3)
+
+
+def test_20_k_more_in_a_column_are_denser_air_at_20_km():
+    assert warm_pressure(20e3, 20.0) * 216.65 / 236.65 == pytest.approx(1.153, abs=1e-3)
+    # below the sea, in each layer, and above the last
+    for altitude in (-1e3, 5e3, 15e3, 25e3, 40e3, 49e3, 60e3, 75e3, 88e3):
+        assert warm_pressure(altitude, 0.0) == 1.0
+        pressure, temperature = atmosphere(altitude)[1:3]
+        above = [
+            atmosphere(altitude + rise)[1] * warm_pressure(altitude + rise, 9.0)
+            for rise in (-5.0, 5.0)
+        ]
+        gravity = 9.80665 * (6356766.0 / (6356766.0 + altitude)) ** 2
+        density = pressure * warm_pressure(altitude, 9.0) / (287.05287 * (temperature + 9.0))
+        assert (above[0] - above[1]) / 10.0 == pytest.approx(gravity * density, rel=1e-5)

@@ -48,7 +48,7 @@ def notch(x, first, second, starts, settings, dt):
 
 @measurement_filter(units={"frequency": "rad/s"})
 def law(measured, memory, settings, time, dt):
-    """Return the filtered measurement for TLC."""
+    """Return the filtered measurement."""
     starts = time == 0.0
     rate, rate_1, rate_2 = notch(
         measured.pitch_rate, memory.rate_1, memory.rate_2, starts, settings, dt

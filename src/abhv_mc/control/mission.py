@@ -20,6 +20,7 @@ from abhv_mc.control.mission_tables import (
     DENSITIES,
     WIND,
     find_air_warnings,
+    find_imbalance,
     join_air,
     read_air_table,
     read_trajectory,
@@ -447,8 +448,11 @@ class Mission(StrictModel):
         return join_air(*self.read_air())
 
     def find_air_warnings(self, altitude: Floats) -> list[str]:
-        """Return warnings about air tables that do not cover the given altitudes of a flight."""
-        return [
+        """Return warnings about air tables.
+
+        The tables should cover the given altitudes of a flight and be in hydrostatic balance.
+        """
+        return find_imbalance(self.make_air()) + [
             warning
             for key, table in zip((self.wind, self.density), self.read_air(), strict=True)
             if not isinstance(key, str) and table is not None

@@ -10,9 +10,13 @@ from abhv_mc.io.foreign_table import Column, read_foreign_table, read_numbers, t
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, KELVIN, LENGTH, PRESSURE, SPEED, TIME
-from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, atmosphere
+from abhv_mc.kernel.world.atmosphere import GAS_CONSTANT, atmosphere, geopotential_height
 
 _TRAJECTORY = {"time": TIME, "altitude": LENGTH, "speed": SPEED, "heading": ANGLE}
+
+_G0 = 9.80665  # standard gravity, m/s2
+# smallest height (m) and departure of the pressure per km that are a warning
+_BALANCED_OVER, _IMBALANCE = 2000.0, 0.05
 
 
 def read_trajectory(path: str | Path, duration: float) -> Floats:
@@ -130,6 +134,28 @@ def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:
         f"'{path.name}' has levels from {low:g} to {high:g} m, but the flight is at altitudes from "
         f"{lowest:.0f} to {highest:.0f} m; outside the table, its nearest level is used{hint}"
     ]
+
+
+def find_imbalance(air: Floats) -> list[str]:
+    """Return a warning if nominal air [level, column] is not in hydrostatic balance.
+
+    The logarithm of the pressure, relative to the standard one, is compared with the integral of
+    (1 / T_standard - 1 / T) g / R over the geopotential height.
+    """
+    height = np.array([geopotential_height(z) for z in air[:, 0].tolist()])
+    standard = np.array([atmosphere(z)[2] for z in air[:, 0].tolist()])
+    slope = (1.0 / standard - 1.0 / (standard * air[:, 4])) * _G0 / GAS_CONSTANT
+    balance = np.append(0.0, np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(height)))
+    departure = np.log(air[:, 3] * air[:, 4]) - balance
+    tops = np.searchsorted(height, height + _BALANCED_OVER)
+    for low, top in enumerate(tops[tops < len(height)]):
+        rate = 1e3 * (departure[top] - departure[low]) / (height[top] - height[low])
+        if abs(rate) > _IMBALANCE:
+            return [
+                f"the air from {air[low, 0]:g} to {air[top, 0]:g} m is not in hydrostatic balance: "
+                f"the pressure departs by {rate:+.1%} per km"
+            ]
+    return []
 
 
 def join_air(wind: Floats | None, density: Floats | None) -> Floats:

@@ -55,7 +55,7 @@ def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recor
 # Prefixes of dispersed parameters that lean kernels do not support.
 NOT_LEAN = (
     *("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_"),
-    *("thrust.", "atmosphere.temperature"),
+    *("thrust.", "atmosphere.temperature", "atmosphere.uniform"),
 )
 
 

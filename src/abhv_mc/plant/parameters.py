@@ -176,6 +176,11 @@ _TABLE: tuple[Parameter, ...] = (
         "K",
         "air temperature at every altitude, at unchanged pressure",
     ),
+    _error(
+        "atmosphere.uniform_temperature_offset",
+        "K",
+        "air temperature at every altitude, in hydrostatic balance at unchanged sea-level pressure",
+    ),
     _error("wind.north", "m/s", "steady wind blowing towards the north"),
     _error("wind.east", "m/s", "steady wind blowing towards the east"),
     _error("wind.shear_north", "1/s", "change of the northward wind per metre of altitude"),

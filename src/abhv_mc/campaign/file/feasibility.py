@@ -25,6 +25,7 @@ _RARELY = 1e-6  # tolerated probability of values beyond a bound
 _UNLIKELY = 0.05  # required probabilities below this value are probably percentages
 _USUAL = np.array([0.001, 0.999])  # probabilities of the quantiles that bound usual values
 _HOT = 60.0  # largest usual offset of the air temperature, K
+_OFFSETS = ("atmosphere.temperature", "atmosphere.uniform_temperature_offset")
 _NARROW, _WIDE = 0.005, 5.0  # usual deviations from the nominal value, relative to it
 _NEAR_ZERO = 0.1  # limit below which all values of a factor are probably wrong
 # parameters with small deviations, or without a usual value
@@ -86,7 +87,7 @@ def find_slips(campaign: Experiment) -> list[str]:
     for name in campaign.varied:
         parameter, marginal = campaign.parameters[name], campaign.marginals.get(name)
         values = marginal.ppf(_USUAL) if marginal else values_of(campaign, name)
-        if name == "atmosphere.temperature" and np.abs(values).max() > _HOT:
+        if name in _OFFSETS and np.abs(values).max() > _HOT:
             problem = f"'{name}' is an offset and exceeds {_HOT:g} K"
             slips.append(refuse_input(campaign, name, problem, "a smaller difference"))
         is_relative = "%" in str(campaign.dispersions.get(name)) or not parameter.of_user

@@ -22,11 +22,12 @@ from abhv_mc.kernel.numerics.lane_math import (
 from abhv_mc.kernel.numerics.quaternion import rotate_meridional, rotate_to_body
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.disturbance import any_lane
-from abhv_mc.kernel.plant.state import XS, X, parameter_row
+from abhv_mc.kernel.plant.state import XS, X, parameter_rows
 from abhv_mc.kernel.world.atmosphere import (
     GAS_CONSTANT,
     HEAT_CAPACITY_RATIO,
     atmosphere_lanes,
+    warm_pressure,
 )
 
 # Units are m, m/s towards north and east, and factors on the standard atmosphere.
@@ -39,7 +40,8 @@ PROFILE = (
     "temperature",
 )
 _ALTITUDE, _NORTH, _EAST, _DENSITY, _TEMPERATURE = range(5)
-_WARMER = parameter_row("atmosphere.temperature")
+_COLDEST = -160.0  # limit of the offset of a column, which keeps all temperatures positive, K
+_WARMER, _COLUMN = parameter_rows("atmosphere.temperature", 2)
 
 
 @scalar
@@ -147,7 +149,14 @@ def between_knots(profile, column, altitude):
 
 @lanes
 def nominal_density(Z, width, profile):
-    """Multiply the tick's density factor by the profile's factor; set the temperature factor."""
+    """Multiply the tick's density factor by the profile's; set the temperature factor.
+
+    The density factor includes the pressure of a column with a uniform temperature offset.
+    """
+    if any_lane(Z, width, _COLUMN, 1, 0.0):
+        for lane in range(width):
+            offset = larger(Z[_COLUMN, lane], _COLDEST)
+            Z[s.DENSITY_PROFILE, lane] *= warm_pressure(Z[X + s.ALTITUDE, lane], offset)
     if profile.shape[0] > 0:
         for lane in range(width):
             altitude = Z[X + s.ALTITUDE, lane]
@@ -161,19 +170,19 @@ def is_warm(Z, width, profile):
     differs = False
     for knot in range(profile.shape[0]):
         differs |= profile[knot, _TEMPERATURE] != 1.0
-    return differs or any_lane(Z, width, _WARMER, 1, 0.0)
+    return differs or any_lane(Z, width, _WARMER, 2, 0.0)
 
 
 @lanes
 def warm_air(Z, width, density_row, per_sound_row):
-    """Apply the profile's temperature and the flight's offset to density and sound speed.
+    """Apply the profile's temperature and the flight's offsets to density and sound speed.
 
     The density already includes the temperature of the profile. The pressure does not change. The
-    offset cannot reduce the temperature to less than a tenth of its value.
+    offsets cannot reduce the temperature to less than a tenth of its value.
     """
     for lane in range(width):
         per_sound, factor = Z[per_sound_row, lane], Z[s.TEMPERATURE_PROFILE, lane]
-        share = Z[_WARMER, lane] * (per_sound * per_sound) / factor
+        share = (Z[_WARMER, lane] + Z[_COLUMN, lane]) * (per_sound * per_sound) / factor
         ratio = larger(1.0 + HEAT_CAPACITY_RATIO * GAS_CONSTANT * share, 0.1)
         Z[density_row, lane] /= ratio
         Z[per_sound_row, lane] = per_sound / math.sqrt(factor * ratio)

@@ -131,7 +131,7 @@ PARAMETER_NAMES: tuple[str, ...] = (
         for slack in ("dead_zone", "backlash")
     ),
     *("thrust.inclination", "thrust.azimuth"),
-    "atmosphere.temperature",
+    *("atmosphere.temperature", "atmosphere.uniform_temperature_offset"),
 )
 FAILURE_TIMES = tuple(
     name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time")

@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 from abhv_mc.kernel.jit import lanes, scalar
+from abhv_mc.kernel.numerics.angles import smaller
 from abhv_mc.kernel.numerics.lane_math import exp, log
 
 GEOPOTENTIAL_RADIUS = 6356766.0  # r0 in the geopotential altitude H = r0 Z / (r0 + Z), m
@@ -101,6 +102,27 @@ def atmosphere(altitude: float) -> tuple[float, float, float, float]:
     height = geopotential_height(altitude)
     density, pressure, temperature, per_sound_speed = air_in_layer(layer_at(height), height, False)
     return density, pressure, temperature, 1.0 / per_sound_speed
+
+
+@scalar
+def warm_pressure(altitude: float, offset: float) -> float:
+    """Return the pressure at an altitude (m), divided by the standard pressure.
+
+    The air is in hydrostatic balance, ``offset`` (K) warmer than the standard atmosphere at every
+    altitude, and has the standard pressure at 0 m.
+    """
+    height, power = geopotential_height(altitude), 0.0
+    for i in range(8):
+        depth = height - _BASE[i]
+        depth = depth if depth > 0.0 or i == 0 else 0.0
+        if i < 7:
+            depth = smaller(depth, _BASE[i + 1] - _BASE[i])
+        share, lapse = _TEMPERATURE[i] / (_TEMPERATURE[i] + offset), _RELATIVE_LAPSE[i] * depth
+        if _RELATIVE_LAPSE[i] == 0.0:
+            power += _RATE[i] * depth * (share - 1.0)
+        else:
+            power += _RATE[i] * (log(1.0 + lapse * share) - log(1.0 + lapse))
+    return exp(power)
 
 
 @lanes
