@@ -71,10 +71,10 @@ Histories, envelopes and replays record the following quantities. Commands have 
 the unit. The heat flux is not-a-number if the vehicle file has no `reference.nose_radius`.
 
 These channels are circular: {", ".join(code(s.name) for s in CHANNELS if s.circular)}. Histories
-contain them as recorded. For envelopes and simultaneous bands, values at each time move by full
-turns to within half a turn of the circular mean of the flights, which is continuous over time. No
-band exists where the resultant length of the flights' directions is below 0.6. The minimum and
-maximum cover the stored flights at the recorded times.
+contain them as recorded, and metrics use these values. For envelopes and simultaneous bands, values
+at each time move by full turns to within half a turn of the circular mean of the flights, which is
+continuous over time. No band exists where the resultant length of the flights' directions is below
+0.6. The minimum and maximum cover the stored flights at the recorded times.
 
 {_signals(CHANNELS)}
 ## Reference channels

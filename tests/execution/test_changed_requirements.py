@@ -3,12 +3,16 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from fake_flight import ENGINE, run, write_campaign
 
 import abhv_mc
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.flight_counts import RequirementCount
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import Manifest, read_manifest, write_manifest
@@ -33,6 +37,17 @@ def no_flight(*_: object) -> None:
 
 
 IDLE = replace(ENGINE, fly=no_flight)
+
+
+@pytest.mark.parametrize("early_is_failure", [True, False])
+def test_early_terminations_count_if_the_requirement_says_so(early_is_failure):
+    requirement = SimpleNamespace(limits=Bounds(high=5.0), early_is_failure=early_is_failure)
+    counts = np.zeros((3, 2), np.int64)
+    count = RequirementCount(requirement, True, np.zeros(4, bool), *counts)
+    values, early = np.array([1.0, 9.0, np.nan, 1.0]), np.array([False, False, False, True])
+    count.add(values, early, np.arange(4))
+    assert count.missed.tolist() == [False, True, True, early_is_failure]
+    assert counts.tolist() == [[2, 2], [0, int(early_is_failure)], [1, 1]]  # early, then measured
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import pytest
 from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution.completion import Completion
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
@@ -53,6 +54,14 @@ def test_a_campaign_stops_when_all_verdicts_are_final(reference):
     flights = pq.read_table(reference.folder / "flights")
     assert sorted(flights["flight"].to_pylist()) == sorted([*range(stop), *range(stop)])
     assert max(pq.read_table(reference.folder / "envelopes.parquet")["count"].to_pylist()) == stop
+
+
+def test_stored_flights_beyond_the_decision_belong_to_the_campaign(tmp_path):
+    campaign = read_campaign(make(tmp_path / "f", requirements=PROVEN))
+    completion = Completion(campaign, (0, 2000), ("one", "two"))
+    for done in completion.done.values():
+        done[:300] = True  # without failures, 64 flights decide
+    assert completion.goal() == 300 and completion.is_complete()
 
 
 @pytest.mark.parametrize("execution", ["{workers: 1, batch: auto}", "{workers: 3, batch: 16}"])

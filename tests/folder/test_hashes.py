@@ -15,8 +15,10 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.hashes import DAMAGED, REPLACED
+from abhv_mc.folder.hashes import DAMAGED, REPLACED, refuse_changes
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
+from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.tables import export_csv, open_database
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.whatif import make_whatif
@@ -46,6 +48,16 @@ def flown(tmp_path_factory):
 def request_(flown, tmp_path):
     """Request for a copy of the folder."""
     return Request(flown.parent / "f/campaign.yaml", shutil.copytree(flown, tmp_path / "out"))
+
+
+def test_only_replaced_and_removed_files_are_changes(flown):
+    folder = CampaignFolder(flown)
+    manifest = read_manifest(folder.manifest)
+    first, *others = manifest.files
+    refuse_changes(folder, replace(manifest, files={name: manifest.files[name] for name in others}))
+    for change in ({first: "0"}, {"removed": "0"}):
+        with pytest.raises(InputError, match=REPLACED):
+            refuse_changes(folder, replace(manifest, files={**manifest.files, **change}))
 
 
 @pytest.fixture(scope="module")

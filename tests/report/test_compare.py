@@ -3,6 +3,7 @@
 import html
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ from report.synthetic import build_page, write_campaign
 
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.unknowns import Unknowns
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.compare import check_baseline, pair_campaigns, parse_margins
+from abhv_mc.report.numbers.compare import _gate, check_baseline, pair_campaigns, parse_margins
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.comparison.model import metric_differences
@@ -46,6 +50,16 @@ def test_the_gate_is_the_exit_code(failing_folder, abhv_mc, crossed, margin, cod
     gate = ["--controllers", crossed, "--fail-if-worse", f"bank_error_rms_deg={margin}"]
     status, out, _ = abhv_mc("compare", failing_folder, failing_folder, *gate)
     assert (status, sentence in " ".join(out.split())) == (code, True), out
+
+
+@pytest.mark.parametrize("lost", [5, 6])
+def test_the_points_of_the_unknowns_share_the_risk_of_the_gate(lost):
+    """Of two points, each has a risk of 2.5 %; 5 and 6 newly lost flights have 3.1 and 1.6 %."""
+    flight = np.arange(80)
+    a = ControllerFlights(flight, np.zeros(80, np.uint8), {"speed_error_max_mps": 1.0 + flight}, ())
+    b = replace(a, outcome=np.where((flight < 2 * lost) & (flight % 2 == 0), Outcome.FUEL_OUT, 0))
+    points = Unknowns(points=np.zeros((2, 0)))
+    assert _gate(a, b, "speed_error_max_mps", 0.05, (), unknowns=points).loses_more == (lost == 6)
 
 
 @pytest.mark.parametrize(("arguments", "message"), [

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import beta
 
 from abhv_mc.statistics.gate import judge_change
 from benchmarks.gate import CHANGES, count_stopped
@@ -79,5 +80,6 @@ def test_lost_flights_are_worse():
     assert not judge(a, np.where(many, np.inf, 0.5), lost=(NONE, many)).shown
     gate = judge(a, np.where(some, np.inf, 0.5), lost=(NONE, some))
     assert gate.within == 970 and gate.loses_more and not gate.shown
+    assert gate.within_low == pytest.approx(beta.ppf(0.05, 970, 31))  # one-sided
     assert judge(np.where(many, np.inf, a), a, 0.0, lost=(many, NONE)).shown
     assert judge(np.full(1000, np.inf), np.full(1000, np.inf), lost=(~NONE, ~NONE)).shown

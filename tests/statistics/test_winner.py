@@ -46,6 +46,19 @@ def test_a_controller_that_is_closer_in_two_thirds_of_the_flights_is_found(numbe
     assert binom.sf(least - 1, 300, 0.65) >= share
 
 
+@pytest.mark.parametrize(("metrics", "pairs"), [(1, 1), (4, 1), (1, 20), (4, 20)])
+def test_metrics_and_pairs_share_the_risk(metrics, pairs):
+    worse = decide(
+        np.where(np.arange(1000) < 50, 1.5, 0.5), np.ones(1000), NONE, NONE, metrics, pairs=pairs
+    ).worse
+    assert worse == pytest.approx(((0.05 / (metrics * pairs) / 4.0) ** 1e-3,))
+    counts = range(150, 301, 3)
+    values = (np.where(np.arange(300) < count, 0.0, 2.0) for count in counts)
+    wins = [decide(a, np.ones(300), *LOST, metrics, pairs=pairs).closer for a in values]
+    least = np.log(2.0 * metrics * pairs / 0.05)
+    assert [*map(bool, wins)] == [log_coin_evidence(k, 300 - k) >= least for k in counts]
+
+
 def test_early_terminations_are_a_family_of_their_own():
     lost = np.arange(300) < 8
     p_value = compare_failures(lost, LOST[0]).p_value  # 0.0078

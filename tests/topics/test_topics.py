@@ -62,23 +62,22 @@ def test_a_flight_that_ended_early_misses_every_requirement(failing):
     assert altitude["tlc"].status == "NOT SHOWN"
 
 
-def test_the_chart_prints_the_tolerance_limit_and_its_room(failing):
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_chart_prints_the_tolerance_limit_and_its_room(failing, sign):
     """Regression: the figure printed the median without a label at its right edge."""
     lost = float("inf")
-    cells = {
-        "tlc": GlanceCell(0.2, 0.4, 0.6, 0.62, 0.65),
-        "lqr": GlanceCell(0.5, 0.98, 1.4, 1.5, 1.57),
-        "lqr_retuned": GlanceCell(0.5, lost, lost, None),
+    values = {
+        "tlc": (0.2, 0.4, 0.6, 0.62, 0.65),
+        "lqr": (0.5, 0.98, 1.4, 1.5, 1.57),
+        "lqr_retuned": (0.5, lost, lost, None),
     }
+    cells = {name: GlanceCell(*(v and sign * v for v in row)) for name, row in values.items()}
     names = dict.fromkeys(cells, "")
-    ((_, bars),) = chart_rows(
-        [replace(Models(failing)[VERDICTS].glance[2], cells=cells)], names, names
-    )
-    assert [bar.edge for bar in bars] == [
-        "0.650 deg, 7.1\u202f% margin",
-        "1.57 deg, 124\u202f% over",
-        "lost",
-    ]
+    row = replace(Models(failing)[VERDICTS].glance[2], below=sign > 0.0, limit=0.7 * sign, size=0.7)
+    ((_, bars),) = chart_rows([replace(row, cells=cells)], names, names)
+    ends = ["0.650 deg, 7.1\u202f% margin", "1.57 deg, 124\u202f% over", "lost"]
+    assert all(bar.edge.endswith(end) for bar, end in zip(bars, ends, strict=True))
+    assert bars[0].low == pytest.approx(100.0 * 0.2 / 0.7 / 1.35)  # the limit is at 100 / 1.35
     assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in bars] == [
         (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip
 

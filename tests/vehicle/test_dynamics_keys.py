@@ -5,13 +5,16 @@ import re
 import pytest
 from short_flights import change_vehicle
 
+from abhv_mc.flight.channels import state_channels
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.vehicle.file import read_vehicle_file
+from abhv_mc.vehicle.vehicle_code import name_states
 
 LIMIT = "  sideslip: 15 deg\n"
 CASES = {
     "unit": ("mode_1: m\n", "mode_1: mx\n", "'mx'"),
+    "circle": ("mode_1: m\n", "mode_1: {unit: m, circular: yes}\n", "'m' of a circular"),
     "start": ("mode_1: m\n", "mode_1: {unit: m, start: 3 kg}\n", "'3 kg'"),
     "word": ("mode_1: m\n", "mode-1: m\n", "'mode-1'"),
     "duplicate": ("mode_1: m\n", "altitude: m\n", "'initial.altitude'"),
@@ -29,6 +32,17 @@ def test_errors_give_their_location(tmp_path, case):
     with pytest.raises(InputError, match=re.escape(fragment)) as caught:
         read_vehicle_file(path)
     assert re.search(r"vehicle\.yaml:\d+:\d+: ", str(caught.value))
+
+
+def test_circular_states_are_circular_channels(tmp_path):
+    changes = (
+        ("mode_1: m\n", "mode_1: {unit: rad, circular: yes}\n"),
+        ("mode_2: m\n", "mode_2: rad\n"),
+    )
+    code = read_vehicle_file(change_vehicle(tmp_path, *changes, name="flexible")).code
+    channels = {channel.name: channel for channel in state_channels(name_states(code))}
+    assert channels["state.mode_1"].period == pytest.approx(360.0)  # in degrees, as recorded
+    assert channels["state.mode_2"].period == channels["state.mode_3"].period == 0.0
 
 
 def test_settings_and_limits_are_in_si(tmp_path):

@@ -5,12 +5,15 @@ import io
 import shutil
 import subprocess
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fake_flight import make_plan
 from scipy.io import loadmat
 
+from abhv_mc.control.design.reference import COLUMN_INDEX
+from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.plan_arrays import flatten, stored_arrays
 from abhv_mc.folder.plan_file import read_plan, write_plan
@@ -19,6 +22,7 @@ from abhv_mc.kernel.laws.columns import LQR_GAINS
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.stability.fly_with_margins import add_margins
 from abhv_mc.vehicle_simulator.export_gains import write_gains
+from abhv_mc.vehicle_simulator.make_plans import _find_jumps
 from abhv_mc.vehicle_simulator.stored_plans import code_of, rebuild_plan, rebuild_sent
 
 
@@ -38,6 +42,24 @@ def test_every_part_comes_back_with_its_type(tmp_path):
     for name, value in old.items():
         assert value.dtype == new[name].dtype
         assert value.tobytes() == new[name].tobytes(), name
+
+
+@pytest.mark.parametrize(
+    ("heading", "of", "number"),
+    [
+        (-0.1, "heading_deg - 5", 1),
+        (6.2, "abs(heading_measured_deg)", 1),
+        (0.1, "sin(0.0174532925 * heading_deg)", 0),
+        (0.1, "heading_error_deg", 0),
+        (1.5, "heading_deg", 0),
+    ],
+)
+def test_metrics_of_headings_that_jump_at_north_cause_a_warning(heading, of, number):
+    plan = make_plan("one")
+    reference = plan.reference.copy()
+    reference[:, COLUMN_INDEX["heading"]] = heading
+    campaign = SimpleNamespace(metrics={"own": replace(METRICS[0], name="own", of=of)})
+    assert len([*_find_jumps({"one": replace(plan, reference=reference)}, campaign)]) == number
 
 
 def test_a_sent_plan_flies_with_the_same_code():

@@ -266,8 +266,8 @@ def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
     )
 
 
-def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
-    """Return the channels of custom states (name, SI unit); angles are in degrees."""
+def state_channels(states: Sequence[tuple[str, str, bool]]) -> tuple[Channel, ...]:
+    """Return the channels of custom states (name, SI unit, circular); angles are in degrees."""
     display_units = {"rad": "deg", "rad/s": "deg/s"}
     return tuple(
         Channel(
@@ -275,8 +275,9 @@ def state_channels(states: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
             display_units.get(unit, unit),
             f"custom state {name}",
             f"custom_state+{i}",
+            circular=circular,
         )
-        for i, (name, unit) in enumerate(states)
+        for i, (name, unit, circular) in enumerate(states)
     )
 
 

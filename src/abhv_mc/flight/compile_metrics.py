@@ -64,7 +64,7 @@ def _make_row(source: Source) -> SourceRow:
 
 @cache
 def _builtin_source_rows(
-    effectors: tuple[str, ...], states: tuple[tuple[str, str], ...]
+    effectors: tuple[str, ...], states: tuple[tuple[str, str, bool], ...]
 ) -> dict[str, SourceRow]:
     all_sources = *SOURCES.values(), *effector_sources(effectors), *state_channels(states)
     return {source.name: _make_row(source) for source in all_sources}
@@ -73,7 +73,7 @@ def _builtin_source_rows(
 def source_rows(
     user_channels: NDArray[np.str_],
     effectors: tuple[str, ...] = (),
-    states: tuple[tuple[str, str], ...] = (),
+    states: tuple[tuple[str, str, bool], ...] = (),
 ) -> dict[str, SourceRow]:
     """Return the lane-memory rows of all sources, by name.
 

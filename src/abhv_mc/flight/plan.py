@@ -168,7 +168,7 @@ class FlightPlan:
         return (*CHANNELS, *added[0], *added[1])
 
     @property
-    def custom_states(self) -> tuple[tuple[str, str], ...]:
+    def custom_states(self) -> tuple[tuple[str, str, bool], ...]:
         """Names and units of the vehicle's custom states."""
         return name_states(self.vehicle_code)
 

@@ -34,7 +34,7 @@ def vehicle_parameters(code: VehicleCode | None) -> Parameters:
 
 def read_vehicle_parameters(
     vehicle: str | Path, controllers: Iterable[Path] = ()
-) -> tuple[Parameters, tuple[tuple[str, str], ...]]:
+) -> tuple[Parameters, tuple[tuple[str, str, bool], ...]]:
     """Return the parameters of a vehicle and its controllers, and the custom states.
 
     Raise InputError if a file is invalid.

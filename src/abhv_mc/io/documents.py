@@ -237,6 +237,16 @@ def _resolve_file(value: object, info: ValidationInfo) -> object:
 File = Annotated[Path, BeforeValidator(_resolve_file, json_schema_input_type=str)]
 """Field that names an existing file, relative to the folder of the document."""
 
+YesNo = Annotated[
+    bool,
+    BeforeValidator(
+        lambda value: (
+            {"yes": True, "no": False}.get(value, value) if isinstance(value, str) else value
+        ),
+        json_schema_input_type=bool | Literal["yes", "no"],
+    ),
+]
+
 
 def validate(document: Document, model: type[M]) -> M:
     """Convert a document's data to a ``model``. Raise InputErrors with all problems.

@@ -145,6 +145,16 @@ def parse_unit(text: str) -> tuple[float, Exponents]:
     return factor, exponents
 
 
+def check_angle(unit: str) -> None:
+    """Raise Refusal if ``unit``, the unit of a circular quantity, is not a unit of angles."""
+    if parse_unit(unit)[1] != ANGLE.exponents:
+        raise Refusal(
+            f"the unit '{unit}' of a circular quantity is not an angle",
+            "the unit deg or rad",
+            ("unit",),
+        )
+
+
 def dimension_of(unit: str) -> Dimension:
     """Return the dimension of a unit. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)

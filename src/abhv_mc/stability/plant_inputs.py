@@ -34,14 +34,14 @@ def plant_states(vehicle: Vehicle) -> tuple[str, ...]:
     return (
         *path.COORDINATES,
         *(f"{name}{suffix}" for name in name_inputs(vehicle) for suffix in ("", "_rate")),
-        *(f"state.{name}" for name, _ in name_states(find_code(vehicle))),
+        *(f"state.{name}" for name, *_ in name_states(find_code(vehicle))),
     )
 
 
 def plant_units(vehicle: Vehicle) -> tuple[str, ...]:
     """Return the units of the plant's states."""
     surfaces = len(name_inputs(vehicle)) - 1
-    own = (unit for _, unit in name_states(find_code(vehicle)))
+    own = (unit for _, unit, _ in name_states(find_code(vehicle)))
     return (*path.UNITS, *["rad", "rad/s"] * surfaces, "-", "1/s", *own)
 
 

@@ -5,8 +5,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel, describe
-from abhv_mc.io.units import dimension_of, parse_any, parse_quantity
+from abhv_mc.io.documents import File, Refusal, StrictModel, YesNo, describe
+from abhv_mc.io.units import check_angle, dimension_of, parse_any, parse_quantity
 from abhv_mc.kernel.plant.state import MAX_STATES
 
 Number = float | str
@@ -21,9 +21,15 @@ class CustomState(StrictModel):
         description="initial value of the state; default: its equilibrium value in trim",
     )
 
+    circular: YesNo = Field(
+        False, description="whether the state is an angle of which a full turn changes nothing"
+    )
+
     @model_validator(mode="after")
     def _check(self) -> "CustomState":
         dimension_of(self.unit)
+        if self.circular:
+            check_angle(self.unit)
         if self.start is not None:
             parse_quantity(self.start, dimension_of(self.unit))
         return self

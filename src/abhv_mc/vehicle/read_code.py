@@ -85,6 +85,9 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         effectors=mixed,
         span=content.reference.span,
         chord=content.reference.chord,
+        circular=frozenset(
+            name for name, state in (custom.states if custom else {}).items() if state.circular
+        ),
     )
     names = [setting.name for setting in (*code.settings, *code.starts)]
     if duplicates := set(names).intersection(PARAMETER_NAMES):

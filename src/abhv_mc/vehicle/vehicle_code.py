@@ -68,6 +68,7 @@ class VehicleCode:
     effectors: tuple[tuple[str, float, float, float], ...]
     span: float
     chord: float
+    circular: frozenset[str] = frozenset()  # names of circular states
 
     def functions(self) -> Iterator[FunctionCode]:
         """Yield the custom functions that are defined."""
@@ -121,9 +122,11 @@ class VehicleCode:
         )
 
 
-def name_states(code: VehicleCode | None) -> tuple[tuple[str, str], ...]:
-    """Return the names and units of custom states."""
-    return tuple((state.name, state.unit) for state in code.states) if code else ()
+def name_states(code: VehicleCode | None) -> tuple[tuple[str, str, bool], ...]:
+    """Return the names and units of custom states, and whether each state is circular."""
+    if code is None:
+        return ()
+    return tuple((state.name, state.unit, state.name in code.circular) for state in code.states)
 
 
 Evaluator = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]

@@ -1,5 +1,6 @@
 """Preparation and checks of the flight plans of a campaign."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from abhv_mc.user_code.source import read_source
 from abhv_mc.vehicle.effectors import axis_limits, drive, name_effectors
 from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, oscillation_conflict
 
+_NORTH = 0.95  # cosine of a heading near the jump from 360 to 0 deg
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
 
 
@@ -119,7 +121,16 @@ def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
     """Return warnings about the mission, sensing and feasibility, without duplicates."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
-    return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))
+    specific = *_sensing(plans, campaign), *_find_jumps(plans, campaign)
+    return list(dict.fromkeys([*specific, *plain, *asked_in_vain(campaign)]))
+
+
+def _find_jumps(plans: Mapping[str, FlightPlan], campaign: Experiment) -> Iterable[str]:
+    """Yield a warning for each metric of a heading that jumps, because flights head north."""
+    headings = next(iter(plans.values())).reference[:, COLUMN_INDEX["heading"]]
+    for metric in campaign.metrics.values() if np.cos(headings).max() > _NORTH else ():
+        if re.search(r"^(?!.*(sin|cos)\().*\bheading_(measured_)?deg\b", metric.of):
+            yield f"metric '{metric.name}' jumps by 360 deg at north; heading_error_deg does not"
 
 
 def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:

@@ -140,7 +140,7 @@ def _check(document: Document, model: Campaign) -> Experiment:
     """Check constraints that the pydantic model cannot express. Raise InputErrors."""
     errors: list[InputError] = []
     own = model if isinstance(model, SimulatorCampaign) else None
-    states: tuple[tuple[str, str], ...] = ()
+    states: tuple[tuple[str, str, bool], ...] = ()
     if own:
         parameters = own.parameters
     else:
@@ -434,7 +434,7 @@ def _declare_metrics(
     errors: list[InputError],
     *,
     effectors: tuple[str, ...],
-    states: tuple[tuple[str, str], ...],
+    states: tuple[tuple[str, str, bool], ...],
 ) -> tuple[Metric, ...]:
     """Return the records of custom metrics. The file of custom channels is not run."""
     location: tuple[str, ...] = ("metrics",)

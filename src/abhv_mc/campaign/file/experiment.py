@@ -88,7 +88,7 @@ class Experiment:
     declared: tuple[Metric, ...] = ()
     user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each custom channel
     effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
-    states: tuple[tuple[str, str], ...] = ()  # names and units of the vehicle's custom states
+    states: tuple[tuple[str, str, bool], ...] = ()  # names, units and circularity of custom states
     systems: Mapping[str, System] = field(default_factory=dict)  # prepared systems, by controller
     columns: tuple[str, ...] | None = None  # columns of imported samples; None if drawn
     derived: Derived = ()  # parameters computed from other parameters

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeGuard
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from abhv_mc.campaign.file.config import Campaign, Execution, Name
 from abhv_mc.campaign.file.user_metrics import MetricName
@@ -13,9 +13,17 @@ from abhv_mc.control.law_file import expand
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.io.documents import CommaKeys, Document, InputError, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import (
+    CommaKeys,
+    Document,
+    InputError,
+    Refusal,
+    StrictModel,
+    YesNo,
+    one_of,
+)
 from abhv_mc.io.phrases import quoted
-from abhv_mc.io.units import ANGLE, Time, parse_unit
+from abhv_mc.io.units import Time, check_angle
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.plant.parameters import Parameter, Parameters
 from abhv_mc.user_code.read_guard import is_regular
@@ -35,16 +43,6 @@ _TAKEN = {
 }
 _OUTCOMES = {Outcome.OK.code, Outcome.FAILED_TO_RUN.code}
 Unit = Annotated[str, Field(min_length=1, max_length=30)]
-
-YesNo = Annotated[
-    bool,
-    BeforeValidator(
-        lambda value: (
-            {"yes": True, "no": False}.get(value, value) if isinstance(value, str) else value
-        ),
-        json_schema_input_type=bool | Literal["yes", "no"],
-    ),
-]
 
 
 class Simulator(StrictModel):
@@ -180,12 +178,8 @@ class HistoryChannel(Quantity):
 
     @model_validator(mode="after")
     def _check_unit(self) -> "HistoryChannel":
-        if self.circular and parse_unit(self.unit)[1] != ANGLE.exponents:
-            raise Refusal(
-                f"the unit '{self.unit}' of a circular channel is not an angle",
-                "the unit deg or rad",
-                ("unit",),
-            )
+        if self.circular:
+            check_angle(self.unit)
         return self
 
 

@@ -178,7 +178,7 @@ def declare_metrics(
     *,
     windows: Mapping[str, tuple[float, float]],
     effectors: tuple[str, ...] = (),
-    states: tuple[tuple[str, str], ...] = (),
+    states: tuple[tuple[str, str, bool], ...] = (),
 ) -> tuple[Metric, ...]:
     """Return the records of the declared metrics; append problems to ``errors``.
 
