@@ -5,12 +5,12 @@ import os
 import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
-from abhv_mc.io.units import Frequency, parse_any, parse_in_unit, parse_unit
+from abhv_mc.io.units import Frequency, Time, parse_any, parse_in_unit, parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
@@ -20,6 +20,28 @@ _FILES = (
     "data files and modules of the control law: names, patterns such as tables/*.csv, or folders"
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def _folder(info: ValidationInfo) -> Path:
+    document = (info.context or {}).get("document")
+    return document.resolve("") if document else Path()
+
+
+def _expand_files(value: Any, info: ValidationInfo) -> list[Path]:
+    return expand(_folder(info), tuple(map(str, value)))
+
+
+def _find_words(value: Any, info: ValidationInfo) -> list[Path | str]:
+    """Return words of a command, with the path of each word that names a file in the folder."""
+    words = [(word, _folder(info) / str(word)) for word in value]
+    return [
+        path if path.is_file() and not Path(str(word)).is_absolute() else word
+        for word, path in words
+    ]
+
+
+_Words = BeforeValidator(_find_words, json_schema_input_type=list[str])
+_Files = BeforeValidator(_expand_files, json_schema_input_type=list[str])
 
 
 class ControllerModel(StrictModel):
@@ -223,6 +245,62 @@ class FmuController(ControllerModel):
         }
 
 
+class ProcessController(ControllerModel):
+    """Custom control law in a program; each flight has a process of its own."""
+
+    law: Literal["process"] = Field(description="kind of control law")
+    command: Annotated[tuple[Path | str, ...], _Words] = Field(
+        min_length=1, description="program and its arguments"
+    )
+    files: Annotated[tuple[Path, ...], _Files] = Field((), description=_FILES)
+    protocol: Literal["binary", "json"] = Field(
+        "json", description="records: lines of JSON, or 64-bit floats in the machine's byte order"
+    )
+    inputs: tuple[str, ...] = Field(
+        (),
+        description=(
+            "values in a request: time, measured.NAME, reference.NAME or onboard.NAME; by default "
+            "time and all measured quantities"
+        ),
+    )
+    outputs: tuple[str, ...] = Field(
+        ("aileron", "rudder", "elevator", "equivalence_ratio"),
+        description="values in a reply: fields of the command, or effectors of the vehicle",
+    )
+    time_limit: Annotated[Time, Field(gt=0.0)] = Field(
+        60.0, description="limit on the elapsed time until a reply"
+    )
+    rate: Rate = Field(100.0, description=_RATE)
+    period: ClassVar[int] = 0
+    design: ClassVar[None] = None
+
+    @model_validator(mode="after")
+    def _check(self) -> "ProcessController":
+        if not self.paths:
+            raise Refusal(
+                "'command' and 'files' name no file in the controller file's folder",
+                "the program or script in 'files'",
+                ("command",),
+            )
+        return self
+
+    @property
+    def paths(self) -> list[Path]:
+        """Files of the control law; the first one is the program, if it is a declared file."""
+        words = (word for word in self.command if isinstance(word, Path))
+        return list(dict.fromkeys((*words, *self.files)))
+
+    @property
+    def file(self) -> Path:
+        """File that error messages name."""
+        return self.paths[0]
+
+    @property
+    def wired(self) -> dict[str, str]:
+        """Source of each input by name."""
+        return {name: name for name in self.inputs}
+
+
 def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:
     """Convert a number or list of numbers to SI; ``unit``, if given, sets the dimension.
 
@@ -249,8 +327,8 @@ def _located(*keys: str | int) -> Iterator[None]:
 
 # name and length of each setting; the length of a single number is 0
 Layout = list[tuple[str, int]]
-UserController = PythonController | CController | FmuController
-USER_LAWS = ("python", "c", "fmu")
+UserController = PythonController | CController | FmuController | ProcessController
+USER_LAWS = ("python", "c", "fmu", "process")
 # keys of controller files whose values are paths relative to the file's folder
 NAMING_KEYS = (
     "file",
@@ -266,11 +344,14 @@ def find_files(law: UserController) -> dict[str, Path]:
 
     Raise Refusal if a file is missing.
     """
-    if isinstance(law, CController):
+    if isinstance(law, ProcessController):
+        law_files = law.paths
+    elif isinstance(law, CController):
         law_files = [law.library] if law.library is not None else list(law.sources)
     else:
         law_files = [law.file]
-    further_files = expand(law_files[0].parent, law.files)
+    patterns = () if isinstance(law, ProcessController) else law.files
+    further_files = expand(law_files[0].parent, patterns)
     design = getattr(law, "design", None)
     paths = [
         Path(os.path.abspath(path))  # noqa: PTH100
