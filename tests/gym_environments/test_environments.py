@@ -1,5 +1,9 @@
 """Gymnasium environments: the checks of Gymnasium, bounds, ends of flights and the how-to page."""
 
+import re
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -7,6 +11,7 @@ pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env
 
+import abhv_mc
 from abhv_mc.io.input_error import InputError
 from abhv_mc_gym import Env, VectorEnv
 
@@ -62,3 +67,24 @@ def test_flights_end_apart_and_keep_their_last_observation():
 def test_invalid_arguments_are_named(change, message):
     with pytest.raises(InputError, match=message):
         Env("level", **{**TASK, **change})
+
+
+@pytest.mark.thorough
+def test_the_programs_of_the_page_run(repository, tmp_path, monkeypatch):
+    """The loop around Plant, and a policy that is trained and flies beside TLC and LQR."""
+    page = (repository / "docs/how-to/plant.md").read_text()
+    loop, campaign = (
+        re.findall(f"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("python", "yaml")
+    )
+    monkeypatch.chdir(tmp_path)
+    short = '{"base": "level", "duration": "2 s"}'
+    (tmp_path / "loop.py").write_text(loop[0].replace('"level"', short))
+    for program in (["loop.py"], [repository / "docs/how-to/train_policy.py", "1"]):
+        subprocess.run([sys.executable, *program], check=True)
+    (tmp_path / "campaign.yaml").write_text(campaign[0])
+    results = abhv_mc.Campaign.read(tmp_path / "campaign.yaml").run(runs=4)
+    assert results.flights.groupby("controller").size().to_dict() == {
+        "lqr": 4,
+        "policy": 4,
+        "tlc": 4,
+    }
