@@ -10,11 +10,11 @@ import numpy as np
 
 from abhv_mc_gym import VectorEnv
 
-GENERATIONS = int(sys.argv[1]) if sys.argv[1:] else 25
-CANDIDATES, FLIGHTS, BEST = 32, 8, 8  # each candidate computes FLIGHTS flights with other samples
+GENERATIONS = int(sys.argv[1]) if sys.argv[1:] else 20
+CANDIDATES, FLIGHTS, BEST = 48, 4, 10  # each candidate computes FLIGHTS flights with other samples
 
 env = VectorEnv(
-    {"base": "level", "duration": "20 s"},
+    {"base": "level", "duration": "10 s"},
     num_envs=CANDIDATES * FLIGHTS,
     observation={
         "altitude_error_m / 100": (-3.0, 3.0),
@@ -56,7 +56,7 @@ def weights_of(candidates):
 
 
 rng = np.random.default_rng(1)
-mean, deviation = np.zeros(used.sum()), np.full(used.sum(), 0.3)
+mean, deviation = np.zeros(used.sum()), np.full(used.sum(), 0.2)
 for generation in range(GENERATIONS):
     candidates = mean + deviation * rng.standard_normal((CANDIDATES, mean.size))
     weights = np.repeat(weights_of(candidates), FLIGHTS, axis=0)

@@ -1,6 +1,5 @@
 """Environments around :class:`abhv_mc.Plant`."""
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,7 +21,7 @@ Step = tuple[Array, Array, Array, Array, dict[str, Any]]
 class VectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
     """Flights that start together, and are reset together.
 
-    Observations and reward are expressions (:meth:`pandas.DataFrame.eval`) of measured quantities
+    Observations and reward are expressions (:func:`pandas.eval`) of measured quantities
     in SI units and radians, of channels, and of ``failed``, which is 1 at the step at which a limit
     ends the flight. After the end of a flight, its observations are constant and its reward is 0.
 
@@ -75,7 +74,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
         self.single_action_space = Box(-1.0, 1.0, (len(action),))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._words = set(re.findall(r"\w+", " ".join(self._expressions)))
         self.reset(seed=0)  # Expressions are checked here.
 
     def reset(
@@ -102,15 +100,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
         """Return the observations [flight, observation] and the rewards [flight]."""
         failed = ~self._ended & ~np.isin(state.outcome, ("", "ok"))
         columns: dict[str, Array] = {**state.channels, **state.measured, "failed": 1.0 * failed}
-        for name in columns.keys() & self._words:
-            ended = np.isnan(columns[name])
-            self._values[name] = np.where(ended, self._values.get(name, np.nan), columns[name])
+        for name, values in columns.items():
+            self._values[name] = np.where(np.isnan(values), self._values.get(name, np.nan), values)
         *observed, reward = map(self._evaluate, self._expressions)
         return np.clip(np.array(observed, np.float32).T, *self._bounds), reward
 
     def _evaluate(self, text: str) -> Array:
         try:
-            values = pd.DataFrame(self._values).eval(text, engine="python")
+            values = pd.eval(text, engine="python", local_dict=self._values, global_dict={})
         except (NameError, SyntaxError, TypeError, ValueError) as error:
             expected = "an expression of measured quantities, channels and 'failed'"
             raise InputError(text, str(error), expected) from None

@@ -152,17 +152,9 @@ class ProcessLaw:
         failures[self._source.hash] = None, reason
 
 
-def open_process(
-    source: UserSource,
-    _gains: tuple[str, ...],
-    width: int,
-    _flights: int,
-    _memory: int | None,
-    _seen: int,
-    effectors: tuple[str, ...],
-) -> OpenLaw:
-    """Open the law for ``width`` flights; ``effectors`` are the vehicle's effectors."""
-    law = ProcessLaw(source, width, effectors)
+def open_process(source: UserSource, _gains: Any, width: int, *further: Any) -> OpenLaw:
+    """Open the law for ``width`` flights; the last argument names the vehicle's effectors."""
+    law = ProcessLaw(source, width, further[-1])
     address = ctypes.cast(law.callback, ctypes.c_void_p).value or 0
     return OpenLaw(address, 0, law, law.close)
 

@@ -1,8 +1,8 @@
 """Gymnasium environments: the checks of Gymnasium, bounds, ends of flights and the how-to page."""
 
-import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,19 +72,12 @@ def test_invalid_arguments_are_named(change, message):
 @pytest.mark.thorough
 def test_the_programs_of_the_page_run(repository, tmp_path, monkeypatch):
     """The loop around Plant, and a policy that is trained and flies beside TLC and LQR."""
-    page = (repository / "docs/how-to/plant.md").read_text()
-    loop, campaign = (
-        re.findall(f"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("python", "yaml")
-    )
     monkeypatch.chdir(tmp_path)
-    short = '{"base": "level", "duration": "2 s"}'
-    (tmp_path / "loop.py").write_text(loop[0].replace('"level"', short))
-    for program in (["loop.py"], [repository / "docs/how-to/train_policy.py", "1"]):
+    folder, short = repository / "docs/how-to", '{"base": "level", "duration": "2 s"}'
+    Path("loop.py").write_text((folder / "close_loop.py").read_text().replace('"level"', short))
+    for program in (["loop.py"], [folder / "train_policy.py", "1"]):
         subprocess.run([sys.executable, *program], check=True)
-    (tmp_path / "campaign.yaml").write_text(campaign[0])
-    results = abhv_mc.Campaign.read(tmp_path / "campaign.yaml").run(runs=4)
-    assert results.flights.groupby("controller").size().to_dict() == {
-        "lqr": 4,
-        "policy": 4,
-        "tlc": 4,
-    }
+    study = {"name": "policy", "mission": "level", "vehicle": "abhv", "dispersions": DISPERSIONS}
+    study["controllers"] = {"policy": "policy.yaml", "tlc": "tlc", "lqr": "lqr"}
+    flown = abhv_mc.Campaign.make(study).run(runs=4).flights.groupby("controller").size()
+    assert flown.to_dict() == {"lqr": 4, "policy": 4, "tlc": 4}

@@ -22,26 +22,18 @@ _FILES = (
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
-def _folder(info: ValidationInfo) -> Path:
-    document = (info.context or {}).get("document")
-    return document.resolve("") if document else Path()
-
-
 def _expand_files(value: Any, info: ValidationInfo) -> list[Path]:
-    return expand(_folder(info), tuple(map(str, value)))
+    return expand(info.context["document"].path.parent, tuple(map(str, value)))  # type: ignore[index]
 
 
-def _find_words(value: Any, info: ValidationInfo) -> list[Path | str]:
-    """Return words of a command, with the path of each word that names a file in the folder."""
-    words = [(word, _folder(info) / str(word)) for word in value]
-    return [
-        path if path.is_file() and not Path(str(word)).is_absolute() else word
-        for word, path in words
-    ]
+def _find_word(word: Any, info: ValidationInfo) -> Path | str:
+    """Return a word of a command, or the path of the file in the folder that the word names."""
+    path = info.context["document"].path.parent / str(word)  # type: ignore[index]
+    return path if path.is_file() and not Path(str(word)).is_absolute() else str(word)
 
 
-_Words = BeforeValidator(_find_words, json_schema_input_type=list[str])
 _Files = BeforeValidator(_expand_files, json_schema_input_type=list[str])
+_Word = Annotated[Path | str, BeforeValidator(_find_word, json_schema_input_type=str)]
 
 
 class ControllerModel(StrictModel):
@@ -249,9 +241,7 @@ class ProcessController(ControllerModel):
     """Custom control law in a program; each flight has a process of its own."""
 
     law: Literal["process"] = Field(description="kind of control law")
-    command: Annotated[tuple[Path | str, ...], _Words] = Field(
-        min_length=1, description="program and its arguments"
-    )
+    command: tuple[_Word, ...] = Field(min_length=1, description="program and its arguments")
     files: Annotated[tuple[Path, ...], _Files] = Field((), description=_FILES)
     protocol: Literal["binary", "json"] = Field(
         "json", description="records: lines of JSON, or 64-bit floats in the machine's byte order"
@@ -344,14 +334,13 @@ def find_files(law: UserController) -> dict[str, Path]:
 
     Raise Refusal if a file is missing.
     """
-    if isinstance(law, ProcessController):
-        law_files = law.paths
-    elif isinstance(law, CController):
+    if isinstance(law, CController):
         law_files = [law.library] if law.library is not None else list(law.sources)
     else:
         law_files = [law.file]
-    patterns = () if isinstance(law, ProcessController) else law.files
-    further_files = expand(law_files[0].parent, patterns)
+    further_files = (
+        law.paths if isinstance(law, ProcessController) else expand(law_files[0].parent, law.files)
+    )
     design = getattr(law, "design", None)
     paths = [
         Path(os.path.abspath(path))  # noqa: PTH100

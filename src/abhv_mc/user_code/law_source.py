@@ -32,9 +32,7 @@ def law_place(controller: UserController) -> Path:
 
     The path may lead outside the folder of the controller file.
     """
-    if isinstance(controller, CController):
-        return controller.library or controller.sources[0]
-    return controller.file
+    return next(iter(find_files(controller).values()))
 
 
 def read_law_source(controller: UserController) -> UserSource:
