@@ -25,7 +25,14 @@ BENCHMARKS = (
         "placement",
     ),
     *("rare_against_plain", "rare_coverage", "storage", "unknowns", "user_law", "verdict_errors"),
-    *(f"versions {ROOT}", "worst_seeds", "table_checks", "others.fair_fight", "others.sensitivity"),
+    *(
+        f"versions {ROOT}",
+        "worst_seeds",
+        "table_checks",
+        "stepping",
+        "others.fair_fight",
+        "others.sensitivity",
+    ),
 )
 # These need other programs or the network, run completely in other tests or in
 # `make test-thorough`, or belong to another script.

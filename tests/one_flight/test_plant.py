@@ -60,10 +60,31 @@ def inside(tmp_path, study):
     return plan, fly(plan, experiment.rows(rows), 1), pd.DataFrame(rows, columns=samples.names)
 
 
-@pytest.mark.parametrize("vehicle", ["abhv", "winged_cone", "flexible"])
-def test_a_law_outside_gives_the_flights_of_the_law_inside(tmp_path, vehicle):
+BACKLASH = {
+    "bandwidth": "50 rad/s",
+    "damping": 0.7,
+    "limit": "20 deg",
+    "rate_limit": "400 deg/s",
+    "backlash": "0.3 deg",
+}
+PHASES = [
+    {"kind": "level", "length": "1 s"},
+    {"kind": "turn", "heading_change": "0.2 deg", "length": "2 s"},
+]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "mission"),
+    [
+        ({"base": "abhv", "surfaces": BACKLASH}, {}),
+        ("winged_cone", {"manoeuvre": {"kind": "phases", "phases": PHASES}}),
+        ("flexible", {}),  # with custom states
+    ],
+)
+def test_a_law_outside_gives_the_flights_of_the_law_inside(tmp_path, vehicle, mission):
     # Some flights end at the lower altitude, while others continue.
-    mission = {"base": "s_manoeuvre", "duration": "4 s", "limits.altitude": ["19.999 km", "21 km"]}
+    limits = {"duration": "4 s", "limits.altitude": ["19.999 km", "21 km"]}
+    mission = {"base": "s_manoeuvre", **limits, **mission}
     study = {"mission": mission, "vehicle": vehicle, "runs": 35, "seed": 3}
     plan, block, rows = inside(tmp_path, study | {"dispersions": DISPERSIONS})
     assert 1 < np.unique(block.end_time).size < 36

@@ -13,6 +13,7 @@ from abhv_mc.control.law_file import (
     CController,
     ControllerModel,
     FmuController,
+    ProcessController,
     PythonController,
     UserController,
 )
@@ -292,6 +293,7 @@ CONTROLLERS: dict[str, type[Controller]] = {
     "python": PythonController,
     "c": CController,
     "fmu": FmuController,
+    "process": ProcessController,
 }
 
 

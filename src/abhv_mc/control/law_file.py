@@ -5,12 +5,12 @@ import os
 import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
-from abhv_mc.io.units import Frequency, parse_any, parse_in_unit, parse_unit
+from abhv_mc.io.units import Frequency, Time, parse_any, parse_in_unit, parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
@@ -20,6 +20,20 @@ _FILES = (
     "data files and modules of the control law: names, patterns such as tables/*.csv, or folders"
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def _expand_files(value: Any, info: ValidationInfo) -> list[Path]:
+    return expand(info.context["document"].path.parent, tuple(map(str, value)))  # type: ignore[index]
+
+
+def _find_word(word: Any, info: ValidationInfo) -> Path | str:
+    """Return a word of a command, or the path of the file in the folder that the word names."""
+    path = info.context["document"].path.parent / str(word)  # type: ignore[index]
+    return path if path.is_file() and not Path(str(word)).is_absolute() else str(word)
+
+
+_Files = BeforeValidator(_expand_files, json_schema_input_type=list[str])
+_Word = Annotated[Path | str, BeforeValidator(_find_word, json_schema_input_type=str)]
 
 
 class ControllerModel(StrictModel):
@@ -223,6 +237,60 @@ class FmuController(ControllerModel):
         }
 
 
+class ProcessController(ControllerModel):
+    """Custom control law in a program; each flight has a process of its own."""
+
+    law: Literal["process"] = Field(description="kind of control law")
+    command: tuple[_Word, ...] = Field(min_length=1, description="program and its arguments")
+    files: Annotated[tuple[Path, ...], _Files] = Field((), description=_FILES)
+    protocol: Literal["binary", "json"] = Field(
+        "json", description="records: lines of JSON, or 64-bit floats in the machine's byte order"
+    )
+    inputs: tuple[str, ...] = Field(
+        (),
+        description=(
+            "values in a request: time, measured.NAME, reference.NAME or onboard.NAME; by default "
+            "time and all measured quantities"
+        ),
+    )
+    outputs: tuple[str, ...] = Field(
+        ("aileron", "rudder", "elevator", "equivalence_ratio"),
+        description="values in a reply: fields of the command, or effectors of the vehicle",
+    )
+    time_limit: Annotated[Time, Field(gt=0.0)] = Field(
+        60.0, description="limit on the elapsed time until a reply"
+    )
+    rate: Rate = Field(100.0, description=_RATE)
+    period: ClassVar[int] = 0
+    design: ClassVar[None] = None
+
+    @model_validator(mode="after")
+    def _check(self) -> "ProcessController":
+        if not self.paths:
+            raise Refusal(
+                "'command' and 'files' name no file in the controller file's folder",
+                "the program or script in 'files'",
+                ("command",),
+            )
+        return self
+
+    @property
+    def paths(self) -> list[Path]:
+        """Files of the control law; the first one is the program, if it is a declared file."""
+        words = (word for word in self.command if isinstance(word, Path))
+        return list(dict.fromkeys((*words, *self.files)))
+
+    @property
+    def file(self) -> Path:
+        """File that error messages name."""
+        return self.paths[0]
+
+    @property
+    def wired(self) -> dict[str, str]:
+        """Source of each input by name."""
+        return {name: name for name in self.inputs}
+
+
 def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:
     """Convert a number or list of numbers to SI; ``unit``, if given, sets the dimension.
 
@@ -249,8 +317,8 @@ def _located(*keys: str | int) -> Iterator[None]:
 
 # name and length of each setting; the length of a single number is 0
 Layout = list[tuple[str, int]]
-UserController = PythonController | CController | FmuController
-USER_LAWS = ("python", "c", "fmu")
+UserController = PythonController | CController | FmuController | ProcessController
+USER_LAWS = ("python", "c", "fmu", "process")
 # keys of controller files whose values are paths relative to the file's folder
 NAMING_KEYS = (
     "file",
@@ -270,7 +338,9 @@ def find_files(law: UserController) -> dict[str, Path]:
         law_files = [law.library] if law.library is not None else list(law.sources)
     else:
         law_files = [law.file]
-    further_files = expand(law_files[0].parent, law.files)
+    further_files = (
+        law.paths if isinstance(law, ProcessController) else expand(law_files[0].parent, law.files)
+    )
     design = getattr(law, "design", None)
     paths = [
         Path(os.path.abspath(path))  # noqa: PTH100

@@ -154,6 +154,7 @@ class _Run:
         self.fly, self.workers = executor.fly, executor.workers
         batch = self.campaign.model.execution.batch
         self.batch = batch or choose_batch(self.campaign.runs, self.workers)
+        self.most = self.campaign.runs  # largest block for which the time of a flight allows
         try:
             if not (self.completion.is_complete() and self._has_envelopes()):
                 self._fly()
@@ -245,7 +246,7 @@ class _Run:
                 block = Block(name, first, first + 1, True, bool(envelope[first]))
                 self._keep(*self._fly_block(block, self.samples.rows(first, first + 1)))
                 seconds = self.simulator.time_of_flight(plans) or 0.0
-        chosen = choose_timed(self.campaign.runs, self.workers, seconds)
+        self.most = chosen = choose_timed(self.campaign.runs, self.workers, seconds)
         self.batch = self.campaign.model.execution.batch or min(
             chosen, BATCH_FLIGHTS if self.collectors else chosen
         )
@@ -259,7 +260,7 @@ class _Run:
         if self.simulator.capabilities.is_repeatable:
             unrecorded = (
                 envelope_states.ENVELOPE_FLIGHTS,
-                choose_unrecorded(total, self.workers, self.batch),
+                min(self.most, choose_unrecorded(total, self.workers, self.batch)),
             )
         blocks = cut_blocks(missing, self.batch, self.with_margins, unrecorded)
         calls = ((block, self.samples.rows(block.first, block.stop)) for block in blocks)

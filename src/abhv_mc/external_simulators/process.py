@@ -163,9 +163,7 @@ class Process:
         self, limit: float, verb: str = "finished", notice: float = math.inf
     ) -> dict[str, Any]:
         """Read a reply within ``limit`` s; print a notice after ``notice`` s of waiting."""
-        if not self._read:
-            self._read_lines(limit, verb, notice)
-        line = self._read.popleft()
+        line = self.read(limit, verb, notice)
         with contextlib.suppress(ValueError):
             if isinstance(answer := json.loads(line), dict):
                 return answer
@@ -174,7 +172,20 @@ class Process:
         problem = f"it replied '{text}', which is not a JSON object"
         raise LostFlightError(f"{problem} (messages belong on standard error)")
 
-    def _read_lines(self, limit: float, verb: str, notice: float) -> None:
+    def read(self, limit: float, verb: str = "finished", notice: float = math.inf) -> bytes:
+        """Return the next reply. Raise LostFlightError if it takes longer than ``limit`` s.
+
+        Print a notice after ``notice`` s of waiting.
+        """
+        if not self._read:
+            self._read_replies(limit, verb, notice)
+        return self._read.popleft()
+
+    def _split(self, content: bytes) -> list[bytes]:
+        """Return the replies in ``content``; the last one is incomplete."""
+        return content.split(b"\n")
+
+    def _read_replies(self, limit: float, verb: str, notice: float) -> None:
         begun, reply_limit = time.monotonic(), notice
         deadline, notice = begun + limit, begun + notice
         while not self._read:
@@ -182,7 +193,7 @@ class Process:
             if self._poll.poll(1e3 * min(left, _LOOK)):
                 if not (content := os.read(self._process.stdout.fileno(), _READ)):
                     raise LostFlightError(f"its process ended: {self._describe_end()}")
-                *lines, self._rest = (self._rest + content).split(b"\n")
+                *lines, self._rest = self._split(self._rest + content)
                 self._read.extend(lines)
                 if not self._has_written:  # The start ends with the first output.
                     self._has_written, limit = True, min(limit, reply_limit)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
+from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.compile_metrics import SourceRow, compile_metrics, source_rows
 from abhv_mc.flight.outcome import LIMITS, Outcome
 from abhv_mc.flight.plan import FlightPlan, Recording
@@ -36,7 +37,7 @@ from abhv_mc.kernel.laws.columns import (
 from abhv_mc.kernel.plant.air_data import PROFILE
 from abhv_mc.kernel.plant.state import CUSTOM_STATE, N_PARAMETERS, N_STATES
 
-LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED, "python": PYTHON, "c": PYTHON, "fmu": PYTHON}
+LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED} | dict.fromkeys(USER_LAWS, PYTHON)
 _COLUMNS = {  # numbers of gains and of settings, by control law
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),

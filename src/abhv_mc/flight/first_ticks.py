@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flight.outcome import LAW_LOST, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import PYTHON, load_plan_law, plan_source
 from abhv_mc.io.input_error import InputError
@@ -33,7 +33,7 @@ def check_first_ticks(plan: FlightPlan) -> None:
         raise InputError(
             source.file, problem, "a control law without endless loops", line
         ) from None
-    if block.outcome[0] == Outcome.LAW_FAILED:
+    if block.outcome[0] in (Outcome.LAW_FAILED, *LAW_LOST):
         raised, exception = failures.get(source.hash, (None, ""))
         failure = f"raised an exception ({exception})" if exception else "returned an error"
         problem = f"{_at(block.end_time[0])}, the control law {failure}"

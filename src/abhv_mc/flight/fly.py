@@ -18,7 +18,7 @@ from abhv_mc.flight.plan import (
     join_blocks,
     make_recording,
 )
-from abhv_mc.flight.user_law import must_run_in_child, open_law
+from abhv_mc.flight.user_law import PROCESS, must_run_in_child, open_law
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES, KernelResults
@@ -88,11 +88,10 @@ def fly(
             fly, plan, parameters, recording, lanes, keep_states=keep_states, start=start
         )
     sampled = any(metric.statistic == Statistic.QUANTILE for metric in plan.metrics)
-    if sampled and len(parameters) > _SAMPLED and not keep_states and start is None:
-        starts = range(0, len(parameters), _SAMPLED)
-        return join_blocks(
-            [fly(plan, parameters[i : i + _SAMPLED], recording, lanes) for i in starts]
-        )
+    most = LANES if plan.law == PROCESS else _SAMPLED if sampled else len(parameters)
+    if len(parameters) > most and not keep_states and start is None:
+        starts = range(0, len(parameters), most)
+        return join_blocks([fly(plan, parameters[i : i + most], recording, lanes) for i in starts])
     results = make_results(plan, len(parameters), recording, keep_states)
     with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
         fly_in_memory(plan, parameters, results, recording, memory, start=start)

@@ -100,8 +100,8 @@ SENTENCES: dict[Outcome, str] = {
     Outcome.STATE_LIMIT: "A state of the vehicle's custom dynamics exceeded its limit.",
     Outcome.MACH_LIMIT: "The Mach number left the vehicle's limits.",
     Outcome.LAW_FAILED: "The custom control law raised an exception or returned an error.",
-    Outcome.LAW_CRASHED: "The custom control law crashed its process twice.",
-    Outcome.LAW_HUNG: "The custom control law exceeded its time limit twice.",
+    Outcome.LAW_CRASHED: "The process of the custom control law ended.",
+    Outcome.LAW_HUNG: "The custom control law exceeded its time limit.",
 }
 
 

@@ -86,7 +86,7 @@ class FlightPlan:
     """Input data for the flights of one controller, except the dispersed parameters."""
 
     controller: str  # name of the controller in the campaign
-    law: str  # kind of control law: "tlc", "lqr", "recorded", "python", "c" or "fmu"
+    law: str  # kind of control law: "tlc", "lqr", "recorded", "python", "c", "fmu" or "process"
     vehicle: Vehicle
     trim_tables: Tables
     effectiveness: Effectiveness

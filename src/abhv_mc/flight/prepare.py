@@ -28,6 +28,7 @@ from abhv_mc.control.law_file import (
     USER_LAWS,
     CController,
     FmuController,
+    ProcessController,
     PythonController,
     UserController,
 )
@@ -139,7 +140,7 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
     document, law = read_controller_document(controller)
     if not isinstance(law, UserController):
         return law, None
-    if isinstance(law, FmuController):
+    if isinstance(law, FmuController | ProcessController):
         check_wiring(document, law)
     source = read_trusted_law(law)
     if not isinstance(law, PythonController):

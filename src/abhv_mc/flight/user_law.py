@@ -29,9 +29,16 @@ from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
 from abhv_mc.vehicle.effectors import name_effectors
 
-PYTHON = "python"
+PYTHON, PROCESS = "python", "process"
 _ACCELERATIONS = "|".join(ACCELERATIONS)
 _MORE = "|".join(Measured._fields[s.N_MEASURED :])
+_REQUIREMENTS = {  # for access to the memory of a control law
+    "c": "the functions abhv_law_state_get and abhv_law_state_set",
+    "fmu": (
+        "all memory in the Derivatives of modelDescription.xml, with initial values that can be set"
+    ),
+    "process": "a control law in Python or C, or an FMU",
+}
 NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 
@@ -207,19 +214,9 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
     """Return the InputError raised if a control law to be linearized has unknown memory."""
-    problems = {
-        "c": "the library does not give access to the memory of the control law",
-        "fmu": "the memory of the FMU cannot be set completely",
-    }
-    requirements = {
-        "c": "the functions abhv_law_state_get and abhv_law_state_set",
-        "fmu": (
-            "all memory in the Derivatives of modelDescription.xml, with initial values that can "
-            "be set"
-        ),
-    }
-    expected = f"{requirements[plan.law]}, which linearization requires"
-    return InputError(plan_source(plan).file, problems[plan.law], expected)
+    expected = f"{_REQUIREMENTS[plan.law]}, which linearization requires"
+    problem = "the memory of the control law cannot be read and set completely"
+    return InputError(plan_source(plan).file, problem, expected)
 
 
 def must_run_in_child(plan: FlightPlan) -> bool:

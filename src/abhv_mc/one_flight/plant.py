@@ -19,7 +19,7 @@ from abhv_mc.flight.fly import choose_flight, fly_until
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.user_law import open_law
-from abhv_mc.io.documents import InputError, one_of, write_document
+from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import Z_ROWS, make_memory
 from abhv_mc.kernel.flight.observe import ALIVE
@@ -155,7 +155,7 @@ class Plant:
         self.commands, self._table = tuple(commands), rows
         self.flights = check_count(flights if rows is None else len(rows), 1, "flights")
         study = {"name": "plant", "runs": self.flights, "mission": mission, "vehicle": vehicle}
-        study |= {"controllers": {"plant": _write_law(self.commands, rate)}, "seed": seed}
+        study |= {"controllers": {"plant": _make_law(self.commands, rate)}, "seed": seed}
         folder = temporary_folder() / f"plant_{id(self)}"
         path = write_inputs({**study, "dispersions": dict(dispersions or {})}, folder)
         self._experiment = read_campaign(path)
@@ -364,8 +364,8 @@ def _check_names(argument: str, names: Sequence[str], choices: Sequence[str]) ->
             raise InputError(argument, problem, one_of(choices, name))
 
 
-def _write_law(commands: tuple[str, ...], rate: str) -> str:
-    """Write a controller whose settings are its commands, and return its path."""
+def _make_law(commands: tuple[str, ...], rate: str) -> dict[str, Any]:
+    """Return the content of a controller file for a law whose settings are its commands."""
     law_commands = [name for name in commands if name in Command._fields]
     values = dict.fromkeys(_SURFACES, "0.0") | {name: f"settings.{name}" for name in law_commands}
     allocation = ""
@@ -383,9 +383,8 @@ def _write_law(commands: tuple[str, ...], rate: str) -> str:
         allocation=allocation,
         command=", ".join(f"{name}={value}" for name, value in values.items()),
     )
-    folder = temporary_folder() / hashlib.sha256(f"{text}{rate}".encode()).hexdigest()[:16]
+    folder = temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
     folder.mkdir(exist_ok=True)
     (folder / "plant.py").write_text(text, encoding="utf-8")
-    content = {"law": "python", "file": "plant.py", "rate": rate}
-    write_document(folder / "plant.yaml", {**content, "settings": dict.fromkeys(commands, 0.0)})
-    return str(folder / "plant.yaml")
+    settings = dict.fromkeys(commands, 0.0)
+    return {"law": "python", "file": f"{folder}/plant.py", "rate": rate, "settings": settings}

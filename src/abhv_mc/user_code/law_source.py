@@ -7,6 +7,7 @@ from typing import Any
 from abhv_mc.control.law_file import (
     CController,
     FmuController,
+    ProcessController,
     PythonController,
     UserController,
     find_files,
@@ -22,6 +23,7 @@ from abhv_mc.user_code.source import UserSource, read_source
 from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 
 _NEEDED = COMMAND_FIELDS[:4]
+_ALL_INPUTS = ("time", *(f"measured.{name}" for name in Measured._fields))
 _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onboard_fields()}
 
 
@@ -30,9 +32,7 @@ def law_place(controller: UserController) -> Path:
 
     The path may lead outside the folder of the controller file.
     """
-    if isinstance(controller, CController):
-        return controller.library or controller.sources[0]
-    return controller.file
+    return next(iter(find_files(controller).values()))
 
 
 def read_law_source(controller: UserController) -> UserSource:
@@ -61,17 +61,30 @@ def read_law_source(controller: UserController) -> UserSource:
         }
     else:
         recipe = {
-            "law": "fmu",
-            "file": names[0],
+            "law": controller.law,
             "library": None,
             "inputs": controller.wired,
             "outputs": controller.outputs,
             "effectors": [name for name in controller.outputs if name not in COMMAND_FIELDS],
-            "params": controller.starts,
-            "constants": controller.constants,
             "platform": describe_platform(),
             "settings": [],
         }
+        if isinstance(controller, FmuController):
+            recipe |= {
+                "file": names[0],
+                "params": controller.starts,
+                "constants": controller.constants,
+            }
+        else:
+            recipe |= {
+                "command": [
+                    names[controller.paths.index(word)] if isinstance(word, Path) else word
+                    for word in controller.command
+                ],
+                "inputs": controller.wired or {name: name for name in _ALL_INPUTS},
+                "protocol": controller.protocol,
+                "time_limit": controller.time_limit,
+            }
     design = controller.design
     recipe["design"] = next(
         (name for name, path in paths.items() if design and path.samefile(design)), None
@@ -80,8 +93,8 @@ def read_law_source(controller: UserController) -> UserSource:
     return UserSource(json.dumps(recipe), str(paths[names[0]]), files)
 
 
-def check_wiring(document: Document, controller: FmuController) -> None:
-    """Raise InputErrors for unknown input sources and missing outputs of an FMU."""
+def check_wiring(document: Document, controller: FmuController | ProcessController) -> None:
+    """Raise InputErrors for unknown input sources and missing outputs."""
     errors = []
     for name, source in controller.wired.items():
         group, _, field = source.partition(".")

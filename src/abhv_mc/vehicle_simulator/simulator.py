@@ -19,6 +19,7 @@ from abhv_mc.user_code.source import UserSource
 
 # Campaigns of at most this number of flights run in threads: starting worker processes would take
 # longer than the flights.
+_EXCHANGE = 1e-4  # assumed time in s of a control tick of a law in a program
 _FEW_FLIGHTS = 512
 
 
@@ -129,8 +130,9 @@ class VehicleSimulator:
 
         return transients(read_mission(self.experiment.model.mission))
 
-    def time_of_flight(self, plans: Sequence[FlightPlan]) -> None:
-        return None
+    def time_of_flight(self, plans: Sequence[FlightPlan]) -> float | None:
+        ticks = (plan.timing.ticks for plan in plans if plan.law == "process")
+        return max((_EXCHANGE * number for number in ticks), default=None)
 
     def prove(self, plan: FlightPlan, check: int = 0) -> FlightPlan:
         return plan

@@ -1,0 +1,1 @@
+"""Control laws in programs, which run in processes of their own."""

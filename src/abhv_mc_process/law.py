@@ -1,0 +1,162 @@
+"""Control law in a program: one process for each flight, and one request for each control tick."""
+
+import contextlib
+import ctypes
+import hashlib
+import json
+import sys
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.external_simulators.process import LostFlightError, Process
+from abhv_mc.external_simulators.user_plan import UserPlan
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
+from abhv_mc.kernel.plant import state as s
+from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS
+from abhv_mc.user_code.effector_commands import effector_rows, find_commanded
+from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured, onboard_fields
+from abhv_mc.user_code.module import describe_exception
+from abhv_mc.user_code.native_loop import LawBackend, OpenLaw
+from abhv_mc.user_code.plain_law import SOCKET, failures
+from abhv_mc.user_code.source import UserSource
+from abhv_mc.user_code.unpack import unpack
+
+# Position of each input: 0 is time, followed by the reference and the rows of lane memory.
+_LANE = 1 + len(REFERENCE)
+_POSITIONS = {
+    "time": 0,
+    **{f"reference.{name}": 1 + i for i, name in enumerate(REFERENCE)},
+    **{f"measured.{name}": _LANE + s.MEASURED + i for i, name in enumerate(Measured._fields)},
+    **{
+        f"onboard.{name}": _LANE + row
+        for name, row in zip(onboard_fields(), ONBOARD_ROWS, strict=True)
+    },
+}
+
+
+class _FlightProcess(Process):
+    """Process of a flight; ``size`` is the number of bytes of a binary reply, or 0 for JSON."""
+
+    def __init__(self, plan: UserPlan, size: int) -> None:
+        super().__init__(plan)
+        self._size = size
+
+    def _split(self, content: bytes) -> list[bytes]:
+        if not self._size:
+            return super()._split(content)
+        starts = range(0, len(content) + 1, self._size)
+        return [content[start : start + self._size] for start in starts]
+
+    def send(self, request: bytes) -> None:
+        """Write a request. A process that has ended is detected when its reply is read."""
+        if self._read or self._rest:
+            raise ValueError("it wrote more than one reply to a request")
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(request)
+
+
+class ProcessLaw:
+    """Adapter that exchanges records with the processes of the flights in all lanes."""
+
+    def __init__(self, source: UserSource, width: int, effectors: tuple[str, ...]) -> None:
+        recipe: Any = source.recipe
+        self._source, self._width, self._limit = source, width, recipe["time_limit"]
+        self._is_binary = recipe["protocol"] == "binary"
+        self._inputs, self._outputs = tuple(recipe["inputs"]), tuple(recipe["outputs"])
+        self._positions = [_POSITIONS[name] for name in self._inputs]
+        rows = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True))
+        rows |= zip(find_commanded(source), effector_rows(source, effectors), strict=True)
+        self._rows = [rows[name] for name in self._outputs]
+        files = ((name, hashlib.sha256(content).hexdigest()) for name, content in source.files)
+        self._plan = UserPlan(
+            controller="",
+            command=tuple(recipe["command"]),
+            folder=str(unpack(source)),
+            files=tuple(files),
+            python="",
+            settings="",
+            inputs=(),
+            seeds=(),
+            metrics=(),
+            outcomes={},
+            time_limit=self._limit,
+        )
+        # processes of the flights in progress, by the number stored in the lane of the flight
+        self._processes: dict[float, _FlightProcess] = {}
+        self.callback = SOCKET(self._call)
+
+    def close(self) -> None:
+        """End all processes."""
+        for process in self._processes.values():
+            process.end()
+
+    def _call(
+        self,
+        _context: Any,
+        Z: Any,
+        reference: Any,
+        _gains: Any,
+        _settings: Any,
+        tick: int,
+        dt: float,
+    ) -> None:
+        block = np.ctypeslib.as_array(Z, (ONBOARD + N_ONBOARD, self._width))
+        shared = [tick * dt, *reference[tick * len(REFERENCE) : (tick + 1) * len(REFERENCE)]]
+        values = [
+            block[i - _LANE] if i >= _LANE else np.full(self._width, shared[i])
+            for i in self._positions
+        ]
+        requests = np.array(values).T
+        if tick == 0:
+            block[MEMORY] = np.arange(self._width)
+        for exchange in (self._send, self._receive):
+            for lane in np.flatnonzero(block[FAULT] == 0.0).tolist():
+                try:
+                    exchange(block[:, lane], requests[lane], tick)
+                except Exception as error:
+                    self._fail(block[:, lane], error)
+        for number in self._processes.keys() - {*block[MEMORY, block[FAULT] == 0.0].tolist()}:
+            self._processes.pop(number).end()
+
+    def _send(self, lane: Floats, request: Floats, tick: int) -> None:
+        if tick == 0:
+            size = 8 * len(self._rows) * self._is_binary
+            self._processes[lane[MEMORY]] = _FlightProcess(self._plan, size)
+        named = dict(zip(self._inputs, request.tolist(), strict=True))
+        record = request.tobytes() if self._is_binary else f"{json.dumps(named)}\n".encode()
+        self._processes[lane[MEMORY]].send(record)
+
+    def _receive(self, lane: Floats, _request: Floats, _tick: int) -> None:
+        reply = self._processes[lane[MEMORY]].read(self._limit)
+        lane[list(COMMAND_ROWS)] = NOT_GIVEN
+        if self._is_binary:
+            lane[self._rows] = np.frombuffer(reply)
+        else:
+            record = json.loads(reply)
+            lane[self._rows] = [record[name] for name in self._outputs]
+
+    def _fail(self, lane: Floats, error: Exception) -> None:
+        """End a flight; the first reason is printed."""
+        outcome = Outcome.LAW_FAILED
+        if isinstance(error, LostFlightError):
+            hung = self._processes[lane[MEMORY]].has_timed_out
+            outcome = Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
+        lane[FAULT], lane[list(COMMAND_ROWS)] = outcome, 0.0
+        reason = describe_exception(error)
+        if self._source.hash not in failures:
+            print(f"{self._source.file}: {reason}", file=sys.stderr, flush=True)
+        failures[self._source.hash] = None, reason
+
+
+def open_process(source: UserSource, _gains: Any, width: int, *further: Any) -> OpenLaw:
+    """Open the law for ``width`` flights; the last argument names the vehicle's effectors."""
+    law = ProcessLaw(source, width, further[-1])
+    address = ctypes.cast(law.callback, ctypes.c_void_p).value or 0
+    return OpenLaw(address, 0, law, law.close)
+
+
+PROCESS = LawBackend(open_process, lambda *_: None)
