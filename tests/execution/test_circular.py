@@ -8,7 +8,6 @@ from fake_flight import ENGINE, fly, record, write_campaign
 from fake_flight import run as run_flights
 from own_simulators import shown_text, write_study
 
-from abhv_mc.analysis.history_band import find_band
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.plan import make_recording
@@ -16,7 +15,7 @@ from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.channel_curves import channel_curves
 from abhv_mc.requests import Request
-from abhv_mc.search.place import place_flights
+from abhv_mc.search.place import find_band, place_flights
 from abhv_mc.topics.envelopes import NO_BAND
 
 HEADING = CHANNEL_INDEX["heading_deg"]

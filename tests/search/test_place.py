@@ -54,7 +54,7 @@ def test_flights_of_a_vehicle_share_parameters_given_measurements(tmp_path):
     density, lift = rows[:, :, 0], rows[:, :, 1]
     assert (lift[:, 0] == lift[:, 1]).all() and (lift[:, 0] != lift[:, 2]).all()
     assert np.std(lift) == pytest.approx(0.05, rel=0.05)
-    assert density[:, 0].mean() == pytest.approx(1.05, abs=1e-3)
+    assert density[:, 0].mean() == pytest.approx(1.0485, abs=1e-3)  # shrunk to 1
     assert density[:, 0].std() == pytest.approx(0.01, rel=0.1)
     assert np.corrcoef(density[:, 1], density[:, 2])[0, 1] == pytest.approx(0.0, abs=0.1)
 
@@ -73,8 +73,7 @@ def test_correlated_parameters_follow_a_measured_one(tmp_path):
         dispersions=f"{{{LAWS}, aero.lift: {{distribution: normal, sigma: 5 %}}}}",
         correlations=pairs,
     )
-    with pytest.raises(InputError, match=r"campaign.yaml:\d+:\d+: .*varies by"):
-        place_flights(path, files, engine=ENGINE)
+    assert not Programme(path, files, engine=ENGINE).by_vehicle.any()
 
 
 def test_errors_of_the_sensors_are_added(tmp_path):
@@ -90,14 +89,14 @@ def test_errors_of_the_sensors_are_added(tmp_path):
     programme = Programme(path, files, engine=ENGINE)
     rows = programme.draw(400)
     with programme.open() as simulate:
-        measured = programme.simulate_sets(simulate, rows)[:, 0]
+        measured = simulate(rows, True)[:, 0]
     history = fly(make_plan("one"), OURS.nominal[np.newaxis], 1).history[0, ::10]
     from abhv_mc.flight.channels import CHANNEL_INDEX
 
     true = history[:, [CHANNEL_INDEX[name] for name in programme.names]]
     assert measured.mean(axis=0) == pytest.approx(true * [1.0, 1.5] + [100.0, 0.0], abs=3.0)
     assert measured.std(axis=0)[:, 1] == pytest.approx([20.0] * 3, rel=0.15)
-    assert [*programme.sensor_errors("speed_mps", rows)] == ["scale", "noise"]
+    assert [*programme.sensor_errors("speed_mps", rows[0])] == ["scale", "noise"]
     assert "sensor.speed_noise" in np.array(programme.space.names)[~programme.by_vehicle]
 
 
@@ -121,7 +120,7 @@ def test_flights_that_cannot_be_compared_are_rejected(tmp_path, text, problem):
 def test_histories_and_metrics_cannot_be_mixed(tmp_path):
     path, files = write_table(tmp_path, f"{METRIC},x\n1,1\n")
     (tmp_path / "history.csv").write_text(CHANNELS, encoding="utf-8")
-    with pytest.raises(InputError, match="time"):
+    with pytest.raises(InputError, match=r"history\.csv:1: no column"):
         place_flights(path, [*files, tmp_path / "history.csv"], engine=ENGINE)
 
 

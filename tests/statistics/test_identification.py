@@ -28,7 +28,7 @@ def test_a_linear_model_has_the_estimates_of_least_squares_with_priors():
     sigma = np.linspace(0.5, 2.0, 40)
     data[0, 5:9] = np.nan
     result = fit(slopes, data, sigma=sigma)
-    for row, values, errors in zip(data, result.values, result.errors, strict=True):
+    for row, values, errors in zip(data, result.points, result.errors, strict=True):
         known = np.isfinite(row)
         own = slopes[:, known] / sigma[known]
         covariance = np.linalg.inv(own @ own.T + np.diag([0.0, 0.0, 1.0]))
@@ -43,9 +43,9 @@ def test_flights_of_a_vehicle_share_parameters():
     data = truth @ slopes + draw.standard_normal((3, 40))
     shared, listed = np.array([True, False]), np.array([True, False])
     result = fit(slopes, data, vehicles=np.array([0, 0, 2]), shared=shared, listed=listed)
-    assert result.values[0, 0] == result.values[1, 0] != result.values[2, 0]
+    assert result.points[0, 0] == result.points[1, 0] != result.points[2, 0]
     assert result.errors[0, 0] == pytest.approx(result.errors[2, 0] / 2.0**0.5, rel=0.1)
-    assert result.values == pytest.approx(truth, abs=0.6)
+    assert result.points == pytest.approx(truth, abs=0.6)
 
 
 def test_parameters_that_cannot_be_separated_are_not_estimated():
@@ -57,7 +57,7 @@ def test_parameters_that_cannot_be_separated_are_not_estimated():
     groups = dict(result.inseparable)
     assert groups.keys() == {(0, 2), (3,)} and groups[0, 2] == pytest.approx(-1.0, abs=0.01)
     assert result.listed.tolist() == [False, True, False, False]
-    assert abs(result.values[0, 1] - 2.0) < 3.0 * result.errors[0, 1]
+    assert abs(result.points[0, 1] - 2.0) < 3.0 * result.errors[0, 1]
 
 
 def test_coverage_misfit_and_estimated_noise_of_a_nonlinear_model():
@@ -73,7 +73,7 @@ def test_coverage_misfit_and_estimated_noise_of_a_nonlinear_model():
     flags = {"shared": np.ones(3, bool), "listed": np.array([True, True, False])}
     for sigma in (0.2, np.nan):
         result = estimate(simulate, data, np.full(40, sigma), *arguments, **flags)
-        inside = np.abs(result.values - truth) < 1.96 * result.errors
+        inside = np.abs(result.points - truth) < 1.96 * result.errors
         assert inside.mean(axis=0) == pytest.approx([0.95] * 3, abs=0.03)
         assert result.sigma == pytest.approx(np.full(40, 0.2), rel=0.05)
         assert result.p_value > 0.01

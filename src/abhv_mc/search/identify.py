@@ -8,15 +8,9 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.sampling.marginals import (
-    ContinuousMarginal,
-    MixtureMarginal,
-    find_moments,
-)
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import write_document
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.plant.parameters import Parameter
 from abhv_mc.search.flight_records import Programme
 from abhv_mc.statistics.circular import move_near
 from abhv_mc.statistics.identification import estimate, find_spread
@@ -42,21 +36,16 @@ class IdentifiedParameter:
 class Identification:
     """Parameters identified from test flights, and how well the model fits."""
 
-    controller: str
-    flights: tuple[str, ...]
-    vehicles: int
     parameters: tuple[IdentifiedParameter, ...]
     nuisances: tuple[str, ...]  # dispersions that keep their distributions
     # groups of parameters that the flights cannot separate, with the correlation of a pair
     inseparable: tuple[tuple[tuple[str, ...], float], ...]
     residuals: Mapping[str, Mapping[str, float]]  # rms by flight and channel, in noise sigmas
-    noise: Mapping[str, float]  # standard deviations of the noise
-    estimated_noise: tuple[str, ...]  # channels whose noise is estimated from the residuals
+    noise: Mapping[str, float]  # standard deviations of the noise, declared or estimated
     offsets: Mapping[str, float]  # time by which each record's clock is ahead, s
     p_value: float  # probability of a larger chi-square if the model is valid
     fits: bool
     simulations: int  # number of simulations of each flight
-    ignored: tuple[str, ...]
     dispersions: Mapping[str, Mapping[str, Any]]  # renewed dispersions, as in a campaign file
 
 
@@ -79,40 +68,41 @@ def identify(
     nothing can be identified.
     """
     programme = Programme(campaign, files, controller, noise, engine)
-    names, records = programme.names, programme.records
-    document = programme.experiment.document
+    names, records, experiment = programme.names, programme.records, programme.experiment
+    document = experiment.document
     if output is not None and output.absolute().parent != document.path.absolute().parent:
         expected = f"a file in the folder of {document.path}, to which its paths are relative"
         raise InputError("-o", f"found '{output}'", expected)
-    for name in () if programme.timed else names:
+    for name in () if programme.is_history else names:
         if name not in programme.noise:
-            expected = f"the standard deviation of its error: --measured {name}=SIGMA"
-            raise InputError("--measured", f"the error of the metric '{name}' is unknown", expected)
-    center, scale = _find_priors(programme)
-    moving = np.flatnonzero(scale.any(axis=0))
-    columns = [programme.columns[i] for i in moving.tolist()]
-    shared = np.array([name in _shared(programme) for name in columns])
+            problem, expected = f"the error of '{name}' is unknown", f"--measured {name}=SIGMA"
+            raise InputError("--measured", problem, expected)
+    center, scale = (prior[:, np.newaxis] for prior in programme.priors)
+    moving = np.flatnonzero(scale.any(axis=(0, 1)))
+    columns = [programme.columns[i] for i in moving]
+    by_vehicle = np.array(programme.space.names)[programme.by_vehicle]
+    shared = np.isin(columns, by_vehicle)
     choices = [name for name in columns if name not in programme.measured]
-    by_vehicle = [name for name in choices if name in _shared(programme)]
-    chosen = parameters or by_vehicle or choices
+    chosen = parameters or [name for name in choices if name in by_vehicle] or choices
     for name in chosen:
         if name not in choices:
             raise InputError("--parameters", f"'{name}' cannot be estimated", one_of(choices, name))
-    listed = np.array([name in chosen for name in columns])
-    mix = _mix(programme, columns, listed)
-    center, scale = center[:, np.newaxis], scale[:, np.newaxis, moving]
+    listed = np.isin(columns, chosen)
+    own = np.flatnonzero(np.isin(columns, choices) & ~listed)
+    places = [programme.columns.index(columns[i]) for i in own]
+    correlations = programme.space.copula.correlations(len(programme.space.names))
+    mix = np.eye(len(columns))
+    mix[np.ix_(own, own)] = np.linalg.cholesky(correlations[np.ix_(places, places)])
+    announce(f"simulating {_SETS * len(records)} flights to align the records")
     with programme.open() as simulate:
-        announce(f"simulating {_SETS * len(records)} flights to align the records")
-        tests = programme.align(programme.simulate_sets(simulate, programme.draw(_SETS)))
-        periods = [programme.experiment.periods.get(name, 0.0) for name in names]
+        tests = programme.align(simulate(programme.draw(_SETS), True))
 
         def compute(points: Floats) -> Floats:
-            rows = np.tile(programme.nominal, (*points.shape[:2], 1))
-            rows[..., : center.shape[2]] = center
-            rows[..., moving] += scale * (points @ mix.T)
+            rows = np.tile(center, (1, points.shape[1], 1))
+            rows[..., moving] += scale[..., moving] * (points @ mix.T)
             outputs = simulate(rows)
-            for i, period in enumerate(periods):
-                if period:
+            for i, name in enumerate(names):
+                if period := experiment.periods.get(name):
                     near = tests[:, np.newaxis, :, i]
                     outputs[..., i] = move_near(outputs[..., i], near, period)
             return outputs.reshape(*points.shape[:2], -1)
@@ -126,131 +116,63 @@ def identify(
             shared=shared,
             listed=listed,
         )
-    found = []
+    identified, renewed = [], dict(document.entries["dispersions"])
     for i in np.flatnonzero(result.listed).tolist():
-        flights = sorted(set(programme.vehicles)) if shared[i] else range(len(records))
-        labels = [records[k].vehicle if shared[i] else records[k].name for k in flights]
-        values = center[:, 0, moving[i]] + scale[:, 0, i] * result.values[:, i]
-        errors = scale[:, 0, i] * result.errors[:, i]
-        own = values[list(flights)], errors[list(flights)]
-        mean, error, spread = find_spread(*own)
-        found.append(
+        rows = np.unique(programme.vehicles) if shared[i] else np.arange(len(records))
+        labels = [records[k].vehicle if shared[i] else records[k].name for k in rows]
+        spreads = scale[rows, 0, moving[i]]
+        values = center[rows, 0, moving[i]] + spreads * result.points[rows, i]
+        errors = spreads * result.errors[rows, i]
+        mean, error, spread = find_spread(values, errors)
+        parameter = experiment.parameters[columns[i]]
+        identified.append(
             IdentifiedParameter(
                 name=columns[i],
-                unit=programme.experiment.parameters[columns[i]].unit,
-                values=dict(zip(labels, own[0].tolist(), strict=True)),
-                errors=dict(zip(labels, own[1].tolist(), strict=True)),
+                unit=parameter.unit,
+                values=dict(zip(labels, values.tolist(), strict=True)),
+                errors=dict(zip(labels, errors.tolist(), strict=True)),
                 mean=mean,
                 mean_error=error,
                 spread=spread if len(labels) > 1 else None,
             )
         )
+        unit = "" if parameter.of_user or parameter.unit == "-" else f" {parameter.unit}"
+        numbers = {"mean": mean, "sigma": float(np.hypot(spread, error))}
+        renewed[columns[i]] = {
+            "distribution": "normal",
+            **{key: f"{value:.6g}{unit}" for key, value in numbers.items()},
+            "varies_by": "vehicle" if shared[i] else "flight",
+        }
     residuals = result.residuals.reshape(tests.shape)
-    sigma = result.sigma[: len(names)].tolist()
-    answer = Identification(
-        controller=programme.controller,
-        flights=tuple(record.name for record in records),
-        vehicles=len(set(programme.vehicles)),
-        parameters=tuple(found),
+    counts = np.maximum(np.isfinite(residuals).sum(axis=1), 1)
+    residuals = np.sqrt(np.nansum(residuals**2, axis=1) / counts)
+    fits = result.converged and result.p_value >= FIT_RISK
+    if output is not None:
+        lines = [
+            f"Dispersions identified from {', '.join(record.name for record in records)}:",
+            *(
+                f"{own.name}: mean {own.mean:.4g} (standard error {own.mean_error:.2g}), spread "
+                + ("unknown" if own.spread is None else f"{own.spread:.2g}")
+                for own in identified
+            ),
+            f"chi-square: p = {result.p_value:.2g}" + ", does not fit" * (not fits),
+        ]
+        write_document(output, {**document.entries, "dispersions": renewed}, "\n".join(lines))
+    return Identification(
+        parameters=tuple(identified),
         nuisances=tuple(np.array(columns)[~result.listed].tolist()),
         inseparable=tuple(
             (tuple(columns[i] for i in group), correlation)
             for group, correlation in result.inseparable
         ),
         residuals={
-            record.name: {
-                name: float(np.sqrt(np.mean(own[np.isfinite(own)] ** 2)))
-                for name, own in zip(names, flight.T, strict=True)
-                if np.isfinite(own).any()
-            }
-            for record, flight in zip(records, residuals, strict=True)
+            record.name: dict(zip(names, row.tolist(), strict=True))
+            for record, row in zip(records, residuals, strict=True)
         },
-        noise=dict(zip(names, sigma, strict=True)),
-        estimated_noise=tuple(name for name in names if name not in programme.noise),
+        noise=dict(zip(names, result.sigma[: len(names)].tolist(), strict=True)),
         offsets={record.name: record.offset for record in records},
         p_value=result.p_value,
-        fits=result.converged and result.p_value >= FIT_RISK,
+        fits=fits,
         simulations=result.simulations,
-        ignored=programme.ignored,
-        dispersions={
-            parameter.name: _renew(
-                programme.experiment.dispersions[parameter.name],
-                parameter,
-                programme.experiment.parameters[parameter.name],
-            )
-            for parameter in found
-        },
+        dispersions=renewed,
     )
-    if output is not None:
-        entries = document.entries
-        dispersions = {**entries["dispersions"], **answer.dispersions}
-        write_document(output, {**entries, "dispersions": dispersions}, _comment(answer, document))
-    return answer
-
-
-def _shared(programme: Programme) -> list[str]:
-    """Return the names of unmeasured dispersions that all flights of a vehicle share."""
-    pairs = zip(programme.space.names, programme.by_vehicle, strict=True)
-    return [name for name, is_shared in pairs if is_shared and name not in programme.measured]
-
-
-def _find_priors(programme: Programme) -> tuple[Floats, Floats]:
-    """Return means and standard deviations [flight, column], given measured parameters."""
-    flights = len(programme.records)
-    center = np.tile(programme.nominal[: len(programme.columns)], (flights, 1))
-    scale = np.zeros_like(center)
-    for i, marginal in enumerate(programme.space.marginals):
-        if isinstance(marginal, ContinuousMarginal | MixtureMarginal):
-            center[:, i], scale[:, i] = find_moments(marginal)
-    for k, record in enumerate(programme.records):
-        for name, (value, error) in record.inputs.items():
-            column = programme.columns.index(name)
-            prior = scale[k, column] or np.inf
-            weight = 1.0 / (1.0 + (error / prior) ** 2)
-            center[k, column] += weight * (value - center[k, column])
-            scale[k, column] = error * weight**0.5
-    return center, scale
-
-
-def _mix(programme: Programme, columns: Sequence[str], listed: Floats) -> Floats:
-    """Return the matrix that correlates nuisance parameters [column, column]."""
-    names = programme.space.names
-    own = [
-        i
-        for i, name in enumerate(columns)
-        if name in names and not listed[i] and name not in programme.measured
-    ]
-    index = [names.index(columns[i]) for i in own]
-    correlations = programme.space.copula.correlations(len(names))[np.ix_(index, index)]
-    mix = np.eye(len(columns))
-    mix[np.ix_(own, own)] = np.linalg.cholesky(correlations)
-    return mix
-
-
-def _renew(
-    entry: Mapping[str, Any], identified: IdentifiedParameter, parameter: Parameter
-) -> dict[str, Any]:
-    """Return the normal distribution of a parameter in another vehicle of the fleet."""
-    sigma = float(np.hypot(identified.spread or 0.0, identified.mean_error))
-    is_number = parameter.of_user or parameter.unit == "-"
-    texts = {
-        key: float(f"{value:.6g}") if is_number else f"{value:.6g} {parameter.unit}"
-        for key, value in (("mean", identified.mean), ("sigma", sigma))
-    }
-    varies = {key: value for key, value in entry.items() if key == "varies_by"}
-    return {"distribution": "normal", **texts, **varies}
-
-
-def _comment(answer: Identification, source: object) -> str:
-    """Return the comment on the source of the renewed dispersions."""
-    lines = [
-        f"Dispersions identified from {', '.join(answer.flights)} with {source}:",
-        *(
-            f"{entry.name}: mean {entry.mean:.4g}, standard error {entry.mean_error:.2g}, "
-            + ("one sample" if entry.spread is None else f"spread {entry.spread:.2g}")
-            for entry in answer.parameters
-        ),
-        *(f"not separable: {', '.join(group)}" for group, _ in answer.inseparable),
-        f"chi-square: p = {answer.p_value:.2g}" + ("" if answer.fits else ", does not fit"),
-    ]
-    return "\n".join(lines)

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.interfaces import Engine
-from abhv_mc.search.flight_records import Programme
+from abhv_mc.search.flight_records import Programme, sample
+from abhv_mc.statistics.circular import align_flights
 from abhv_mc.statistics.placement import (
     CONFIDENCE,
     Band,
@@ -18,6 +20,7 @@ from abhv_mc.statistics.placement import (
     simultaneous_band,
 )
 
+FEWEST_FLIGHTS = 39  # minimum number of flights for a simultaneous 95 % band
 SETS = 199  # number of simulated sets of flights
 _SUMMARIES = ("largest", "smallest", "mean", "last")
 
@@ -54,7 +57,6 @@ class PlacedFlight:
     leaves: Departure | None
     offset_s: float  # time by which the record's clock is ahead of the simulation
     covers: tuple[float, float] | None  # times of the first and last sample of a history, s
-    gaps: int  # number of missing samples between these times
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def place_flights(
     rows, names = programme.draw(sets), programme.names
     announce(f"simulating {sets * rows.shape[1]} flights ({sets} sets of {rows.shape[1]})")
     with programme.open() as simulate:
-        simulated = programme.simulate_sets(simulate, rows)
+        simulated = simulate(rows, True)
     count = np.isfinite(simulated).sum(axis=(0, 1, 2))
     tests = programme.align(simulated)
     spread = np.isfinite(simulated).sum(axis=(0, 1, 2)) < count
@@ -114,7 +116,7 @@ def place_flights(
     pool[:, ~np.isfinite(tests)] = np.nan  # Simulated flights have the gaps of the test flights.
     bands: list[Band] = []
     scores, labels, values = None, list(names), pool[:, :, 0]
-    if programme.timed:
+    if programme.is_history:
         values = summarize(pool.reshape(-1, *pool.shape[2:])).reshape(*pool.shape[:2], -1)
         labels = [f"{name}, {summary}" for summary in _SUMMARIES for name in names]
         bands = [simultaneous_band(pool[:-1, k], CONFIDENCE) for k in range(len(tests))]
@@ -134,7 +136,7 @@ def place_flights(
         by_flight=tuple(dispersions[~programme.by_vehicle].tolist()),
         measured=programme.measured,
         noise=programme.noise,
-        sensed=tuple(name for name in names if programme.sensor_errors(name, rows)),
+        sensed=tuple(name for name in names if programme.sensor_errors(name, rows[0])),
         ignored=programme.ignored,
         spread=tuple(name for name, is_spread in zip(names, spread, strict=True) if is_spread),
         flights=tuple(
@@ -193,11 +195,10 @@ def _place(
 ) -> PlacedFlight:
     """Return the comparison of flight `k` with simulated flights, `values` [set, column]."""
     record, p_values, row = programme.records[k], result.columns[k], values[-1]
-    leaves, covers, gaps = None, None, 0
+    leaves, covers = None, None
     if bands:
         known = np.flatnonzero(np.isfinite(test).any(axis=1))
         covers = float(programme.times[known[0]]), float(programme.times[known[-1]])
-        gaps = int(np.isnan(test[known[0] : known[-1] + 1]).any(axis=1).sum())
         outside = bands[k].deviations(test) > factor
         if outside.any():
             first = int(np.argmax(outside.any(axis=1)))
@@ -220,7 +221,6 @@ def _place(
         leaves=leaves,
         offset_s=record.offset,
         covers=covers,
-        gaps=gaps,
     )
 
 
@@ -234,3 +234,34 @@ def _hull(bands: Sequence[Band], factor: float, tests: Floats, i: int) -> Channe
         ]
     )
     return ChannelBands(np.fmin.reduce(edges), np.fmax.reduce(edges), tests)
+
+
+def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
+    """Return, by flight number, the histories that were stored regardless of the outcome."""
+    steps = [
+        1 if item == "all" else int(str(item).removeprefix("every "))
+        for item in results.campaign.model.keep.histories.flights
+        if str(item) == "all" or str(item).startswith("every ")
+    ]
+    stored = read_histories(results.folder, controller) if steps else {}
+    return {k: stored[k] for k in sorted(stored) if any(k % step == 0 for step in steps)}
+
+
+def find_band(
+    results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
+) -> tuple[list[str], Band] | None:
+    """Return the channels that have histories, and the simultaneous band of these channels.
+
+    Return None if there is no such channel or if there are too few random histories.
+    """
+    if not results.campaign.independent:
+        return None
+    histories = list(_random_histories(results, controller).values())
+    shared = [name for name in channels if histories and name in histories[0]]
+    if len(histories) < FEWEST_FLIGHTS or not shared:
+        return None
+    periods = results.campaign.periods
+    sampled = np.stack([sample(history, shared, times, periods) for history in histories])
+    for c, channel in enumerate(shared):
+        sampled[:, :, c] = align_flights(sampled[:, :, c], periods[channel])
+    return shared, simultaneous_band(sampled, CONFIDENCE)

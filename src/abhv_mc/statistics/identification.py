@@ -29,7 +29,7 @@ Simulate = Callable[[Floats], Floats]
 class Estimates:
     """Estimated coordinates of the parameters in each flight."""
 
-    values: Floats  # [flight, column]
+    points: Floats  # [flight, column]
     errors: Floats  # [flight, column] standard errors
     listed: Mask  # [column] listed parameters that are estimated without prior
     # groups of listed columns that the flights cannot separate, with the correlation of a pair
@@ -83,12 +83,12 @@ def estimate(
         slopes = (outputs[:, 1 : columns + 1] - outputs[:, columns + 1 :]) / (2.0 * _STEP * noise)
         residuals = residuals / noise
         slopes = np.where(np.isfinite(residuals)[:, np.newaxis] & np.isfinite(slopes), slopes, 0.0)
-        normal = list(_normal_equations(slopes, np.nan_to_num(residuals), vehicles, shared))
-        if not simulations > len(offsets):
-            inseparable = list(_separate(normal, listed))
+        if simulations == len(offsets):
+            inseparable = list(_separate(slopes, listed))
         change, freedom = 0.0, int(np.isfinite(residuals).sum())
         chi_square = float(np.nansum(residuals**2))
-        for rows, index, matrix, vector in normal:
+        known = np.nan_to_num(residuals)
+        for rows, index, matrix, vector in _normal_equations(slopes, known, vehicles, shared):
             current, precision = np.zeros((2, len(vector)))
             current[index], precision[index] = points[rows], np.where(listed, _FLAT, 1.0)
             covariance = np.linalg.inv(matrix + np.diag(precision))
@@ -102,7 +102,7 @@ def estimate(
         if converged or simulations == _MOST_STEPS * len(offsets):
             break
     return Estimates(
-        values=points,
+        points=points,
         errors=errors,
         listed=listed,
         inseparable=tuple(inseparable),
@@ -135,31 +135,24 @@ def _normal_equations(
         yield rows, index, matrix, vector
 
 
-def _separate(normal: list[_Normal], listed: Mask) -> Iterator[tuple[tuple[int, ...], float]]:
+def _separate(slopes: Floats, listed: Mask) -> Iterator[tuple[tuple[int, ...], float]]:
     """Yield groups of columns that cannot be separated, and remove them from `listed`."""
+    matrix = np.einsum("fao,fbo->ab", slopes, slopes) / len(slopes)
     while listed.any():
-        columns, information = np.flatnonzero(listed), np.zeros((listed.sum(), listed.sum()))
-        for _, index, matrix, _ in normal:
-            precision = np.zeros(len(matrix))
-            precision[index] = np.where(listed, _FLAT, 1.0)
-            covariance = np.linalg.inv(matrix + np.diag(precision))
-            information += np.linalg.inv(covariance[np.ix_(index[0, columns], index[0, columns])])
-        information /= len(normal)
-        scale = np.sqrt(np.diag(information))
-        values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-        errors = np.sqrt(np.diag(np.linalg.inv(information)))
-        if values[0] < _SEPARABLE:
-            members = np.flatnonzero(np.abs(vectors[:, 0]) > _MEMBER)
-        elif errors.max() > _LARGEST_ERROR:
-            members = np.array([np.argmax(errors)])
-        else:
+        columns = np.flatnonzero(listed)
+        precision = np.diag(np.where(listed, _FLAT, 1.0))
+        covariance = np.linalg.inv(matrix + precision)[np.ix_(columns, columns)]
+        information = np.linalg.inv(covariance)
+        size, errors = np.sqrt(np.diag(information)), np.sqrt(np.diag(covariance))
+        values, vectors = np.linalg.eigh(information / np.outer(size, size))
+        members = np.flatnonzero(np.abs(vectors[:, 0]) > _MEMBER)
+        if values[0] > _SEPARABLE:
+            members = np.flatnonzero(errors > _LARGEST_ERROR)[:1]
+        if not members.size:
             return
-        covariance = np.linalg.inv(information)[np.ix_(members, members)]
-        deviations = np.sqrt(np.diag(covariance))
-        yield (
-            tuple(columns[members].tolist()),
-            float(covariance[0, -1] / (deviations[0] * deviations[-1])),
-        )
+        first, last = members[0], members[-1]
+        correlation = covariance[first, last] / (errors[first] * errors[last])
+        yield tuple(columns[members].tolist()), float(correlation)
         listed[columns[members]] = False
 
 

@@ -69,11 +69,9 @@ def judge_set(pool: Floats, scores: Floats | None = None) -> SetTest:
 
     sets, flights, columns = pool.shape
     pool = np.where(np.isfinite(pool).any(axis=0), pool, 0.0)
-    low, middle, high = np.nanquantile(pool, [0.16, 0.5, 0.84], axis=0)
-    spread = high - low + _ROUNDING * np.abs(middle) + np.finfo(float).tiny
-    with np.errstate(over="ignore"):
-        flat = np.round((pool - middle) / spread, 6).reshape(-1, columns)
-    flat = np.nan_to_num(flat)
+    middle, spread = np.nanmean(pool, axis=0), np.nanstd(pool, axis=0)
+    spread += _ROUNDING * np.abs(middle) + np.finfo(float).tiny
+    flat = np.nan_to_num(np.round((pool - middle) / spread, 6)).reshape(-1, columns)
     normal = ndtri((rankdata(flat, axis=0) - 0.5) / len(flat)).reshape(pool.shape)
     p_values = rank_p_values(flat)
     deviations = [-p_values.min(axis=1), _distances(normal.reshape(-1, columns))]
@@ -144,11 +142,6 @@ class Band:
         """Return a history's deviations [time, channel] in units of the spread; 0 if missing."""
         deviations = history - self.middle
         return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
-
-    def p_value(self, history: Floats) -> float:
-        """Return the share of flights, including ``history``, that deviate at least as much."""
-        largest = self.deviations(history).max()
-        return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 
 
 def simultaneous_band(histories: Floats, confidence: float = 0.95) -> Band:

@@ -1,54 +1,39 @@
 """Printed results of `abhv-mc identify`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from abhv_mc.search.identify import FIT_RISK, Identification
 from abhv_mc.topics.formatting import p_equation, percent, significant
-from abhv_mc.topics.section import Cell, Section, Table, make_records
+from abhv_mc.topics.section import Section, make_records
 
 
 def make_identify_section(answer: Identification) -> Section:
     """Return the estimates, residuals and fit of an identification."""
-    estimates = tuple(
-        (
-            Cell(parameter.name, head=True),
-            Cell(unit),
-            Cell(significant(value, 4)),
-            Cell(significant(1.96 * parameter.errors[unit], 2)),
-        )
-        for parameter in answer.parameters
-        for unit, value in parameter.values.items()
-    )
-    residuals = tuple(
-        (Cell(flight, head=True), Cell(name), Cell(significant(rms, 3)))
-        for flight, channels in answer.residuals.items()
-        for name, rms in channels.items()
-    )
-    heads = ("Parameter", "Vehicle or flight", "Estimate", "95 % interval (+-)")
-    return Section(
-        "Summary",
-        (
-            make_records(_texts(answer)),
-            Table("Estimates", heads, (estimates,)),
-            Table("Residuals", ("Flight", "Channel", "rms in sigmas"), (residuals,)),
-        ),
-    )
+    return Section("Summary", (make_records(_texts(answer)),))
 
 
 def _texts(answer: Identification) -> Iterator[tuple[str, str]]:
     fit = f"{p_equation(answer.p_value)}, rejected below {percent(FIT_RISK)}"
     yield "Model fits" if answer.fits else "Model does not fit", fit
     for entry in answer.parameters:
-        unit = "" if entry.unit == "-" else f" {entry.unit}"
-        spread = "" if entry.spread is None else f", spread {significant(entry.spread, 3)}{unit}"
-        error = significant(entry.mean_error, 2)
-        yield entry.name, f"{significant(entry.mean, 4)} (standard error {error}){unit}{spread}"
+        spread = "unknown" if entry.spread is None else significant(entry.spread, 3)
+        yield (
+            f"{entry.name} ({entry.unit})",
+            f"{significant(entry.mean, 4)} (standard error {significant(entry.mean_error, 2)}), "
+            f"spread {spread}",
+        )
+        for unit, value in entry.values.items():
+            error = significant(1.96 * entry.errors[unit], 2)
+            yield f"  {unit}", f"{significant(value, 4)} +- {error} (95 %)"
     for group, correlation in answer.inseparable:
         yield "Not separable", f"{', '.join(group)} (correlation {correlation:.2f})"
     yield "Nuisances", ", ".join(answer.nuisances)
-    noise = (f"{name} {significant(answer.noise[name], 2)}" for name in answer.estimated_noise)
-    yield "Noise estimated (sigma)", ", ".join(noise)
-    offsets = (f"{name} {offset:.3g} s" for name, offset in answer.offsets.items() if offset)
-    yield "Clock offsets", ", ".join(offsets)
+    yield "Noise (sigma)", _list(answer.noise)
+    for flight, residuals in answer.residuals.items():
+        offset = f", clock offset {answer.offsets[flight]:.3g} s"
+        yield flight, f"residuals (rms, sigmas) {_list(residuals)}{offset}"
     yield "Simulations", f"{answer.simulations} of each flight"
-    yield "Columns ignored", ", ".join(answer.ignored)
+
+
+def _list(numbers: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {significant(value, 3)}" for name, value in numbers.items())

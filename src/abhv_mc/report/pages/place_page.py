@@ -64,8 +64,7 @@ def _texts(placement: Placement) -> Iterator[tuple[str, str]]:
             start, end = flight.covers
             yield (
                 flight.name,
-                f"record from {start:g} to {end:g} s, {flight.gaps} gaps, "
-                f"clock offset {flight.offset_s:.3g} s",
+                f"record from {start:g} to {end:g} s, clock offset {flight.offset_s:.3g} s",
             )
     yield NO_BAND, ", ".join(placement.spread)
     yield "Simulated sets", fixed(placement.simulated, 0)
