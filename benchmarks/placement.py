@@ -1,148 +1,171 @@
-"""False alarms and detections of `place`: python benchmarks/placement.py [--smoke]
+"""Error rates and power of `place` and `identify`: python benchmarks/placement.py [--smoke]
 
-Two models are simulated:
+All models are cheap functions of arrays, with fixed seeds:
 
-- a point mass that holds altitude and speed in gusts; density, lift, drag (5 % each, normal) and
-  the initial state are dispersed, and
-- TLC in the S manoeuvre of the default campaign; density, lift (10 %) and drag (15 %) are uniform.
+- sets of flights with six metrics (linear in five dispersions, and one lognormal), grouped by
+  vehicles with a share of the variance;
+- point masses in a glide, with records of speed and angle of attack.
 
-The measurement noise is that of air data and of an inertial unit.
+The last part estimates parameters of the TLC in the S manoeuvre from histories of the plant.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
 
-from abhv_mc.analysis.place import CONFIDENCE, summarize
-from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.table_simulation import simulate_table
-from abhv_mc.shipped import find_input
-from abhv_mc.statistics.placement import joint_p_value, set_p_value, simultaneous_band
+from abhv_mc.statistics.identification import estimate, find_spread
+from abhv_mc.statistics.placement import judge_set
 
-CAMPAIGNS, FLIGHTS = 20, 1000
-HONEST, WRONG, SETS, IN_SET = 100, 20, 5, 10  # test flights of each campaign
-WRONG_DRAG = 1.2
-BIAS = 0.2  # deg, of the angle of attack, which is within the usual range
-NOISE = {
-    "angle_of_attack_deg": 0.1,
-    "speed_mps": 1.0,
-    "altitude_m": 5.0,
-    "equivalence_ratio": 0.005,
-    "sideslip_deg": 0.1,
-    "bank_deg": 0.1,
-    "elevator_deg": 0.1,
-}
-_POINT_MASS_CHANNELS = 4
-_STEP, _TIME = 0.1, 60.0
-_SPEED, _ALTITUDE, _MASS, _AREA = 1500.0, 25_000.0, 50_000.0, 200.0
-_EVERY = 5  # of the histories' times that are used
-
-Fly = Callable[..., np.ndarray]
+SETS, LEVEL = 199, 0.05
+FLIGHTS, SHARES = (2, 5, 20), (0.09, 0.25, 0.49, 0.81)
+_TIME = np.linspace(0.0, 40.0, 81)
+_SPREADS = {"drag": 0.05, "lift": 0.05, "damping": 0.2, "inertia": 0.1, "speed": 0.01}
+_NOISE = np.repeat([1.0, 0.1], _TIME.size)  # m/s, deg
+_MIXTURE = np.random.default_rng(1).standard_normal((6, 5))
 
 
-def fly_manoeuvre(
-    draw: np.random.Generator, flights: int, drag: float | None = None, times: float = 1.0
+def draw_sets(
+    draw: np.random.Generator, sets: int, flights: int, vehicles: int, share: float, case: str = ""
 ) -> np.ndarray:
-    """Return histories [flight, time, channel] of the default campaign, as `fly_point_mass`."""
-    campaign = read_campaign(
-        find_input("s_manoeuvre", "campaign"), flights, int(draw.integers(1 << 31)), ["tlc"]
-    )
-    samples = campaign.make_samples()
-    inputs = pd.DataFrame(samples.draw(0, flights), columns=list(samples.names))
-    if drag is not None:
-        inputs["aero.drag"] = drag
-    inputs["aero.drag"] *= times
-    flown = simulate_table(campaign, inputs, ["tlc"], list(NOISE))
-    columns = [flown[name].transpose("flight", "time", ...).to_numpy() for name in NOISE]
-    return np.stack([column.reshape(flights, -1)[:, ::_EVERY] for column in columns], axis=2)
+    """Return metrics [set, flight, metric]; `share` of the variance is between vehicles."""
+    of_vehicle = draw.standard_normal((sets, vehicles, 5))[:, np.arange(flights) % vehicles]
+    of_flight = draw.standard_normal((sets, flights, 5))
+    inputs = share**0.5 * of_vehicle + (1.0 - share) ** 0.5 * of_flight
+    if case == "drag 20 % high":  # with a standard deviation of 10 %
+        inputs[..., 0] += 2.0
+    if case == "correlation of 0.9":
+        inputs[..., 1] = 0.9 * inputs[..., 0] + 0.19**0.5 * inputs[..., 1]
+    metrics = inputs @ _MIXTURE.T + 0.1 * draw.standard_normal((sets, flights, 6))
+    if case == "bias of a metric":  # of one standard deviation
+        metrics[..., 1] += metrics[..., 1].std() if sets > 1 else np.linalg.norm(_MIXTURE[1])
+    metrics[..., 0] = np.exp(metrics[..., 0] / 2.0)
+    return metrics
 
 
-def fly_point_mass(
-    draw: np.random.Generator, flights: int, drag: float | None = None, times: float = 1.0
-) -> np.ndarray:
-    """Return histories [flight, time, channel] of simulated flights.
-
-    The channels are angle of attack (deg), speed (m/s), altitude (m) and throttle. `drag`, if
-    not None, is the drag factor of all flights; `times` multiplies it.
-    """
-    density, lift, k_drag = 1.0 + 0.05 * draw.standard_normal((3, flights))
-    k_drag = times * (k_drag if drag is None else np.full(flights, drag))
-    speed = _SPEED + 5.0 * draw.standard_normal(flights)
-    altitude = _ALTITUDE + 30.0 * draw.standard_normal(flights)
-    climb, gust = np.zeros(flights), np.zeros(flights)
-    pressure = 0.5 * 0.04 * _SPEED**2
-    trim = _MASS * 9.81 / (pressure * _AREA * 0.02)  # deg
-    thrust = pressure * _AREA * (0.02 + 0.0004 * trim**2)
-    rows = []
-    for step in range(int(_TIME / _STEP)):
-        gust += _STEP / 3.0 * -gust + 3.0 * np.sqrt(2.0 * _STEP / 3.0) * draw.standard_normal(
-            flights
-        )
-        q = density * pressure * ((speed + gust) / _SPEED) ** 2 * _AREA
-        command = np.clip(1e-4 * (_ALTITUDE - altitude), -0.01, 0.01)
-        alpha = trim + 100.0 * (command - climb)
-        throttle = 1.0 + 20.0 * (_SPEED - speed) / _SPEED
-        forward = thrust * throttle - k_drag * q * (0.02 + 0.0004 * alpha**2)
-        climb += _STEP * (lift * q * 0.02 * alpha - _MASS * 9.81) / (_MASS * speed)
-        speed += _STEP * (forward / _MASS - 9.81 * climb)
-        altitude += _STEP * speed * climb
-        if step % _EVERY == 0:
-            rows.append([alpha, speed.copy(), altitude.copy(), throttle])
-    return np.transpose(rows, (2, 0, 1))
+def study_sets(repetitions: int) -> Iterator[str]:
+    """Yield the shares of honest and wrong sets that are called different."""
+    wrong = ("drag 20 % high", "bias of a metric", "correlation of 0.9")
+    for flights in FLIGHTS:
+        for vehicles in sorted({1, 2, flights}):
+            for share in SHARES:
+                results = []
+                for case in ("", *wrong) if share == SHARES[1] else ("",):
+                    draw, p_values = np.random.default_rng(5), []
+                    for _ in range(max(1, repetitions // 6) if case else repetitions):
+                        pool = draw_sets(draw, SETS, flights, vehicles, share)
+                        test = draw_sets(draw, 1, flights, vehicles, share, case)
+                        result = judge_set(np.concatenate([pool, test]))
+                        p_values.append((result.together, result.flights.min()))
+                    rates = np.mean(np.array(p_values) <= LEVEL, axis=0)
+                    results.append(f"{case or 'honest'} {rates[0]:.3f} (flights {rates[1]:.3f})")
+                name = f"{flights} flights, {vehicles} vehicles, share {share:g}"
+                yield f"{name}: {', '.join(results)}"
 
 
-def study(fly: Fly, campaigns: int, flights: int, noise: np.ndarray) -> dict[str, float]:
-    """Return the shares of test flights that are outside at 5 %."""
-    outside: dict[str, list[bool]] = {}
-    for seed in range(campaigns):
-        draw = np.random.default_rng(seed)
+def glide(points: np.ndarray) -> np.ndarray:
+    """Return speed and angle of attack [..., output] of coordinates [..., dispersion]."""
+    factors = 1.0 + points * [*_SPREADS.values()]
+    drag, lift, damping, inertia, speed = np.moveaxis(factors[..., np.newaxis], -2, 0)
+    velocity = 1.0 / (1.0 / (300.0 * speed) + 0.5e-5 * drag * _TIME)
+    wave = np.exp(-0.1 * damping * _TIME) * np.cos(0.8 * (lift / inertia) ** 0.5 * _TIME)
+    return np.concatenate([velocity, 5.0 / lift / speed**2 * (1.0 + 0.3 * wave)], axis=-1)
 
-        def run(count: int, **options: float) -> np.ndarray:
-            histories = fly(draw, count, **options)  # noqa: B023  called within this loop
-            return histories + noise * draw.standard_normal(histories.shape)  # noqa: B023
 
-        simulated = run(flights)
-        band, values = simultaneous_band(simulated, CONFIDENCE), summarize(simulated)
-        biased = run(WRONG)
-        biased[:, :, 0] += BIAS
-        tests = {
-            "valid": run(HONEST),
-            "drag 20 % high": run(WRONG, drag=WRONG_DRAG),
-            f"angle of attack {BIAS:g} deg high": biased,
+def study_estimates(records: int, fleets: int) -> Iterator[str]:
+    """Yield coverages of the intervals of drag and lift, and the accuracy of spreads."""
+    draw = np.random.default_rng(3)
+    arguments = (_NOISE, np.repeat([0, 1], _TIME.size))
+    flags = {"shared": np.ones(5, bool), "listed": np.arange(5) < 2}
+
+    def cover(truth: np.ndarray) -> str:
+        data = glide(truth) + _NOISE * draw.standard_normal((len(truth), _NOISE.size))
+        result = estimate(glide, data, *arguments, np.arange(len(truth)), **flags)
+        inside = np.abs(result.points - truth) < 1.96 * result.errors
+        drag, lift = inside.mean(axis=0)[:2]
+        return f"drag {drag:.3f}, lift {lift:.3f} (p = {result.p_value:.2f})"
+
+    truth = draw.standard_normal((records, 5)) * [3.0, 3.0, 1.0, 1.0, 1.0]
+    yield f"coverage, nuisances drawn: {cover(truth)}"
+    for column, name in list(enumerate(_SPREADS))[2:]:
+        shifted = truth.copy()
+        shifted[:, column] = 2.0
+        yield f"coverage, {name} at 2 sigma: {cover(shifted)}"
+    vehicles, spreads = np.arange(20), []
+    for _ in range(fleets):
+        truth = draw.standard_normal((20, 5)) * [3.0, 3.0, 1.0, 1.0, 1.0]
+        data = glide(truth) + _NOISE * draw.standard_normal((20, _NOISE.size))
+        result = estimate(glide, data, *arguments, vehicles, **flags)
+        spreads.append([find_spread(result.points[:, i], result.errors[:, i])[2] for i in (0, 1)])
+    near = np.abs(np.array(spreads) / 3.0 - 1.0) < 0.25
+    yield f"spread within 25 %: drag {near[:, 0].mean():.3f}, lift {near[:, 1].mean():.3f}"
+
+
+def study_plant(records: int) -> Iterator[str]:
+    """Yield the coverage of drag, from simulated records of the S manoeuvre with noise."""
+    import tempfile
+    from pathlib import Path
+
+    import pandas as pd
+
+    from abhv_mc import Campaign, simulate
+
+    noise = {"speed_mps": 0.5, "angle_of_attack_deg": 0.05, "equivalence_ratio": 0.005}
+    laws = {
+        "aero.drag": ("normal", "5 %"),
+        "aero.lift": ("normal", "3 %"),
+        "propulsion.thrust": ("normal", "2 %"),
+        "mass.inertia_yy": ("normal", "10 %"),
+        "mass.total": ("normal", "1 %"),
+    }
+    campaign = Campaign.make(
+        {
+            "name": "plant",
+            "vehicle": "abhv",
+            "mission": "paper_s",
+            "controllers": {"tlc": "tlc"},
+            "dispersions": {
+                name: {"distribution": law, "sigma": sigma} for name, (law, sigma) in laws.items()
+            },
+            "keep": {"histories": {"rate": "2 Hz"}},
+            "seed": 7,
+            "runs": records,
         }
-        for name, histories in tests.items():
-            for history, row in zip(histories, summarize(histories), strict=True):
-                p_value = joint_p_value(np.vstack([values, row]))
-                leaves = bool(band.deviations(history).max() > band.factor)
-                outside.setdefault(f"{name}, metrics", []).append(p_value <= 1.0 - CONFIDENCE)
-                outside.setdefault(f"{name}, band", []).append(leaves)
-        for name, times in (("valid", 1.0), (f"drag times {WRONG_DRAG:g}", WRONG_DRAG)):
-            histories = run(SETS * IN_SET, times=times)
-            scores = np.array([band.deviations(history).max() for history in histories])
-            own = np.column_stack([summarize(histories), scores])
-            for rows in np.split(own, SETS):
-                pool = np.vstack([np.column_stack([values, band.scores]), rows])
-                p_value = set_p_value(pool, IN_SET)
-                outside.setdefault(f"{name}, sets of ten", []).append(p_value <= 1.0 - CONFIDENCE)
-    return {name: float(np.mean(flags)) for name, flags in outside.items()}
+    )
+    samples = campaign.draw_samples()
+    flown = simulate(campaign, samples, ["tlc"], [*noise])
+    draw, rows = np.random.default_rng(4), ["vehicle,history"]
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(records):
+            columns = {"time": flown.time.to_numpy()}
+            for name, sigma in noise.items():
+                values = flown[name].to_numpy()[0, k]
+                columns[name] = values + sigma * draw.standard_normal(values.size)
+            pd.DataFrame(columns).to_csv(Path(folder, f"{k}.csv"), index=False)
+            rows.append(f"V{k},{k}.csv")
+        table = Path(folder, "flights.csv")
+        table.write_text("\n".join(rows) + "\n", encoding="utf-8")
+        answer = campaign.identify([table], ["aero.drag"], measured=noise)
+    for entry in answer.parameters:
+        estimates, errors = (np.array([*vars(entry)[key].values()]) for key in ("values", "errors"))
+        truth = samples[entry.name].to_numpy()
+        inside = np.mean(np.abs(estimates - truth) < 1.96 * errors)
+        yield (
+            f"plant, {records} records: coverage of {entry.name} {inside:.3f}, standard error "
+            f"{errors.mean():.4f}, spread {entry.spread:.4f} (true {truth.std(ddof=1):.4f}), "
+            f"{answer.simulations} simulations of each flight, p = {answer.p_value:.2f}"
+        )
+    for names, correlation in answer.inseparable:
+        yield f"not separable: {', '.join(names)} ({correlation:.2f})"
 
 
 def main() -> None:
-    """Print the shares of both models without noise and with declared noise."""
+    """Print the tables of docs/how-to/test-flights.md."""
     smoke = sys.argv[1:] == ["--smoke"]
-    campaigns, flights = (1, 100) if smoke else (CAMPAIGNS, FLIGHTS)
-    noise = np.array([*NOISE.values()])
-    models = {
-        "point mass": (fly_point_mass, noise[:_POINT_MASS_CHANNELS]),
-        "S manoeuvre": (fly_manoeuvre, noise),
-    }
-    labels = (("without noise", 0.0), ("with declared noise", 1.0))
-    for model, (fly, sigma) in models.items():
-        for label, factor in labels[: 1 if smoke else None]:
-            for name, share in study(fly, campaigns, flights, factor * sigma).items():
-                print(f"{model}, {label}, {name}: outside in {share:.3f}", flush=True)
+    sizes = (2, 20, 2, 2) if smoke else (600, 1000, 100, 200)
+    for lines in (study_plant(sizes[3]), study_estimates(*sizes[1:3]), study_sets(sizes[0])):
+        for line in lines:
+            print(line, flush=True)
 
 
 if __name__ == "__main__":

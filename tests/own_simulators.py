@@ -2,8 +2,11 @@
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 DIVE = """
 import json, math, os, sys, time
@@ -111,3 +114,59 @@ def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
 def shown_text(page: Path) -> str:
     """Return the text of a page without its scripts."""
     return re.sub(r"(?s)<(script|style|noscript).*?</\1>|<[^>]*>", " ", page.read_text("utf-8"))
+
+
+# Flight whose drag slows it down, with an oscillation of the angle of attack
+GLIDE = """
+import math
+
+def fly(inputs, settings):
+    time = [0.5 * k for k in range(61)]
+    drag, lift, wind = (inputs[name] for name in ("drag", "lift", "wind"))
+    speed = [1.0 / (1.0 / 300.0 + 0.5e-5 * drag * t) for t in time]
+    alpha = [wind + 5.0 / lift * (1.0 + 0.3 * math.exp(-0.1 * t) * math.cos(0.8 * t)) for t in time]
+    return {"total": speed[-1], "history": {"time": time, "speed": speed, "alpha": alpha}}
+"""
+
+
+def glide_campaign(folder: Path, **changes: Any) -> Path:
+    """Write a campaign with the simulator ``GLIDE`` and declared measurement errors."""
+    spread = {"distribution": "normal", "sigma": "5 %"}
+    wind = {"distribution": "normal", "sigma": "0.2 m/s", "varies_by": "flight"}
+    entries: dict[str, Any] = {
+        "inputs": {name: {"unit": "-", "nominal": 1} for name in ("drag", "lift")}
+        | {"wind": {"unit": "m/s", "nominal": 0}},
+        "dispersions": {"drag": spread, "lift": spread, "wind": wind},
+        "histories": {"speed": {"unit": "m/s"}, "alpha": {"unit": "deg"}},
+        "measured": {"speed": 1.0, "alpha": 0.1},
+        "requirements": [],
+    }
+    return write_study(folder, GLIDE, **entries | changes)
+
+
+def write_glide(
+    folder: Path, flights: Sequence[tuple[float, float, str, float]], ripple: float = 0.0
+) -> Path:
+    """Write records of flights with (drag, lift, vehicle, clock offset); return their table.
+
+    Four samples of the speed are missing in each record.
+    """
+    draw, lines = np.random.default_rng(1), ["history,vehicle"]
+    space: dict[str, Any] = {}
+    exec(GLIDE, space)  # noqa: S102
+    for k, (drag, lift, vehicle, offset) in enumerate(flights):
+        inputs = {"drag": drag, "lift": lift, "wind": 0.2 * draw.standard_normal()}
+        columns = {
+            key: np.array(values) for key, values in space["fly"](inputs, {})["history"].items()
+        }
+        columns["alpha"] += 0.1 * draw.standard_normal(61) + ripple * np.sin(columns["time"])
+        columns["speed"] += draw.standard_normal(61)
+        columns["speed"][10:14] = np.nan
+        columns["time"] += offset
+        table = np.column_stack([*columns.values()])
+        heads = ",".join(columns)
+        np.savetxt(folder / f"{k}.csv", table, delimiter=",", header=heads, comments="")
+        lines.append(f"{k}.csv,{vehicle}")
+    path = folder / "flights.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from abhv_mc.report.pages.compare_page import Comparison
+    from abhv_mc.search.identify import Identification
     from abhv_mc.search.rare import RareFound
     from abhv_mc.search.worst import WorstFound
 
@@ -217,6 +218,45 @@ class Campaign:
         from abhv_mc.execution.runner import run_campaign
 
         return Results(run_campaign(request).folder)
+
+    def identify(
+        self,
+        flights: Sequence[Paths],
+        parameters: Sequence[str] = (),
+        controller: str | None = None,
+        measured: Mapping[str, float] | None = None,
+        output: Paths | None = None,
+    ) -> "Identification":
+        """Estimate dispersions from test flights, as ``abhv-mc identify`` does.
+
+        Parameters
+        ----------
+        flights
+            Files of test flights: histories, or tables with a row for each flight.
+        parameters
+            Parameters to estimate; by default, the dispersions that vary by vehicle.
+        controller
+            Controller of the test flights; by default, the only one under test.
+        measured
+            Standard deviation of the measurement error of each channel or metric, in its unit.
+        output
+            Campaign file to write, with the renewed dispersions.
+
+        Returns
+        -------
+        Identification
+            ``.parameters`` holds the estimates, ``.dispersions`` the renewed dispersions, and
+            ``.fits`` is False if the model does not fit.
+
+        Raises
+        ------
+        InputError
+            If a file or an argument is invalid.
+        """
+        from abhv_mc.search.identify import identify
+
+        files, out = [Path(file) for file in flights], None if output is None else Path(output)
+        return identify(self.path, files, parameters, controller, measured, output=out)
 
     def _repr_html_(self) -> str:
         """Return the campaign's question, controllers and dispersions as HTML for notebooks."""

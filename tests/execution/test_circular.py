@@ -8,7 +8,6 @@ from fake_flight import ENGINE, fly, record, write_campaign
 from fake_flight import run as run_flights
 from own_simulators import shown_text, write_study
 
-from abhv_mc.analysis.place import find_band, place_flights
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.plan import make_recording
@@ -16,6 +15,7 @@ from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.channel_curves import channel_curves
 from abhv_mc.requests import Request
+from abhv_mc.search.place import find_band, place_flights
 from abhv_mc.topics.envelopes import NO_BAND
 
 HEADING = CHANNEL_INDEX["heading_deg"]
@@ -40,8 +40,8 @@ def turned(tmp_path_factory):
             block.history[:, :, HEADING] = (heading + turn) % 360.0
             return record(block, make_recording(recorded, plan))
 
-        out = root / f"{heading} {spread}"
-        results = read_flown(run_flights(path, out, replace(ENGINE, fly=fly_turned)).folder)
+        out, engine = root / f"{heading} {spread}", replace(ENGINE, fly=fly_turned)
+        results = read_flown(run_flights(path, out, engine).folder)
         history, p_values = read_histories(out, "one")[7], []
         names = ["altitude_m", "heading_deg"]
         envelopes = [results.envelopes["one", name] for name in names]
@@ -52,10 +52,10 @@ def turned(tmp_path_factory):
             np.savetxt(
                 root / "flight.csv", table, delimiter=",", header=",".join(history), comments=""
             )
-            (flight,) = place_flights(out, [root / "flight.csv"]).flights
-            p_values += [flight.joint_p_value, flight.band_p_value]
+            placement = place_flights(out, [root / "flight.csv"], sets=60, engine=engine)
+            p_values.append(placement.flights[0].p_value)
         bands = np.stack([[*envelope.bands.values()] for envelope in envelopes], axis=2)
-        return np.vstack([bands, band.edges]), p_values, out
+        return np.vstack([bands, band.edges]), p_values, out, placement
 
     return run
 
@@ -63,8 +63,11 @@ def turned(tmp_path_factory):
 @pytest.mark.parametrize("heading", range(0, 360, 45))
 @pytest.mark.parametrize("low", [0.0, -180.0])
 def test_headings_do_not_matter(turned, heading, low):
-    (expected, p_values, _), (bands, turned_p_values, out) = turned(90), turned(heading, low)
-    assert turned_p_values == p_values and p_values[1] > 0.1 > p_values[3]
+    (expected, p_values, *_), (bands, turned_p_values, out, _) = (
+        turned(90),
+        turned(heading, low),
+    )
+    assert turned_p_values == p_values and p_values[0] > 0.1 > p_values[1]
     turns = (bands - expected - np.array([0.0, heading - 90.0])) / 360.0
     assert turns == pytest.approx(np.broadcast_to(np.round(turns[0, 0]), turns.shape), abs=1e-5)
     _, curves = channel_curves(read_flown(out), "one", "heading_deg")
@@ -72,9 +75,8 @@ def test_headings_do_not_matter(turned, heading, low):
 
 
 def test_flights_that_spread_over_the_circle_have_no_band(turned):
-    bands, _, out = turned(0, spread=6.0)
+    bands, _, out, placement = turned(0, spread=6.0)
     assert np.isnan(bands).all(axis=(0, 1)).tolist() == [False, True]
-    placement = place_flights(out, [out.parent / "flight.csv"])
     assert [*placement.bands] == ["altitude_m"] and placement.spread == ("heading_deg",)
     assert NO_BAND in shown_text(build_report(out))
 

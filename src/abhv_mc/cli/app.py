@@ -19,6 +19,7 @@ from abhv_mc import __version__
 from abhv_mc.cli import (
     flying,
     linearizing,
+    placing,
     proving,
     querying,
     replaying,
@@ -98,7 +99,7 @@ _PANELS: dict[str, tuple[Any, ...]] = {  # Names stand for commands that package
     "Search": (searching.worst, searching.rare, "tune"),
     "Results": (
         *(reporting.show, "explore", replaying.explain, reporting.whatif),
-        *(reporting.place, querying.query, querying.lists),
+        *(placing.place, placing.identify, querying.query, querying.lists),
     ),
     "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
     "Verify": (proving.verify,),

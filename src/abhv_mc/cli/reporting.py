@@ -3,7 +3,6 @@
 import shlex
 import shutil
 from dataclasses import replace
-from math import inf
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +12,6 @@ import typer
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
     Baseline,
-    Controller,
     Json,
     Junit,
     Requirements,
@@ -245,65 +243,6 @@ def compare(
         )
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def place(
-    flights: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FLIGHT.csv",
-            help="Test flights: time histories with the column time (s) and columns of channels, "
-            "or tables with a row of metrics for each flight.",
-        ),
-    ],
-    folder: Annotated[Path, folder_argument("Results folder of a campaign with random sampling.")],
-    controller: Controller = None,
-    measured: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CHANNEL=SIGMA",
-            help="Standard deviation of the measurement noise of a channel, in the unit of the "
-            "channel; repeatable.",
-        ),
-    ] = None,
-    out: Annotated[Path | None, output(output_folder, "DIR", "Folder for a report page.")] = None,
-    json: Json = None,
-) -> None:
-    """Compare test flights with a campaign, to check whether the dispersed model covers them.
-
-    Print the rank of each metric among the simulated flights, the joint p-value of all metrics, and
-    the channel and time at which a history first leaves the simultaneous 95 % band. For several
-    test flights, the result of a joint test is also printed.
-    """
-    from abhv_mc.analysis.place import place_flights
-    from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.place_page import make_place_answer
-
-    placement = place_flights(folder, flights, controller, _parse_noise(measured or []))
-    page = make_place_answer(placement, folder)
-    show_result(
-        {key: value for key, value in vars(placement).items() if key != "bands"},
-        json,
-        lambda: print_section(page.section),
-    )
-    if out is not None:
-        say(f"report    {write_answer(page, out / 'report.html')}", file=text_stream(json))
-
-
-def _parse_noise(settings: list[str]) -> dict[str, float]:
-    """Parse the noise of each channel. Raise InputError unless all values are positive."""
-    noise: dict[str, float] = {}
-    for setting in settings:
-        channel, _, number = setting.partition("=")
-        try:
-            noise[channel] = float(number)
-        except ValueError:
-            noise[channel] = -1.0
-        if not 0.0 < noise[channel] < inf:
-            raise InputError(
-                "--measured", f"invalid setting '{setting}'", "CHANNEL=SIGMA with a positive number"
-            )
-    return noise
 
 
 def whatif(

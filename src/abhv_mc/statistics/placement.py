@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.statistics.ranks import standard_ranks
 
+CONFIDENCE = 0.95
 # smallest distance of a quantile from the median, as a share of the channel's largest standard
 # deviation
 _FLOOR = 0.05
@@ -27,7 +27,6 @@ _FEWEST = 10
 # spread, relative to a channel's size, below which differences are rounding errors: two steps of
 # the single precision of stored histories
 _ROUNDING = 2.0**-22
-_DRAWS = 2000  # number of random sets of flights
 _RIDGE = 1e-3  # regularization relative to a column's unit variance
 
 
@@ -42,17 +41,61 @@ def rank_p_values(pool: Floats) -> Floats:
     return np.minimum(p_values, 1.0)
 
 
-def joint_p_value(pool: Floats) -> float:
-    """Return the joint p-value of the last flight over all columns.
+@dataclass(frozen=True)
+class SetTest:
+    """P-values of a set of test flights among simulated sets of flights."""
 
-    The statistic is the smaller of two p-values: the smallest rank p-value of any column, and the
-    p-value of the Mahalanobis distance, which detects unusual combinations of usual values.
+    columns: Floats  # [flight, column] two-sided p-value of each value, for a single test
+    flights: Floats  # [flight] p-value of each flight, corrected for the number of flights
+    together: float  # p-value of the whole set
+
+
+def judge_set(pool: Floats, scores: Floats | None = None) -> SetTest:
+    """Compare the last set of `pool` [set, flight, column] with all other, simulated sets.
+
+    Flight k of each set has the same conditions. Missing values (NaN) count as medians. `scores`
+    [set, flight] are additional deviations, such as those of histories from a band. Sets that are
+    draws from one model are exchangeable, so the p-values, which are ranks among the sets of
+    symmetric statistics, are exact.
+
+    The deviation of a flight is the smallest p-value of its columns, of its Mahalanobis distance
+    and of its score. Its p-value is the share of sets whose largest deviation is at least as large.
+    The deviation of a set is the smallest p-value of: means and mean squares of normal scores, the
+    Mahalanobis distance of the means, the mean Mahalanobis distance, products of two columns
+    (correlations), and the largest deviation of a flight.
     """
-    smallest = rank_p_values(pool).min(axis=1)
-    distances = _distances(pool)
-    alone, together = (_shares(values) for values in (-smallest, distances))
-    least = np.minimum(alone, together)
-    return float(np.mean(least <= least[-1]))
+    from scipy.special import ndtri
+    from scipy.stats import rankdata
+
+    sets, flights, columns = pool.shape
+    pool = np.where(np.isfinite(pool).any(axis=0), pool, 0.0)
+    middle, spread = np.nanmean(pool, axis=0), np.nanstd(pool, axis=0)
+    spread += _ROUNDING * np.abs(middle) + np.finfo(float).tiny
+    flat = np.nan_to_num(np.round((pool - middle) / spread, 6)).reshape(-1, columns)
+    normal = ndtri((rankdata(flat, axis=0) - 0.5) / len(flat)).reshape(pool.shape)
+    p_values = rank_p_values(flat)
+    deviations = [-p_values.min(axis=1), _distances(normal.reshape(-1, columns))]
+    if scores is not None:
+        deviations.append(scores.ravel())
+    least = np.min([_shares(values) for values in deviations], axis=0).reshape(sets, flights)
+    first = least.min(axis=1)
+    own = normal - normal.mean(axis=1, keepdims=True) * (flights > 2)
+    covariances = own.swapaxes(1, 2) @ own / flights
+    factor = np.linalg.inv(np.linalg.cholesky(covariances.mean(axis=0) + _RIDGE * np.eye(columns)))
+    ratios = factor @ covariances @ factor.T
+    losses = (
+        np.trace(ratios, axis1=1, axis2=2)
+        - np.linalg.slogdet(flights * ratios + np.eye(columns)).logabsdet
+    )
+    means, squares = normal.mean(axis=1), (normal**2).mean(axis=1)
+    statistics = [_largest(means), _largest(squares), _distances(means), losses, -first]
+    shares = np.array([_shares(np.round(values, 9)) for values in statistics])
+    joint = shares.min(axis=0) + shares.sum(axis=0) / (1e3 * sets)  # The sum separates ties.
+    return SetTest(
+        columns=p_values[-flights:],
+        flights=np.mean(first <= least[-1][:, np.newaxis] + 1e-12, axis=1),
+        together=float(np.mean(joint <= joint[-1] + 1e-12)),
+    )
 
 
 def _shares(values: Floats) -> Floats:
@@ -61,39 +104,18 @@ def _shares(values: Floats) -> Floats:
 
 
 def _distances(pool: Floats) -> Floats:
-    """Return squared Mahalanobis distances [flight] of the columns' normal scores.
-
-    Identical columns are counted once.
-    """
-    from scipy.special import ndtri
-    from scipy.stats import rankdata
-
-    scores = np.nan_to_num(ndtri((rankdata(pool, axis=0) - 0.5) / len(pool)))
-    covariance = scores.T @ scores / len(pool) + _RIDGE * np.eye(scores.shape[1])
-    solved = np.linalg.solve(covariance, scores.T)
+    """Return squared Mahalanobis distances [flight] of `pool` [flight, column]."""
+    values = (pool - pool.mean(axis=0)) / (pool.std(axis=0) + np.finfo(float).tiny)
+    covariance = values.T @ values / len(pool) + _RIDGE * np.eye(values.shape[1])
+    solved = np.linalg.solve(covariance, values.T)
     # Without rounding, flights with equal values would differ.
-    return np.round(np.einsum("fc,cf->f", scores, solved), 9)
+    return np.round(np.einsum("fc,cf->f", values, solved), 9)
 
 
-def set_p_value(pool: Floats, tests: int) -> float:
-    """Return the joint p-value of the last `tests` flights, by a permutation test.
-
-    The statistic is the largest magnitude over two quantities of each column: the mean standardized
-    rank, and the mean standardized rank of the distance from the middle.
-    """
-    ranks = standard_ranks(pool)
-    columns = np.hstack([ranks, standard_ranks(np.abs(ranks))])
-    draw = np.random.default_rng(0)
-
-    def statistic(rows: Floats) -> float:
-        return float(np.abs(rows.mean(axis=0)).max())
-
-    observed = statistic(columns[-tests:])
-    drawn = [
-        statistic(columns[draw.choice(len(pool), tests, replace=False, shuffle=False)])
-        for _ in range(_DRAWS)
-    ]
-    return (1.0 + sum(value >= observed for value in drawn)) / (1.0 + _DRAWS)
+def _largest(values: Floats) -> Floats:
+    """Return the largest standardized magnitude [set] of `values` [set, column]."""
+    spread = values.std(axis=0) + np.finfo(float).tiny
+    return np.abs((values - values.mean(axis=0)) / spread).max(axis=1, initial=0.0)
 
 
 @dataclass(frozen=True)
@@ -120,11 +142,6 @@ class Band:
         """Return a history's deviations [time, channel] in units of the spread; 0 if missing."""
         deviations = history - self.middle
         return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
-
-    def p_value(self, history: Floats) -> float:
-        """Return the share of flights, including ``history``, that deviate at least as much."""
-        largest = self.deviations(history).max()
-        return float((1 + np.sum(self.scores >= largest)) / (1 + self.scores.size))
 
 
 def simultaneous_band(histories: Floats, confidence: float = 0.95) -> Band:

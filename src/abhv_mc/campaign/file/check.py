@@ -171,7 +171,8 @@ def _check(document: Document, model: Campaign) -> Experiment:
         metrics = {metric.name: metric for metric in (*METRICS, *declared)}
         measured = metrics | {metric.name: metric for metric in MARGINS}
     channels = own.returned_channels if own else (*CHANNELS, *effector_channels(effectors))
-    units = {channel.name: channel.unit for channel in channels} | dict(user_channels)
+    units = {output.name: output.unit for output in (*channels, *metrics.values())}
+    units |= dict(user_channels)
     _check_measured(document, model, units, errors)
     requirements = tuple(check_requirements(document, model, measured, errors))
     _check_names(document, model, tuple(own.systems if own else model.controllers), errors)
@@ -482,12 +483,14 @@ def _check_channels(
 def _check_measured(
     document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
 ) -> None:
-    """Check that measured quantities are channels, and that their noise has a valid unit."""
+    """Check that measured quantities are known, and that their noise has a valid unit."""
     for name, value in model.measured.items():
         where = ("measured", name)
         if name not in units:
             errors.append(
-                document.key_error(where, f"unknown channel '{name}'", one_of(units, name))
+                document.key_error(
+                    where, f"unknown channel or metric '{name}'", one_of(units, name)
+                )
             )
             continue
         try:

@@ -411,8 +411,8 @@ class Campaign(StrictModel):
     measured: dict[str, str | float] = Field(
         {},
         description=(
-            "standard deviation of a test flight's measurement noise for each channel, used by "
-            "`abhv-mc place`; default: sensor noise of the campaign"
+            "standard deviation of a test flight's measurement error for each channel or metric, "
+            "used by `abhv-mc place` and `identify`; default: sensor noise of the campaign"
         ),
     )
     figures: Literal["paper"] | None = Field(

@@ -39,6 +39,15 @@ class _Distribution(StrictModel):
         description="probability that the drawn value applies; otherwise the nominal value is used",
     )
 
+    varies_by: Literal["vehicle", "flight"] | None = Field(
+        None,
+        description=(
+            "'vehicle': flights of one vehicle share the value in `abhv-mc place` and `identify`; "
+            "'flight': each flight has its own; default: flight for the atmosphere, wind, initial "
+            "errors, noise and failures, else vehicle"
+        ),
+    )
+
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
         """Return the marginal in SI units, without ``probability``. Raise Refusal if invalid."""

@@ -3,11 +3,12 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.analysis.place import CONFIDENCE, PlacedFlight, Placement
+from abhv_mc.io.phrases import counted
 from abhv_mc.report.pages.page import Answer
+from abhv_mc.search.place import PlacedFlight, Placement
+from abhv_mc.statistics.placement import CONFIDENCE
 from abhv_mc.topics.envelopes import NO_BAND
 from abhv_mc.topics.figure_style import (
     BLUE,
@@ -38,45 +39,45 @@ def make_place_answer(placement: Placement, folder: Path) -> Answer:
     return Answer(title, f"Validation · {folder.name}", Section("Summary", items), _draw(placement))
 
 
-def _is_outside(flight: PlacedFlight, risk: float) -> bool:
-    """Return True if metrics or history are outliers; the two tests share ``risk`` equally."""
-    p_values = [flight.joint_p_value]
-    if flight.band_p_value is not None:
-        p_values.append(flight.band_p_value)
-    return min(p_values) * len(p_values) <= risk
-
-
 def _texts(placement: Placement) -> Iterator[tuple[str, str]]:
     """Yield the labelled results of the tests, and the basis of the comparison."""
     risk, together = 1.0 - CONFIDENCE, placement.together_p_value
-    outside = [flight.name for flight in placement.flights if _is_outside(flight, risk)]
+    outside = [flight.name for flight in placement.flights if flight.p_value <= risk]
     yield "Covered", ", ".join(f.name for f in placement.flights if f.name not in outside)
     yield "Not covered", ", ".join(outside)
     yield "All test flights", "" if together is None else p_equation(together)
     for flight in placement.flights:
-        first, p_band = flight.metrics[0], flight.band_p_value
+        first = flight.metrics[0]
         rank = f"{fixed(first.rank, 0)} of {fixed(placement.simulated + 1, 0)}"
         yield (
             flight.name,
-            f"{p_equation(flight.joint_p_value)} for {len(flight.metrics)} metrics jointly; least "
+            f"{p_equation(flight.p_value)} for {len(flight.metrics)} metrics jointly; least "
             f"{p_equation(first.p_value)}, {first.metric}, rank {rank}",
         )
-        exit_text = (
-            f"left first by {flight.leaves.channel} at {flight.leaves.time_s:g} s"
-            if flight.leaves
-            else "not left"
-        )
-        yield (
-            flight.name,
-            "" if p_band is None else f"simultaneous band {exit_text} ({p_equation(p_band)})",
-        )
+        if flight.covers is not None:
+            exit_text = (
+                f"left first by {flight.leaves.channel} at {flight.leaves.time_s:g} s"
+                if flight.leaves
+                else "not left"
+            )
+            yield flight.name, f"simultaneous band {exit_text}"
+            start, end = flight.covers
+            yield (
+                flight.name,
+                f"record from {start:g} to {end:g} s, clock offset {flight.offset_s:.3g} s",
+            )
     yield NO_BAND, ", ".join(placement.spread)
-    yield "Simulated flights", fixed(placement.simulated, 0)
-    yield "Not covered if", f"p <= {percent(risk)}, divided by the number of tests of a flight"
+    yield "Simulated sets", fixed(placement.simulated, 0)
+    vehicles = counted(placement.vehicles, "vehicle")
+    yield "Test flights", f"{counted(len(placement.flights), 'flight')} of {vehicles}"
+    yield "Vary by vehicle", ", ".join(placement.by_vehicle)
+    yield "Vary by flight", ", ".join(placement.by_flight)
+    yield "Measured inputs", ", ".join(placement.measured)
+    yield "Not covered if", f"p <= {percent(risk)}, corrected for the number of flights"
     yield "Sensor errors added", ", ".join(placement.sensed)
-    noise = ", ".join(f"{channel} {sigma:g}" for channel, sigma in placement.noise.items())
-    if placement.bands and not (noise or placement.sensed):
-        noise = "none; `--measured CHANNEL=SIGMA` declares it"
+    noise = ", ".join(f"{name} {sigma:g}" for name, sigma in placement.noise.items())
+    if not (noise or placement.sensed):
+        noise = "none; `--measured NAME=SIGMA` declares it"
     yield "Noise added (sigma)", noise
     yield "Columns ignored", ", ".join(placement.ignored)
 
@@ -99,11 +100,7 @@ def _table(flight: PlacedFlight, simulated: int) -> Table:
 def _draw(placement: Placement) -> Iterator[Drawn]:
     if not placement.bands:
         return
-    caption = (
-        f"The wide, simultaneous band contains {percent(CONFIDENCE)} of whole histories. The dark, "
-        "pointwise band contains the same share of the flights at each time. Lines are test "
-        "flights."
-    )
+    caption = f"The band contains whole histories with a probability of {percent(CONFIDENCE)}."
     yield (
         FigureText("placement", "Test flights and time-history envelopes", caption),
         plot_placement(placement),
@@ -116,17 +113,10 @@ def plot_placement(placement: Placement) -> Figure:
     count = len(placement.bands)
     figure, grid = new_panels(count, _COLUMNS, 1.1)
     for axes, (channel, bands) in zip(grid.flat, placement.bands.items(), strict=False):
-        for edges, opacity, label in (
-            (bands.simultaneous, 0.2, "simultaneous"),
-            (bands.pointwise, 0.4, "pointwise"),
-        ):
-            axes.fill_between(
-                bands.time, *edges, color=BLUE, alpha=opacity, linewidth=0, label=label
-            )
+        edges = bands.low, bands.high
+        axes.fill_between(placement.times, *edges, color=BLUE, alpha=0.3, linewidth=0, label="band")
         for history in bands.flights:
-            axes.plot(bands.time, history, color=INK, linewidth=0.8, label="test flight")
-        finite = np.isfinite(bands.simultaneous[0])
-        axes.set_xlim(bands.time[finite].min(), bands.time[finite].max())
+            axes.plot(placement.times, history, color=INK, linewidth=0.8, label="test flight")
         title_panel(axes, channel)
     label_lowest(grid, count, "time (s)")
     legend_below(figure, grid.flat[0])

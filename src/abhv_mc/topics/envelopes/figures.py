@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.analysis.place import find_band
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.search.place import find_band
 from abhv_mc.topics.envelopes import CURVES, Curve, Envelopes, curves_of
 from abhv_mc.topics.figure_bands import (
     SIMULTANEOUS,

@@ -1,0 +1,267 @@
+"""Comparison of test flights with simulated flights under the same conditions."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
+from abhv_mc.interfaces import Engine
+from abhv_mc.search.flight_records import Programme, sample
+from abhv_mc.statistics.circular import align_flights
+from abhv_mc.statistics.placement import (
+    CONFIDENCE,
+    Band,
+    SetTest,
+    judge_set,
+    simultaneous_band,
+)
+
+FEWEST_FLIGHTS = 39  # minimum number of flights for a simultaneous 95 % band
+SETS = 199  # number of simulated sets of flights
+_SUMMARIES = ("largest", "smallest", "mean", "last")
+
+
+@dataclass(frozen=True)
+class RankedMetric:
+    """Metric of a test flight, ranked among the simulated flights under the same conditions."""
+
+    metric: str
+    value: float
+    rank: int  # rank of the test flight, 1 for the smallest value
+    low: float  # 2.5 % quantile of the simulated flights
+    median: float
+    high: float
+    p_value: float  # two-sided p-value of this value alone
+
+
+@dataclass(frozen=True)
+class Departure:
+    """First exit of a history from the simultaneous band."""
+
+    channel: str
+    time_s: float
+
+
+@dataclass(frozen=True)
+class PlacedFlight:
+    """Comparison of one test flight with the simulated flights."""
+
+    name: str
+    vehicle: str
+    metrics: tuple[RankedMetric, ...]  # ranked metrics, smallest p-value first
+    p_value: float  # p-value of all metrics and the history, corrected for the number of flights
+    leaves: Departure | None
+    offset_s: float  # time by which the record's clock is ahead of the simulation
+    covers: tuple[float, float] | None  # times of the first and last sample of a history, s
+
+
+@dataclass(frozen=True)
+class ChannelBands:
+    """Simultaneous band of one channel over time that contains the bands of all flights."""
+
+    low: Floats
+    high: Floats
+    flights: Floats  # [flight, time] histories of the test flights
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Comparison of test flights with the simulated flights of one controller."""
+
+    controller: str
+    simulated: int  # number of simulated sets
+    vehicles: int
+    by_vehicle: tuple[str, ...]  # dispersions that the flights of a vehicle share
+    by_flight: tuple[str, ...]
+    measured: tuple[str, ...]  # measured parameters, which condition the simulated flights
+    noise: Mapping[str, float]  # standard deviations of the declared measurement errors
+    sensed: tuple[str, ...]  # channels to which errors of the campaign's sensors were added
+    ignored: tuple[str, ...]  # columns of the test files that are not used
+    spread: tuple[str, ...]  # channels without a band where the flights spread over the circle
+    flights: tuple[PlacedFlight, ...]
+    together_p_value: float | None  # joint p-value of several test flights
+    times: Floats  # times of the bands, s
+    bands: Mapping[str, ChannelBands]
+
+
+def place_flights(
+    campaign: Path,
+    files: Sequence[Path],
+    controller: str | None = None,
+    noise: Mapping[str, float] | None = None,
+    *,
+    sets: int = SETS,
+    announce: Callable[[str], None] = lambda text: None,
+    engine: Engine | None = None,
+) -> Placement:
+    """Compare test flights with simulated sets of flights of the same vehicles.
+
+    The largest, smallest, mean and last value of each channel are compared, and the history with
+    the simultaneous band; or metrics, if the files contain no histories. `noise` is that of
+    :class:`Programme`. Raise InputError if flights cannot be compared.
+    """
+    programme = Programme(campaign, files, controller, noise, engine)
+    rows, names = programme.draw(sets), programme.names
+    announce(f"simulating {sets * rows.shape[1]} flights ({sets} sets of {rows.shape[1]})")
+    with programme.open() as simulate:
+        simulated = simulate(rows, True)
+    count = np.isfinite(simulated).sum(axis=(0, 1, 2))
+    tests = programme.align(simulated)
+    spread = np.isfinite(simulated).sum(axis=(0, 1, 2)) < count
+    pool = np.concatenate([simulated, tests[np.newaxis]])
+    pool[:, ~np.isfinite(tests)] = np.nan  # Simulated flights have the gaps of the test flights.
+    bands: list[Band] = []
+    scores, labels, values = None, list(names), pool[:, :, 0]
+    if programme.is_history:
+        values = summarize(pool.reshape(-1, *pool.shape[2:])).reshape(*pool.shape[:2], -1)
+        labels = [f"{name}, {summary}" for summary in _SUMMARIES for name in names]
+        bands = [simultaneous_band(pool[:-1, k], CONFIDENCE) for k in range(len(tests))]
+        own = [band.deviations(pool[-1, k]).max() for k, band in enumerate(bands)]
+        scores = np.vstack([np.transpose([band.scores for band in bands]), own])
+    result = judge_set(values, scores)
+    factor = 0.0
+    if scores is not None:
+        rank = ceil(CONFIDENCE * (sets + 1))
+        factor = float(np.sort(np.append(scores[:-1].max(axis=1), np.inf))[rank - 1])
+    dispersions = np.array(programme.space.names)
+    return Placement(
+        controller=programme.controller,
+        simulated=sets,
+        vehicles=len({*programme.vehicles}),
+        by_vehicle=tuple(dispersions[programme.by_vehicle].tolist()),
+        by_flight=tuple(dispersions[~programme.by_vehicle].tolist()),
+        measured=programme.measured,
+        noise=programme.noise,
+        sensed=tuple(name for name in names if programme.sensor_errors(name, rows[0])),
+        ignored=programme.ignored,
+        spread=tuple(name for name, is_spread in zip(names, spread, strict=True) if is_spread),
+        flights=tuple(
+            _place(
+                programme,
+                k,
+                labels=labels,
+                values=values[:, k],
+                result=result,
+                bands=bands,
+                factor=factor,
+                test=tests[k],
+            )
+            for k in range(len(tests))
+        ),
+        together_p_value=result.together if len(tests) > 1 else None,
+        times=programme.times,
+        bands={
+            name: _hull(bands, factor, tests[:, :, i], i)
+            for i, name in enumerate(names)
+            if any(np.isfinite(band.middle[:, i]).any() for band in bands)
+        },
+    )
+
+
+def summarize(histories: Floats) -> Floats:
+    """Return the largest, smallest, mean and last value of each channel [flight, summary].
+
+    The result is NaN for a channel without values.
+    """
+    is_known = np.isfinite(histories)
+    last = histories.shape[1] - 1 - np.argmax(is_known[:, ::-1], axis=1)
+    count = is_known.sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        mean = np.nansum(histories, axis=1) / count
+    return np.hstack(
+        [
+            np.fmax.reduce(histories, axis=1),
+            np.fmin.reduce(histories, axis=1),
+            mean,
+            np.take_along_axis(histories, last[:, np.newaxis], axis=1)[:, 0],
+        ]
+    )
+
+
+def _place(
+    programme: Programme,
+    k: int,
+    *,
+    labels: Sequence[str],
+    values: Floats,
+    result: SetTest,
+    bands: Sequence[Band],
+    factor: float,
+    test: Floats,
+) -> PlacedFlight:
+    """Return the comparison of flight `k` with simulated flights, `values` [set, column]."""
+    record, p_values, row = programme.records[k], result.columns[k], values[-1]
+    leaves, covers = None, None
+    if bands:
+        known = np.flatnonzero(np.isfinite(test).any(axis=1))
+        covers = float(programme.times[known[0]]), float(programme.times[known[-1]])
+        outside = bands[k].deviations(test) > factor
+        if outside.any():
+            first = int(np.argmax(outside.any(axis=1)))
+            channel = programme.names[int(np.argmax(outside[first]))]
+            leaves = Departure(channel, float(programme.times[first]))
+    metrics = []
+    for i in np.argsort(p_values, kind="stable").tolist():
+        simulated = values[:-1, i][np.isfinite(values[:-1, i])]
+        if np.isfinite(row[i]) and simulated.size:
+            low, median, high = np.quantile(simulated, [0.025, 0.5, 0.975]).tolist()
+            rank = int(np.sum(simulated < row[i])) + 1
+            metrics.append(
+                RankedMetric(labels[i], float(row[i]), rank, low, median, high, float(p_values[i]))
+            )
+    return PlacedFlight(
+        name=record.name,
+        vehicle=record.vehicle,
+        metrics=tuple(metrics),
+        p_value=float(result.flights[k]),
+        leaves=leaves,
+        offset_s=record.offset,
+        covers=covers,
+    )
+
+
+def _hull(bands: Sequence[Band], factor: float, tests: Floats, i: int) -> ChannelBands:
+    """Return the hull of the bands of channel `i` of all flights, and `tests` [flight, time]."""
+    edges = np.array(
+        [
+            band.middle[:, i] + factor * sign * spread[:, i]
+            for band in bands
+            for sign, spread in zip((-1.0, 1.0), band.spread, strict=True)
+        ]
+    )
+    return ChannelBands(np.fmin.reduce(edges), np.fmax.reduce(edges), tests)
+
+
+def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
+    """Return, by flight number, the histories that were stored regardless of the outcome."""
+    steps = [
+        1 if item == "all" else int(str(item).removeprefix("every "))
+        for item in results.campaign.model.keep.histories.flights
+        if str(item) == "all" or str(item).startswith("every ")
+    ]
+    stored = read_histories(results.folder, controller) if steps else {}
+    return {k: stored[k] for k in sorted(stored) if any(k % step == 0 for step in steps)}
+
+
+def find_band(
+    results: FlownCampaign, controller: str, channels: Sequence[str], times: Floats
+) -> tuple[list[str], Band] | None:
+    """Return the channels that have histories, and the simultaneous band of these channels.
+
+    Return None if there is no such channel or if there are too few random histories.
+    """
+    if not results.campaign.independent:
+        return None
+    histories = list(_random_histories(results, controller).values())
+    shared = [name for name in channels if histories and name in histories[0]]
+    if len(histories) < FEWEST_FLIGHTS or not shared:
+        return None
+    periods = results.campaign.periods
+    sampled = np.stack([sample(history, shared, times, periods) for history in histories])
+    for c, channel in enumerate(shared):
+        sampled[:, :, c] = align_flights(sampled[:, :, c], periods[channel])
+    return shared, simultaneous_band(sampled, CONFIDENCE)

@@ -1,0 +1,131 @@
+"""Tests of the comparison of test flights with simulated sets, with a fake flight."""
+
+import numpy as np
+import pytest
+from fake_flight import DENSITY, ENGINE, LIFT, fly, make_plan, write_campaign
+
+from abhv_mc.flight.metrics import METRICS
+from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import OURS
+from abhv_mc.search.flight_records import Programme
+from abhv_mc.search.place import place_flights
+
+METRIC = "altitude_error_max_m"
+LAWS = "atmosphere.density: {distribution: uniform, half_width: 8 %}"
+CHANNELS = "time,altitude_m,speed_mps\n0,1,1\n1,1,1\n2,1,1\n"
+
+
+def write_table(folder, text, **entries):
+    """Return the campaign and the file of test flights with content `text`."""
+    file = folder / "flights.csv"
+    file.write_text(text, encoding="utf-8")
+    return write_campaign(folder, controllers="{one: one.yaml}", **entries), [file]
+
+
+def predict(density, lift):
+    """Return the metric of a flight with these factors."""
+    rows = OURS.nominal[np.newaxis].copy()
+    rows[0, [DENSITY, LIFT]] = density, lift
+    return fly(make_plan("one"), rows).metrics[0, [m.name for m in METRICS].index(METRIC)]
+
+
+@pytest.mark.parametrize("error", [0.0, 12.0])
+def test_measured_inputs_condition_the_simulated_flights(tmp_path, error):
+    rows = [
+        f"{density},{lift},{predict(density, lift) + error * (k == 1)}\n"
+        for k, (density, lift) in enumerate([(0.95, 1.02), (1.05, 0.98), (1.02, 1.0)])
+    ]
+    text = f"atmosphere.density,aero.lift,{METRIC}\n{''.join(rows)}"
+    path, files = write_table(tmp_path, text, measured=f"{{{METRIC}: 3 m}}")
+    placement = place_flights(path, files, engine=ENGINE)
+    assert placement.measured == ("atmosphere.density", "aero.lift")
+    assert placement.noise == {METRIC: 3.0}
+    outside = [flight.name for flight in placement.flights if flight.p_value <= 0.05]
+    assert outside == (["flights.csv:3"] if error else [])
+    low, high = (getattr(placement.flights[0].metrics[0], name) for name in ("low", "high"))
+    assert high - low == pytest.approx(4.0 * 3.0, rel=0.25)
+
+
+def test_flights_of_a_vehicle_share_parameters_given_measurements(tmp_path):
+    text = f"vehicle,atmosphere.density,atmosphere.density_error,{METRIC}\n"
+    path, files = write_table(tmp_path, f"{text}A,1.05,0.01,1\nA,,,1\nB,,,1\n")
+    programme = Programme(path, files, engine=ENGINE)
+    rows = programme.draw(2000)
+    density, lift = rows[:, :, 0], rows[:, :, 1]
+    assert (lift[:, 0] == lift[:, 1]).all() and (lift[:, 0] != lift[:, 2]).all()
+    assert np.std(lift) == pytest.approx(0.05, rel=0.05)
+    assert density[:, 0].mean() == pytest.approx(1.0485, abs=1e-3)  # shrunk to 1
+    assert density[:, 0].std() == pytest.approx(0.01, rel=0.1)
+    assert np.corrcoef(density[:, 1], density[:, 2])[0, 1] == pytest.approx(0.0, abs=0.1)
+
+
+def test_correlated_parameters_follow_a_measured_one(tmp_path):
+    text = f"atmosphere.density,{METRIC}\n1.08,1\n"
+    laws = "aero.lift: {distribution: normal, sigma: 5 %, varies_by: flight}"
+    pairs = "[{between: [atmosphere.density, aero.lift], normal: 0.9}]"
+    path, files = write_table(tmp_path, text, dispersions=f"{{{LAWS}, {laws}}}", correlations=pairs)
+    rows = Programme(path, files, engine=ENGINE).draw(1000)[:, 0]
+    assert (rows[:, 0] == 1.08).all()
+    assert rows[:, 1].mean() > 1.1 and rows[:, 1].std() == pytest.approx(0.05 * 0.19**0.5, rel=0.1)
+    path, files = write_table(
+        tmp_path,
+        text,
+        dispersions=f"{{{LAWS}, aero.lift: {{distribution: normal, sigma: 5 %}}}}",
+        correlations=pairs,
+    )
+    assert not Programme(path, files, engine=ENGINE).by_vehicle.any()
+
+
+def test_errors_of_the_sensors_are_added(tmp_path):
+    laws = ", ".join(
+        f"sensor.{name}: {{distribution: normal, {law}}}"
+        for name, law in {
+            "altitude_bias": "mean: 100 m, sigma: 1 mm",
+            "speed_scale": "mean: 1.5, sigma: 0.001 %",
+            "speed_noise": "mean: 20 m/s, sigma: 1 mm/s",
+        }.items()
+    )
+    path, files = write_table(tmp_path, CHANNELS, dispersions=f"{{{laws}}}")
+    programme = Programme(path, files, engine=ENGINE)
+    rows = programme.draw(400)
+    with programme.open() as simulate:
+        measured = simulate(rows, True)[:, 0]
+    history = fly(make_plan("one"), OURS.nominal[np.newaxis], 1).history[0, ::10]
+    from abhv_mc.flight.channels import CHANNEL_INDEX
+
+    true = history[:, [CHANNEL_INDEX[name] for name in programme.names]]
+    assert measured.mean(axis=0) == pytest.approx(true * [1.0, 1.5] + [100.0, 0.0], abs=3.0)
+    assert measured.std(axis=0)[:, 1] == pytest.approx([20.0] * 3, rel=0.15)
+    assert [*programme.sensor_errors("speed_mps", rows[0])] == ["scale", "noise"]
+    assert "sensor.speed_noise" in np.array(programme.space.names)[~programme.by_vehicle]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("time,length\n0,1\n1,1\n", "no column can be compared"),
+        ("time,altitude_m\n1,1\n0,1\n", "flights.csv:3:"),
+        ("time,altitude_m\n0,1\n1,x\n", "'x'"),
+        ("time,altitude_m\n9000,1\n9001,1\n", "flights.csv:2:1: "),
+        ("history\nnone.csv\n", "none.csv"),
+    ],
+)
+def test_flights_that_cannot_be_compared_are_rejected(tmp_path, text, problem):
+    path, files = write_table(tmp_path, text)
+    with pytest.raises(InputError) as refused:
+        place_flights(path, files, sets=20, engine=ENGINE)
+    assert problem in str(refused.value)
+
+
+def test_histories_and_metrics_cannot_be_mixed(tmp_path):
+    path, files = write_table(tmp_path, f"{METRIC},x\n1,1\n")
+    (tmp_path / "history.csv").write_text(CHANNELS, encoding="utf-8")
+    with pytest.raises(InputError, match=r"history\.csv:1: no column"):
+        place_flights(path, [*files, tmp_path / "history.csv"], engine=ENGINE)
+
+
+@pytest.mark.parametrize("measured", ["{altitude: 1 m}", "{altitude_m: 1 s}"])
+def test_noise_of_an_unknown_channel_or_unit_is_rejected(tmp_path, measured):
+    path, files = write_table(tmp_path, CHANNELS, measured=measured)
+    with pytest.raises(InputError, match=r"campaign.yaml:\d+:\d+: "):
+        place_flights(path, files, engine=ENGINE)
