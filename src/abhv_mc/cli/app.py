@@ -15,7 +15,6 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from abhv_mc import __version__
 from abhv_mc.cli import (
     flying,
     linearizing,
@@ -33,6 +32,7 @@ from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
 from abhv_mc.shipped import PACKAGES
+from abhv_mc.version import __version__
 
 _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 

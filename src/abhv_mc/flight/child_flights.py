@@ -83,7 +83,8 @@ def fly_in_child(
             flush=True,
         )
         outcome = find_lost_outcome(plan.law, error.hung)
-        block = make_failed_block(plan, outcome, recording, len(plan.metrics), keep_states)
+        states = s.N_STATES if keep_states else 0
+        block = make_failed_block(plan, outcome, recording, len(plan.metrics), states)
         return replace(block, reasons={0: reason})
 
 

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.kernel.laws import user
 from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 
@@ -21,7 +20,7 @@ class Outcome(IntEnum):
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # number that the kernel uses for the outcome
+    NOT_FINITE = 4  # abhv_mc.kernel.laws.user.NOT_FINITE
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant.air_data import no_profile
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX
 from abhv_mc.kernel.plant.slopes import Effectiveness
-from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.source import UserSource
@@ -32,15 +31,15 @@ class Recording(NamedTuple):
     """Specification of the time histories that are recorded."""
 
     every: int  # number of control ticks between samples; 0 if nothing is recorded
-    channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # indices into the plan's channels
+    channels: tuple[int, ...] = ()  # indices into the plan's channels
     extremes: bool = False  # whether to record extremes over all flights and control ticks
 
-    def count_samples(self, timing: "Timing") -> int:
+    def count_samples(self, timing: Timing) -> int:
         """Return the number of samples of a complete flight."""
         return timing.ticks // self.every + 1 if self.every else 0
 
 
-def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recording:
+def make_recording(request: Recording | int | None, plan: Any) -> Recording:
     """Convert a request to a Recording; an int is the number of ticks between samples.
 
     If the request is an int, all channels are recorded; if it is None, nothing is recorded.
@@ -212,7 +211,7 @@ class FlightBlock:
         return self.low, self.high
 
 
-def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
+def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
     """Concatenate blocks of flights, without the full states."""
     arrays = {
         name: np.concatenate([getattr(block, name) for block in blocks])
@@ -238,13 +237,12 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
 
 
 def make_failed_block(
-    plan: FlightPlan,
-    outcome: Outcome,
-    recording: Recording,
-    metrics: int,
-    keep_states: bool = False,
+    plan: Any, outcome: Outcome, recording: Recording, metrics: int, states: int = 0
 ) -> FlightBlock:
-    """Return a block for one flight that failed to run, with its outcome but without results."""
+    """Return a block for one flight that failed to run, with its outcome but without results.
+
+    ``states`` is the number of recorded states.
+    """
     times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
     return FlightBlock(
         outcome=np.array([outcome], np.int64),
@@ -252,7 +250,7 @@ def make_failed_block(
         metrics=np.full((1, metrics), np.nan),
         history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
         times=times.astype(np.float64),
-        states=np.full((1, len(times) if keep_states else 0, N_STATES), np.nan),
+        states=np.full((1, len(times) if states else 0, states), np.nan),
     )
 
 

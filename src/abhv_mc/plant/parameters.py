@@ -35,6 +35,8 @@ from abhv_mc.kernel.plant.parameter_names import (
 )
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
 
+ONE = "one"  # constant factor on terms without a parameter
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -169,7 +171,7 @@ def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
 
 
 _TABLE: tuple[Parameter, ...] = (
-    _factor("one", "constant factor on terms without a parameter (not dispersible)"),
+    _factor(ONE, "constant factor on terms without a parameter (not dispersible)"),
     _factor("atmosphere.density", "air density at every altitude"),
     _error(
         "atmosphere.temperature",
@@ -363,7 +365,7 @@ class Parameters:
     @cached_property
     def dispersible(self) -> tuple[str, ...]:
         """Names of all parameters except the constant factor ``one``."""
-        return tuple(name for name in self.index if name != PARAMETERS[0].name)
+        return tuple(name for name in self.index if name != ONE)
 
     def __getitem__(self, name: str) -> Parameter:
         return self.records[self.index[name]]
@@ -374,7 +376,7 @@ class Parameters:
     @cached_property
     def has_program(self) -> bool:
         """True if the parameters of the built-in simulator are included."""
-        return PARAMETERS[0].name in self.index
+        return ONE in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
         """Return the nominal values [name] of the named parameters."""

@@ -35,7 +35,7 @@ def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
 
 def _find(plan: FlightPlan, parameters: Floats) -> str:
     """Return the first quantity of a flight that is not finite, with its time."""
-    recording, memory = Recording(1), make_memory(LANES)
+    recording, memory = Recording(1, tuple(range(len(CHANNELS)))), make_memory(LANES)
     results = make_results(plan, 1, recording, False)
     fly_in_memory(plan, parameters, results, recording, memory)
     end, lane = int(results.end_tick[0]), memory.Z[:, 0]

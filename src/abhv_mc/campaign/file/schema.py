@@ -11,7 +11,6 @@ from typing import Any
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
-from abhv_mc import __version__
 from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.kinds import load_model
 from abhv_mc.campaign.file.simulator import SimulatorCampaign
@@ -19,6 +18,7 @@ from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
 from abhv_mc.io.units import dimension_of, format_quantity, parse_quantity, parse_unit
 from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.version import __version__
 
 Schema = dict[str, Any]
 _OWN_METRIC = "^[a-z][a-z0-9_]*$"
