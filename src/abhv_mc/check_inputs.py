@@ -79,7 +79,7 @@ def _check(
             raise InputErrors(problems)
         yield from simulator.try_out()
         yield from find_slips(checked)
-        if not simulator.capabilities.has_mission:
+        if simulator.mission is None:
             return
         for name, block in find_entry_points(BLOCKS).items():
             if getattr(campaign, name, None) is not None:

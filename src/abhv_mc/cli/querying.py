@@ -127,7 +127,7 @@ def metrics(
         from abhv_mc.campaign.file.check import read_campaign
 
         read = read_campaign(find_input(campaign, "campaign"))
-        margins = MARGINS if read.simulator.capabilities.has_margins else ()
+        margins = MARGINS if read.simulator.mission else ()
         records = [*read.measured, *margins]
     if json is not None:
         show_result([record.as_entry() for record in records], json, lambda: None)

@@ -251,6 +251,7 @@ def _located(*keys: str | int) -> Iterator[None]:
 Layout = list[tuple[str, int]]
 UserController = PythonController | CController | FmuController
 USER_LAWS = ("python", "c", "fmu")
+PYTHON, *NATIVE = USER_LAWS
 # keys of controller files whose values are paths relative to the file's folder
 NAMING_KEYS = (
     "file",

@@ -117,14 +117,18 @@ def open_executor(
         # Import late, because the module loads what the vehicle's flights need.
         from abhv_mc.execution.worker_processes import WorkerPool
 
-        executor = WorkerPool(engine.fly, number, execution.flight_time_limit)
+        executor = WorkerPool(
+            engine.fly, number, execution.flight_time_limit, engine.describe_crash
+        )
     else:
         executor, check = _ThisProcess(engine, number), None
     with contextlib.closing(executor):
-        if engine.close is None:
-            yield FlightRunner(_make_fly(executor, check), number)
-        else:
-            yield FlightRunner(_make_external_fly(executor, attestation), number)
+        fly = (
+            _make_external_fly(executor, attestation)
+            if engine.records_lost
+            else _make_fly(executor, check)
+        )
+        yield FlightRunner(fly, number)
 
 
 def _make_external_fly(executor: Executor, attestation: Attestation) -> Fly:
@@ -162,7 +166,7 @@ class _ThisProcess:
 
     def fly(self, plan: FlightPlan, rows: Floats, recorded: Recorded = None) -> FlightBlock:
         """Compute a block. Raise FlightLostError if a flight raises an exception."""
-        if self._engine.close is not None:
+        if self._engine.records_lost:
             return sign(self._engine.fly(plan, rows, recorded))
         try:
             return sign(fly_in_batches(self._engine.fly, plan, rows, recorded))
@@ -171,5 +175,4 @@ class _ThisProcess:
 
     def close(self) -> None:
         """End the processes started by the simulator."""
-        if self._engine.close is not None:
-            self._engine.close()
+        self._engine.close()

@@ -15,7 +15,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
-from abhv_mc.flight.outcome import Outcome, find_lost_outcome
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import (
     FlightBlock,
     FlightPlan,
@@ -114,9 +114,7 @@ def _fly(
             )
         if not sizes:
             reasons.append(str(error))
-            outcome = (
-                find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
-            )
+            outcome = plan.lost_outcome(error.hung) if error.process else Outcome.FAILED_TO_RUN
             lost = make_failed_block(
                 plan, outcome, make_recording(recorded, plan), plan.metric_count
             )

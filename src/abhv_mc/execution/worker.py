@@ -13,7 +13,6 @@ from abhv_mc.array_types import Floats
 from abhv_mc.execution.attestation import sign
 from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.execution.retry import PIECE, time_limit
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.user_code.child import allow_here
 
@@ -49,7 +48,7 @@ def serve(connection: Connection, fly: "Fly") -> None:
             if plan is not None:
                 plans[key] = plan
                 if limit is not None:  # Loading and compilation do not count as flight time.
-                    fly(plan, nominal_parameters(0), None)
+                    fly(plan, plan.nominal[:0], None)
             if limit is None:
                 if key not in usual:
                     usual[key] = usual_limit(fly, plans[key], time.process_time)
@@ -87,7 +86,7 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
     for _ in range(2):
         # The first flight may load or compile code, which does not count as flight time.
         start = clock()
-        fly(plan, nominal_parameters(), None)
+        fly(plan, plan.nominal, None)
         if (limit := _TIMES * PIECE * (clock() - start)) < _LEAST:
             break
     return max(_LEAST, limit)

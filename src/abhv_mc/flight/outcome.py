@@ -64,16 +64,6 @@ LAW_LOST = (
 )
 
 
-def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """Return the outcome of a flight that twice crashed or hung a process of its own.
-
-    If the control law is native code, it is assumed to be the cause.
-    """
-    if law not in ("c", "fmu"):
-        return Outcome.FAILED_TO_RUN
-    return Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
-
-
 SENTENCES: dict[Outcome, str] = {
     Outcome.OK: "The flight reached the end of the mission.",
     Outcome.ALTITUDE_LIMIT: "The altitude left the mission's limits.",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Singles
+from abhv_mc.control.law_file import NATIVE
 from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.flight.outcome import Limits, Outcome
@@ -20,6 +21,8 @@ from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX
 from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
+from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.effectors import has_slack, name_effectors
 from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
@@ -136,6 +139,25 @@ class FlightPlan:
         return replace(self, lean=bool(is_builtin and is_fixed and is_calm))
 
     @property
+    def nominal(self) -> Floats:
+        """Row [1, parameter] of nominal parameters."""
+        return np.array([[parameter.nominal for parameter in PARAMETERS]])
+
+    @property
+    def must_run_in_child(self) -> bool:
+        """Whether the control law is native code that this process must not run."""
+        return self.law in NATIVE and not may_run_here()
+
+    def lost_outcome(self, hung: bool) -> Outcome:
+        """Return the outcome of a flight that twice crashed or hung (``hung``) its process.
+
+        If the control law is native code, it is assumed to be the cause.
+        """
+        if self.law not in NATIVE:
+            return Outcome.FAILED_TO_RUN
+        return Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
+
+    @property
     def commanding_law(self) -> str:
         """Control law that computes the commands; with a custom filter, the built-in law."""
         return self.around or self.law
@@ -243,7 +265,9 @@ def make_failed_block(
 
     ``states`` is the number of recorded states.
     """
-    times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
+    timing = plan.timing  # None if each flight has its own times
+    samples = recording.count_samples(timing) if timing else 0
+    times = np.arange(samples) * (recording.every * timing.tick if timing else 0.0)
     return FlightBlock(
         outcome=np.array([outcome], np.int64),
         end_time=np.full(1, np.nan),

@@ -22,9 +22,8 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.campaign.file.user_code import check_user_code
-from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
-from abhv_mc.execution.first_flights import FirstFlights, fly_first
+from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import check_source, make_ready, simulate
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
@@ -323,13 +322,9 @@ def open_search(
         else:
             plan = simulator.make_plans([name])[name]
             ready = make_ready(campaign, {name: plan})
-            first = FirstFlights()
-            if plan.timing is None:
-                first = fly_first(ready, request.workers)
-                for warning in first.warnings:
-                    print(f"warning: {warning}", file=sys.stderr, flush=True)
-            else:
-                fly_probes(ready, plan.timing.ticks)
+            first = fly_first(ready, request.workers, plan.timing.ticks if plan.timing else 0)
+            for warning in first.warnings:
+                print(f"warning: {warning}", file=sys.stderr, flush=True)
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = Manifest(
                 name=campaign.model.name,

@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.feasibility import asked_in_vain, refuse_input, values_of
+from abhv_mc.campaign.file.feasibility import refuse_input, values_of
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.control.design.reference import COLUMN_INDEX
@@ -117,9 +117,9 @@ def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 
 def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Return warnings about the mission, sensing and feasibility, without duplicates."""
+    """Return warnings about the mission and sensing, without duplicates."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
-    return list(dict.fromkeys([*_sensing(plans, campaign), *plain, *asked_in_vain(campaign)]))
+    return list(dict.fromkeys([*_sensing(plans, campaign), *plain]))
 
 
 def _sensing(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:

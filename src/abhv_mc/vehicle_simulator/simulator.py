@@ -1,6 +1,6 @@
 """Built-in simulator of a vehicle on a mission with several controllers."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -9,38 +9,36 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels, state_channels
+from abhv_mc.flight.channels import CHANNELS, effector_channels, state_channels
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Capabilities, Engine, StoredPlans
+from abhv_mc.interfaces import (
+    FEW_FLIGHTS,
+    Engine,
+    Recorded,
+    Simulator,
+    StoredPlans,
+    TrimMargins,
+)
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
-# Campaigns of at most this number of flights run in threads: starting worker processes would take
-# longer than the flights.
-_FEW_FLIGHTS = 512
 
-
-class VehicleSimulator:
+class VehicleSimulator(Simulator):
     """Built-in simulator, which trims the vehicle, designs controllers and runs kernels."""
 
     kind = "controller"
-    origin = ""
     method = (
         "Method: G. D. Zhu and Z. J. Shen, three-dimensional trajectory linearization control of"
         " an air-breathing hypersonic vehicle, 2014."
     )
-    capabilities = Capabilities()
-    outcomes = OUTCOMES
-    states_noise = False
-    independent: bool | None = None
 
     def __init__(self, experiment: Experiment) -> None:
-        self.experiment, model = experiment, experiment.model
-        self.systems: tuple[str, ...] = tuple(model.controllers)
+        self.experiment, self.outcomes = experiment, OUTCOMES
+        self.systems, self.mission = tuple(experiment.model.controllers), self
         own = effector_channels(experiment.effectors), state_channels(experiment.states)
-        self.channels: tuple[Signal, ...] = (*CHANNELS, *own[0], *own[1])
+        self.channels = (*CHANNELS, *own[0], *own[1])
 
     @cached_property
     def engine(self) -> Engine:
@@ -50,7 +48,7 @@ class VehicleSimulator:
         return engine if self._needs_processes() else replace(engine, isolation=THREADS)
 
     def _needs_processes(self) -> bool:
-        is_large = self.experiment.runs * len(self.systems) > _FEW_FLIGHTS
+        is_large = self.experiment.runs * len(self.systems) > FEW_FLIGHTS
         has_limit = self.experiment.model.execution.flight_time_limit is not None
         return is_large or has_limit or bool(self.find_code())
 
@@ -72,6 +70,12 @@ class VehicleSimulator:
                 for name, path in model.controllers.items()
             },
         }
+
+    @staticmethod
+    def fly(plan: FlightPlan, rows: Floats, recorded: Recorded = None) -> FlightBlock:
+        from abhv_mc.stability.fly_with_margins import fly_with_margins
+
+        return fly_with_margins(plan, rows, recorded)
 
     def make_plans(self, names: Sequence[str]) -> dict[str, FlightPlan]:
         from abhv_mc.vehicle_simulator.make_plans import make_plans
@@ -129,17 +133,10 @@ class VehicleSimulator:
 
         return transients(read_mission(self.experiment.model.mission))
 
-    def time_of_flight(self, plans: Sequence[FlightPlan]) -> None:
-        return None
+    def trim_margins(self, names: Sequence[str]) -> dict[str, TrimMargins]:
+        from abhv_mc.vehicle_simulator.margin_plans import trim_margins
 
-    def prove(self, plan: FlightPlan, check: int = 0) -> FlightPlan:
-        return plan
-
-    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
-        return []
-
-    def find_undeclared_reads(self, plan: FlightPlan, since: float) -> Iterable[str]:
-        return ()
+        return trim_margins(self.experiment, names)
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         from abhv_mc.vehicle_simulator.end_sentence import describe_end
@@ -153,12 +150,10 @@ class VehicleSimulator:
 
         return find_lacking(self.experiment, load_vehicle(self.experiment.model.vehicle))
 
-    def try_out(self) -> Iterator[str]:
-        return iter(())
-
 
 def make_engine() -> Engine:
     """Return the engine that prepares and runs compiled flights."""
+    from abhv_mc.flight.child_flights import describe_last_tick
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.fly_with_margins import fly_with_margins
     from abhv_mc.vehicle_simulator.corner_margins import describe_stability, is_compiled
@@ -171,4 +166,5 @@ def make_engine() -> Engine:
         is_stability_compiled=is_compiled,
         checked=True,
         isolation=PROCESSES,
+        describe_crash=describe_last_tick,
     )

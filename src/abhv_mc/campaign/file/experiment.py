@@ -154,6 +154,12 @@ class Experiment:
         return self.simulator.capabilities.can_rerun
 
     @property
+    def transients(self) -> tuple[tuple[float, float], ...]:
+        """Time intervals (s) of transients, which some metrics exclude."""
+        mission = self.simulator.mission
+        return mission.find_transients() if mission else ()
+
+    @property
     def kind(self) -> str:
         """Noun for a compared system, such as 'controller'."""
         return self.simulator.kind
@@ -242,7 +248,7 @@ class Experiment:
     def has_bands(self) -> bool:
         """Return whether time-history envelopes are computed."""
         is_requested = "envelopes" in self.model.keep.model_fields_set
-        return is_requested or self.simulator.capabilities.has_mission
+        return is_requested or self.simulator.mission is not None
 
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:

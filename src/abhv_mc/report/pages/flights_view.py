@@ -102,7 +102,7 @@ def describe_flights(
             _criterion(records[criterion.metric], channels)
             for criterion in results.campaign.criteria
         ],
-        "transients": results.campaign.simulator.find_transients()
+        "transients": results.campaign.transients
         if any(records[criterion.metric].settled for criterion in results.campaign.criteria)
         else (),
         "headed": headed,

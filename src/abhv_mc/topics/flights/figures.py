@@ -190,7 +190,7 @@ def _limit_curves(name: str, names: Names) -> tuple[tuple[Floats, Floats], ...]:
     clock, metric = names.results.reference.get("time"), names.metrics[name]
     time = np.array([metric.start, metric.end]) if clock is None else clock
     applies = (time >= metric.start) & (time <= metric.end)
-    for first, end in names.campaign.simulator.find_transients() if metric.settled else ():
+    for first, end in names.campaign.transients if metric.settled else ():
         applies &= (time < first) | (time >= end)
     return tuple(
         (time, np.where(applies, side * limit, np.nan))
