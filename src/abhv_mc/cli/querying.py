@@ -147,12 +147,12 @@ def schemas(
     """List the kinds of files that have a JSON Schema, or print the schema of one kind."""
     from functools import partial
 
-    from abhv_mc.campaign.file.kinds import KINDS
+    from abhv_mc.campaign.file.kinds import find_kinds
     from abhv_mc.campaign.file.schema import make_schema
     from abhv_mc.folder.manifest import manifest_schema
     from abhv_mc.report.numbers.report_numbers import report_schema
 
-    makers = {name: partial(make_schema, name) for name in KINDS} | {
+    makers = {name: partial(make_schema, name) for name in find_kinds()} | {
         "report": report_schema,
         "manifest": manifest_schema,
     }
