@@ -24,7 +24,7 @@ import abhv_mc
 from abhv_mc.entry_points import find_packages
 
 _PACKAGE = Path(__file__).parent
-_SHOWN = ("cli", "report", "topics")
+_SHOWN = ("cli", "report", "topics", "vehicle_cli", "vehicle_topics")
 _COMPILERS = ("numba", "llvmlite")
 _LIBRARIES = ("numpy", *_COMPILERS, "scipy", "pyarrow", "joblib")
 
