@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
+from abhv_mc.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.prepare import prepare

@@ -8,6 +8,7 @@ group                       object                                     name
 ``abhv_mc.campaign_blocks`` check of a block, ``(Experiment) -> None`` block
 ``abhv_mc.executors``       an ``abhv_mc.interfaces.Connect``          scheme of ``--scheduler``
 ``abhv_mc.law_backends``    a ``user_code.native_loop.LawBackend``     ``law`` of controller files
+``abhv_mc.simulators``      a ``Simulator``, or a ``Registered`` with keys ``simulator: {package:}``
 ``abhv_mc.stores``          an ``interfaces.Store`` made of an address scheme of the address
 ``abhv_mc.topics``          an ``abhv_mc.topics.Topic``                any
 =========================== ========================================== ===========================
@@ -19,7 +20,7 @@ from typing import Any
 
 COMMANDS, FUNCTIONS, TOPICS = "abhv_mc.commands", "abhv_mc.functions", "abhv_mc.topics"
 BLOCKS, LAW_BACKENDS = "abhv_mc.campaign_blocks", "abhv_mc.law_backends"
-EXECUTORS, STORES = "abhv_mc.executors", "abhv_mc.stores"
+EXECUTORS, STORES, SIMULATORS = "abhv_mc.executors", "abhv_mc.stores", "abhv_mc.simulators"
 _SHOW_ONLY = (COMMANDS, FUNCTIONS, TOPICS)
 
 

@@ -24,7 +24,7 @@ from abhv_mc.entry_points import find_packages
 from abhv_mc.version import ROOT, __version__
 
 _PACKAGE = ROOT / "abhv_mc"
-_SHOWN = ("cli", "report", "topics")
+_SHOWN = ("cli", "report", "topics", "vehicle_cli", "vehicle_topics")
 _COMPILERS = ("numba", "llvmlite")
 _LIBRARIES = ("numpy", *_COMPILERS, "scipy", "pyarrow", "joblib")
 

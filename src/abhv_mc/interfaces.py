@@ -227,10 +227,11 @@ class Simulator(ABC):
         """Return each piece of custom code and its file, without running the code."""
         return []
 
-    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+    def pack(self, take: Callable[..., str], copies: dict[str, Path]) -> dict[str, Any]:
         """Return the entries of the campaign file with paths inside a results folder.
 
-        ``take`` copies a file, and the files that it refers to, to a path in the folder. ``copies``
+        ``take(file, path, references)`` copies a file, and the files to which it refers, to a path
+        in the folder, and returns the path of the copy. ``copies``
         maps each path in the folder to the file that is copied there.
         """
         return {"systems": self.experiment.model.systems}

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from short_flights import short_plan
 
-from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS, SOURCES, SURFACES
 from abhv_mc.flight.compile_metrics import compile_metrics, source_rows
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -27,6 +26,7 @@ from abhv_mc.kernel.laws import user
 from abhv_mc.kernel.laws.columns import SETTLED
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
 
 TICKS = 800
 

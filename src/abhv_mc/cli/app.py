@@ -16,8 +16,6 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from abhv_mc.cli import (
-    flying,
-    linearizing,
     proving,
     querying,
     replaying,
@@ -91,16 +89,16 @@ _EXAMPLES = {  # examples printed after the options
 }
 _PANELS: dict[str, tuple[Any, ...]] = {  # Names stand for commands that packages add.
     "First day": (
-        *(starting.new, starting.validate, running.run),
+        *("new", starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
     ),
-    "Run": (starting.imports, running.merge, flying.fly, replaying.replay),
+    "Run": (starting.imports, running.merge, "fly", replaying.replay),
     "Search": (searching.worst, searching.rare, "tune"),
     "Results": (
         *(reporting.show, "explore", replaying.explain, reporting.whatif),
         *(reporting.place, querying.query, querying.lists),
     ),
-    "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
+    "Analyse": ("trim", "margins", "linearize"),
     "Verify": (proving.verify,),
 }
 _HIDDEN: dict[str, Any] = {  # former names of commands, not listed by --help

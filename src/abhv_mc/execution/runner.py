@@ -127,7 +127,7 @@ class _Run:
         self.columns = tuple(signal.name for signal in values)
         tables = self.campaign.parameters, self.campaign.outcomes
         self.schema = flights_schema(self.samples.names, provenance, values, *tables)
-        self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
+        self.with_margins = self.campaign.margin_flights
         self.start, self.wall_before = time.monotonic(), self.manifest.wall_time_s
 
     def run(self, find_executor: Callable[[], FlightRunner]) -> RunResult:
@@ -360,7 +360,7 @@ class _Run:
         """Return the values [flight, value] of a block; margins not computed are NaN."""
         count = len(self.campaign.measured)
         metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
-        if self.campaign.model.margins is None:
+        if not self.campaign.margin_flights:
             return np.column_stack([metrics, flown.end_time])
         missing = np.full((len(metrics), len(MARGIN_VALUES)), np.nan)
         return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])

@@ -201,8 +201,9 @@ class FlightBlock:
     outcome: NDArray[np.int64]  # [flight] values of Outcome
     end_time: Floats  # [flight] end time, s
     metrics: Floats  # [flight, metric], in the order of the plan's metrics
-    history: Singles  # [flight, time, channel] recorded channels; NaN after the end
-    times: Floats  # [time] times of the history, s
+    # [flight, time, channel] recorded channels; NaN after the end
+    history: Singles = field(default_factory=lambda: np.empty((0, 0, 0), np.float32))
+    times: Floats = field(default_factory=lambda: np.empty(0))  # [time] times of the history, s
     # [flight, time, state] recorded states; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
     # [time, channel] extremes over all flights and all control ticks between the adjacent times;

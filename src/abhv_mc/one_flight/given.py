@@ -168,7 +168,7 @@ def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
 
 def _write_input(kind: str, source: Any, folder: Path, location: str) -> str:
     """Write an input with the files to which it refers, and return its relative path."""
-    from abhv_mc.campaign.file.kinds import find_references
+    from abhv_mc.vehicle_simulator.references import find_references
 
     document = make_document(kind, source)
     path = document.path.resolve()

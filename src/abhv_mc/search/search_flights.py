@@ -84,7 +84,7 @@ def find_metric(
     `make_error` receives the problem and the expected input.
     """
     metrics = campaign.metrics
-    if name in MARGIN_NAMES and campaign.model.margins is None:
+    if name in MARGIN_NAMES and not campaign.margin_flights:
         raise make_error(
             f"'{name}' requires the key 'margins'",
             "'margins: {at: [trim]}' in the campaign, which computes the margins",

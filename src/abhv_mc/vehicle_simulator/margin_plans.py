@@ -77,7 +77,7 @@ def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str
     Its argument is an array of rows [flight, parameter]; no flight is simulated. Raise InputError
     if margins cannot be computed.
     """
-    from abhv_mc.campaign.file.config import MarginsOfFlights
+    from abhv_mc.vehicle_simulator.campaign_file import MarginsOfFlights
 
     model = campaign.model.model_copy(update={"margins": MarginsOfFlights()})
     changed = replace(campaign, model=model)

@@ -21,6 +21,7 @@ from abhv_mc.interfaces import (
     StoredPlans,
     TrimMargins,
 )
+from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
@@ -37,7 +38,10 @@ class VehicleSimulator(Simulator):
     def __init__(self, experiment: Experiment) -> None:
         self.experiment, self.outcomes = experiment, OUTCOMES
         self.systems, self.mission = tuple(experiment.model.controllers), self
-        own = effector_channels(experiment.effectors), state_channels(experiment.states)
+        own = (
+            effector_channels(experiment.contents.effectors),
+            state_channels(experiment.contents.states),
+        )
         self.channels = (*CHANNELS, *own[0], *own[1])
 
     @cached_property
@@ -60,16 +64,27 @@ class VehicleSimulator(Simulator):
 
         return find_code(self.experiment.model)
 
-    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+    def pack(self, take: Callable[..., str], copies: dict[str, Path]) -> dict[str, Any]:
+        from abhv_mc.campaign.file.kinds import locate
+        from abhv_mc.vehicle_simulator.references import find_references
+
         model = self.experiment.model
-        return {
-            "vehicle": take(model.vehicle, "inputs/vehicle"),
-            "mission": take(model.mission, "inputs/mission"),
+
+        def pack(path: Path, location: str) -> str:
+            return take(path, f"inputs/{location}", find_references(locate(path)))
+
+        entries: dict[str, Any] = {
+            "vehicle": pack(model.vehicle, "vehicle"),
+            "mission": pack(model.mission, "mission"),
             "controllers": {
-                name: take(path, f"inputs/controllers/{name}")
-                for name, path in model.controllers.items()
+                name: pack(path, f"controllers/{name}") for name, path in model.controllers.items()
             },
         }
+        if model.channels is not None:
+            entries["channels"] = pack(model.channels, "channels")
+        if isinstance(model.metrics, Path):
+            entries["metrics"] = read_document(model.metrics).data
+        return entries
 
     @staticmethod
     def fly(plan: FlightPlan, rows: Floats, recorded: Recorded = None) -> FlightBlock:

@@ -162,7 +162,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
                     "median lines."
                 )
             )
-    of_paper = campaign.model.figures == "paper"
+    of_paper = getattr(campaign.model, "figures", None) == "paper"
     rows = tuple(_row(model, names, curve, of_paper) for curve in curves_of(campaign))
     heads = (
         "Channel",
