@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.io.input_error import check_mapping
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.one_flight.fly_once import fly
-from abhv_mc.one_flight.given import check_mapping, write_inputs
+from abhv_mc.one_flight.given import write_inputs
 from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
 from abhv_mc.one_flight.plant import Plant, PlantState
 from abhv_mc.one_flight.trim_table import trim

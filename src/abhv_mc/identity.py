@@ -146,13 +146,6 @@ def find_versions() -> dict[str, str]:
     }
 
 
-def find_compiler() -> str:
-    """Return the numba interface that compiled the flight code, ``private`` or ``public``."""
-    from abhv_mc.kernel.jit import compiler  # Import late, because the module loads numba.
-
-    return compiler()
-
-
 def find_commit() -> str | None:
     """Return the Git commit of the program's source, or None if it is not in a Git repository.
 

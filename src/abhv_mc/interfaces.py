@@ -67,6 +67,9 @@ class Plan(Protocol):
 Arrays = dict[str, NDArray[Any]]
 
 
+REMEDY = "the original file, or a new run with --fresh or in another folder (-o DIR)"
+
+
 class StoredPlans(NamedTuple):
     """Plans stored in a results folder, which are read only when they are needed."""
 
@@ -148,6 +151,10 @@ class Mission(Protocol):
     All flights then have the same times, reference and nominal flight.
     """
 
+    @property
+    def reference_channels(self) -> tuple[Signal, ...]:
+        """Channels of the reference trajectory."""
+
     def find_reference(self, plan: Any) -> dict[str, Floats]:
         """Return the reference trajectory as columns, at the rate of the histories."""
 
@@ -156,6 +163,9 @@ class Mission(Protocol):
 
     def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
         """Return plans that also compute the requested margins; empty if none are requested."""
+
+    def find_compiler(self) -> str:
+        """Return the name of the interface that compiled the flight code."""
 
     def trim_margins(self, names: Sequence[str]) -> Mapping[str, TrimMargins]:
         """Return, for each named system, a function that computes margins of dispersed trims.

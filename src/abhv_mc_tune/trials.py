@@ -68,7 +68,9 @@ class Trials:
     def draw(self, seed: int, flights: int) -> Floats:
         """Draw the inputs [flight, column] that are common to all candidates."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
-        values = drawn_samples(design, self.space.marginals, self.space.copula).draw(0, flights)
+        values = drawn_samples(
+            design, self.space.marginals, self.space.copula, self.space.parameters
+        ).draw(0, flights)
         return self.space.complete(values, seed, 0)
 
     def measure(self, points: Floats, parameters: Floats) -> list[Trial]:

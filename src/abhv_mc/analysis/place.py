@@ -11,7 +11,6 @@ from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histor
 from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.units import parse_in_any_unit, parse_unit
-from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS
 from abhv_mc.statistics.circular import align_flights, unwrap
 from abhv_mc.statistics.placement import (
     Band,
@@ -302,7 +301,7 @@ def measure(
     sigma = np.tile([noise.get(name, 0.0) for name in channels], (len(flights), 1))
     sensed = []
     for c, channel in enumerate(channels):
-        sensor = _sensor_of(channel)
+        sensor = _sensor_of(channel, results.campaign.parameters.index)
         drawn = {
             error: results.samples[f"sensor.{sensor}_{error}"][flights]
             for error in ("scale", "bias", "noise")
@@ -321,11 +320,10 @@ def measure(
     return simulated, tuple(sensed)
 
 
-def _sensor_of(channel: str) -> str | None:
+def _sensor_of(channel: str, parameters: Collection[str]) -> str | None:
     """Return the sensed quantity to which a channel belongs, or None if there is none."""
-    stem = channel if channel in ALL_SENSORS else channel.rpartition("_")[0]
-    stem = stem.removesuffix("_error")
-    return stem if stem in ALL_SENSORS else None
+    stems = channel, channel.rpartition("_")[0], channel.rpartition("_")[0].removesuffix("_error")
+    return next((stem for stem in stems if f"sensor.{stem}_bias" in parameters), None)
 
 
 def _sample(

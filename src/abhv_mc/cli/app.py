@@ -197,9 +197,9 @@ def _print_versions(expected: bool) -> None:
         say(f"python {platform.python_version()} on {platform.platform()}")
         for library in _LIBRARIES:
             say(f"{library} {version(library)}")
-        from abhv_mc.kernel.compiler_target import choose_interface, find_level
+        from abhv_mc.campaign.file.systems import load_simulators
 
-        say(f"kernels {find_level(choose_interface())[1]}")
+        say(*filter(None, {own.version() for own in load_simulators().values()}), sep="\n")
         for package in PACKAGES:
             if find_spec(package) is None:
                 say(f"{package} is not installed; its commands are not available")

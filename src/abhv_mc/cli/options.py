@@ -46,9 +46,10 @@ def _complete_folder(incomplete: str) -> list[str]:
 
 def _complete_metric(incomplete: str) -> list[str]:
     """Return the names of built-in metrics for shell completion."""
-    from abhv_mc.flight.metrics import BUILT_IN
+    from abhv_mc.campaign.file.systems import load_simulators
 
-    return [name for name in BUILT_IN if name.startswith(incomplete)]
+    names = (name for own in load_simulators().values() for name in own.metrics)
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def _complete_controllers(incomplete: str) -> list[str]:

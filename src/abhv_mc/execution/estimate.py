@@ -71,7 +71,7 @@ def estimate_campaign(
     history_every = simulator.find_stride(first, "histories")
     if first.timing is not None:
         every = simulator.find_stride(first, "envelopes")
-        cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
+        cells = (first.timing.ticks // every + 1) * len(campaign.enveloped_channels)
     first_flights = fly_first(campaign, workers, every).warnings
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)

@@ -41,7 +41,7 @@ from abhv_mc.folder.requirement_sets import (
     mark_later_choices,
 )
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
-from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
+from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
@@ -315,9 +315,10 @@ def _write_nominal(
     times = next(iter(first.trials.values())).times
     products = Products(folder, first.trials, campaign.runs)
     histories = {name: block.history[0] for name, block in first.trials.items()}
-    write_nominal(folder.nominal, times, histories, products.nominal.key)
+    write_nominal(folder.nominal, times, histories, campaign.channels, products.nominal.key)
     reference = mission.find_reference(next(iter(plans.values())))
-    write_reference(folder.reference, reference, products.reference.key)
+    signals = mission.reference_channels
+    write_reference(folder.reference, reference, signals, products.reference.key)
 
 
 def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
@@ -357,7 +358,7 @@ def make_manifest(
     """Return the initial manifest of a campaign, with the warnings of its first flights."""
     from datetime import UTC, datetime
 
-    file_runs = campaign.file_runs
+    file_runs, mission = campaign.file_runs, campaign.simulator.mission
     sources = [source for plan in plans.values() for source in plan.sources]
     return Manifest(
         name=campaign.model.name,
@@ -369,7 +370,7 @@ def make_manifest(
         source_hash=campaign.simulator.engine.source,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=find_versions() | find_package_versions(sources),
-        compiler=find_compiler() if campaign.simulator.mission else None,
+        compiler=mission.find_compiler() if mission else None,
         commit=find_commit(),
         machine=find_machine(),
         command=tuple(sys.argv[1:]),

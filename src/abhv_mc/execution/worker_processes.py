@@ -22,7 +22,7 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.execution.worker import serve, usual_limit
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
@@ -80,7 +80,7 @@ class _Worker:
     def fly(
         self,
         key: int,
-        plan: FlightPlan,
+        plan: Any,
         parameters: Floats,
         recorded: Recorded,
         limit: float | None,
@@ -151,7 +151,7 @@ class WorkerPool:
             self._idle.put(None)
         self._workers: set[_Worker] = set()
         # Key and plan by id of the plan; the stored reference keeps the id unique.
-        self._plans: dict[int, tuple[int, FlightPlan]] = {}
+        self._plans: dict[int, tuple[int, Any]] = {}
         self._limits: dict[int, float | None] = {}  # time limits in s by key of the plan
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
@@ -159,7 +159,7 @@ class WorkerPool:
         self._last_end = ""
         self._closed = False
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """Compute a block in a worker process. Raise FlightLostError or UnusableError."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
@@ -169,7 +169,7 @@ class WorkerPool:
                 self._limits[key] = self._limit or self._find_limit(plan)
         return self._attempt(key, plan, parameters, recorded)
 
-    def _find_limit(self, plan: FlightPlan) -> float | None:
+    def _find_limit(self, plan: Any) -> float | None:
         """Derive the time limit for all workers from a nominal flight in this process.
 
         Return None if the flight must not run in this process; each worker then derives its own
@@ -182,9 +182,7 @@ class WorkerPool:
         except Exception:  # A worker will report the error.
             return None
 
-    def _attempt(
-        self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded
-    ) -> FlightBlock:
+    def _attempt(self, key: int, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         worker = self._idle.get()
         try:
             while True:

@@ -9,7 +9,6 @@ from pydantic import Field, model_validator
 
 from abhv_mc.campaign.file.config import Execution
 from abhv_mc.campaign.file.systems import Contents, SystemsCampaign, YesNo, read_systems
-from abhv_mc.control.law_file import expand
 from abhv_mc.io.documents import (
     CommaKeys,
     Document,
@@ -18,6 +17,7 @@ from abhv_mc.io.documents import (
     StrictModel,
     one_of,
 )
+from abhv_mc.io.input_files import expand
 from abhv_mc.io.units import Time
 from abhv_mc.user_code.read_guard import is_regular
 

@@ -7,6 +7,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 
 NO_FAILURE = "none"
+ENGINE_FAILED = "engine_failed_s"  # metric: time for which an engine has failed
 UNSTART = "engine unstart"  # failure case of an engine that failed because its inlet unstarted
 _ENGINE = "failure.engine"  # prefix of the names of engine failures
 _KINDS = {"time": "failed", "stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}

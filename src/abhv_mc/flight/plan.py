@@ -13,6 +13,7 @@ from abhv_mc.control.law_file import NATIVE
 from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.flight.outcome import Limits, Outcome
+from abhv_mc.flight.plan_arrays import stored_arrays
 from abhv_mc.identity import Flyer
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
@@ -137,6 +138,10 @@ class FlightPlan:
         is_fixed = is_fixed and not has_slack(vehicle)
         is_calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
         return replace(self, lean=bool(is_builtin and is_fixed and is_calm))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that a results folder stores."""
+        return stored_arrays(self)
 
     @property
     def nominal(self) -> Floats:

@@ -65,8 +65,8 @@ class FlownCampaign:
     samples: Mapping[str, Floats]  # [flight] values by parameter; each access reads the column
     flights: dict[str, ControllerFlights]
     envelopes: dict[tuple[str, str], Envelope]  # envelopes by (controller, channel)
-    reference: dict[str, Floats]  # [time] values of "time" and REFERENCE_CHANNELS
-    nominal: dict[str, dict[str, Floats]]  # [time] values of "time" and CHANNELS, by controller
+    reference: dict[str, Floats]  # [time] values of "time" and the reference channels
+    nominal: dict[str, dict[str, Floats]]  # [time] values of "time" and the channels, by controller
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
     # changes of requirements that were made after results had been seen, in order
     requirement_changes: tuple[RequirementChange, ...] = ()

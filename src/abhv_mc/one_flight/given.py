@@ -19,11 +19,11 @@ from abhv_mc.io.documents import (
     Document,
     InputError,
     Refusal,
-    found_value,
     one_of,
     read_document,
     write_document,
 )
+from abhv_mc.io.input_error import check_mapping
 from abhv_mc.io.units import Dimension, parse_quantity
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
@@ -130,13 +130,6 @@ def make_parameters(
         except Refusal as refusal:
             raise InputError("dispersions", f"{name}: {refusal.found}", refusal.expected) from None
     return row
-
-
-def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return the value. Raise InputError if it is not a mapping."""
-    if not isinstance(value, Mapping):
-        raise InputError(name, found_value(value), "a mapping")
-    return value
 
 
 def to_si(value: Quantity, dimension: Dimension, name: str) -> float:

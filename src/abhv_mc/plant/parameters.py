@@ -50,6 +50,7 @@ class Parameter:
         False  # whether the user defines the parameter (simulator input or vehicle setting)
     )
     seed: bool = False  # whether the parameter selects a realization of noise or turbulence
+    noises: tuple[str, ...] = ()  # noise parameters to which a seed from 0 to 1 applies
 
     @property
     def is_factor(self) -> bool:
@@ -280,6 +281,7 @@ _TABLE: tuple[Parameter, ...] = (
         0.5,
         "uniformly distributed number from 0 to 1 that selects the turbulence of a flight",
         seed=True,
+        noises=("wind.turbulence",),
     ),
     Parameter(
         "sensor.noise_seed",
@@ -287,6 +289,7 @@ _TABLE: tuple[Parameter, ...] = (
         0.5,
         "uniformly distributed number from 0 to 1 that selects the sensor noise of a flight",
         seed=True,
+        noises=SENSOR_NOISES,
     ),
     _error(
         "sensor.delay",

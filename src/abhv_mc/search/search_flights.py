@@ -111,9 +111,9 @@ class DrawnFlights:
 
     numbers: tuple[int, ...]
     times: Floats  # times in s
-    history: NDArray[
-        np.float32
-    ]  # histories [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
+    # [1 + flight, time, channel] in the order of the campaign's channels; NaN after the end
+    history: NDArray[np.float32]
+    campaign: Experiment
 
 
 class SearchFlights:
@@ -250,7 +250,7 @@ class SearchFlights:
         drawn = np.concatenate([nominal, rows.samples[numbers]])
         every = max(1, round(_DRAWN_STEP / timing.tick))
         block = simulate(self.campaign, self.controller, drawn, every, self.executor.fly)
-        return DrawnFlights(tuple(numbers), block.times, block.history)
+        return DrawnFlights(tuple(numbers), block.times, block.history, self.campaign)
 
     def finish(self, result: dict[str, Any]) -> None:
         """Delete unused blocks; write samples, outcomes and the result."""

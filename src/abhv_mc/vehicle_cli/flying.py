@@ -9,7 +9,6 @@ import typer
 from abhv_mc.cli.options import Json, parse_option
 from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import (
-    announce_compiling,
     announce_warnings,
     new_table,
     print_table,
@@ -20,6 +19,7 @@ from abhv_mc.cli.printing import (
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 from abhv_mc.user_code.child import run_in_thread
+from abhv_mc.vehicle_cli.announce import announce_compiling
 from abhv_mc.vehicle_cli.options import (
     ControllerFiles,
     FlownFile,

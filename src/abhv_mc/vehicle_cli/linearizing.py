@@ -15,7 +15,6 @@ from abhv_mc.cli.options import (
 )
 from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
-    announce_compiling,
     announce_warnings,
     new_table,
     print_table,
@@ -24,6 +23,7 @@ from abhv_mc.cli.printing import (
 )
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
+from abhv_mc.vehicle_cli.announce import announce_compiling
 from abhv_mc.vehicle_cli.options import (
     ControllerFiles,
     MissionOrCampaign,

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from abhv_mc.flight.channels import CHANNELS
+from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.io.parquet_columns import column_values
@@ -34,7 +34,7 @@ def write_nominal_report(
     }
     write_nominal(folder / "nominal.parquet", times, columns, recorded=shared)
     yield folder / "nominal.parquet"
-    write_reference(folder / "reference.parquet", reference_of(plan, 1))
+    write_reference(folder / "reference.parquet", reference_of(plan, 1), REFERENCE_CHANNELS)
     yield folder / "reference.parquet"
     flights = {
         name: {"time": times}

@@ -5,14 +5,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from abhv_mc.campaign.file.config import Campaign, FlightCount, MetricName, Name
-from abhv_mc.campaign.file.keep import ALL
+from abhv_mc.campaign.file.keep import ALL, Keep, KeepEnvelopes, KeepHistories, as_list
 from abhv_mc.campaign.file.systems import Contents
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED
 from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
+from abhv_mc.flight.channels import (
+    CHANNEL_INDEX,
+    CHANNELS,
+    STANDARD_CHANNELS,
+    Channel,
+    effector_channels,
+    state_channels,
+)
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGINS, METRICS, Metric, effector_metrics
 from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
 from abhv_mc.io.documents import (
@@ -27,7 +34,7 @@ from abhv_mc.io.documents import (
 from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
-from abhv_mc.plant.parameters import OURS
+from abhv_mc.plant.parameters import DISTURBANCES, OURS
 from abhv_mc.shipped import shipped_files
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.vehicle_simulator.references import check_kinds
@@ -73,8 +80,49 @@ def _shipped(kind: str) -> BeforeValidator:
     return BeforeValidator(lambda value, info: find_shipped(info.context["document"], kind, value))
 
 
+def _in_order(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name for name in CHANNEL_INDEX if name in names or ALL in names)
+
+
 def _metrics_kind(value: Any) -> str:
     return "file" if isinstance(value, str | Path) else "entries"
+
+
+Channels = Annotated[
+    tuple[Literal[(ALL, *CHANNEL_INDEX)], ...],  # type: ignore[valid-type]
+    AfterValidator(_in_order),
+    BeforeValidator(as_list, json_schema_input_type=str | list[str]),
+]
+
+
+class VehicleHistories(KeepHistories):
+    """Flights and channels whose histories are stored."""
+
+    channels: Annotated[
+        tuple[str, ...], BeforeValidator(as_list, json_schema_input_type=str | list[str])
+    ] = Field(
+        (ALL,),
+        description=(
+            "names of channels, or 'all'; each effector with an actuator has its own channels"
+        ),
+    )
+
+
+class VehicleEnvelopes(KeepEnvelopes):
+    """Channels and rate of the time-history envelopes over all flights."""
+
+    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or 'all'")
+
+
+class VehicleKeep(Keep):
+    """Outputs that a campaign stores in addition to metrics."""
+
+    histories: VehicleHistories = Field(
+        VehicleHistories(), description="flights whose full time histories are stored"
+    )
+    envelopes: VehicleEnvelopes = Field(
+        VehicleEnvelopes(), description="time-history envelopes over all flights"
+    )
 
 
 class VehicleCampaign(Campaign):
@@ -107,6 +155,9 @@ class VehicleCampaign(Campaign):
             "stability margins of dispersed flights as metrics; default: margins of the nominal "
             "vehicle and at the corners of the dispersions"
         ),
+    )
+    keep: VehicleKeep = Field(
+        VehicleKeep(), description="outputs to store in addition to the metrics of every flight"
     )
     tune: Tune | None = Field(
         None,
@@ -209,6 +260,10 @@ def read_contents(
         metrics=(*METRICS, *declared),
         units=units | dict(user_channels),
         margins=MARGINS,
+        disturbances=DISTURBANCES,
+        stems={c.name: c.name.rpartition("_")[0] or c.name for c in CHANNELS},
+        kept=None if ALL in model.keep.histories.channels else model.keep.histories.channels,
+        enveloped=model.keep.envelopes.channels,
         document=document,
         model=model,
         declared=declared,

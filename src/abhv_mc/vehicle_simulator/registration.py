@@ -3,8 +3,11 @@
 from typing import Any
 
 from abhv_mc.campaign.file.systems import Registered
+from abhv_mc.compiling import tell
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.flight.metrics import BUILT_IN, MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.kernel.compiler_target import choose_interface, find_level
+from abhv_mc.kernel.jit import set_compile_listener
 from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.vehicle_simulator.campaign_file import VehicleCampaign, name_effectors, read_contents
 from abhv_mc.vehicle_simulator.simulator import VehicleSimulator
@@ -37,7 +40,7 @@ def _enumerate_names(parts: Schema) -> None:
     for key in ("dispersions", "unknowns", "derived"):
         campaign["properties"][key]["propertyNames"] = names
     parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", **names}] * 2
-    for keep in ("KeepHistories", "KeepEnvelopes"):
+    for keep in ("VehicleHistories", "VehicleEnvelopes"):
         channel_name: Schema = {
             "type": "string",
             "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, {"pattern": _OWN_CHANNEL}],
@@ -48,6 +51,7 @@ def _enumerate_names(parts: Schema) -> None:
         ]
 
 
+set_compile_listener(tell)
 VEHICLE = Registered(
     VehicleSimulator,
     VehicleCampaign,
@@ -59,4 +63,6 @@ VEHICLE = Registered(
         "controller": "abhv_mc.control.controller_file:ControllerFile",
     },
     enumerate_names=_enumerate_names,
+    metrics=tuple(BUILT_IN),
+    version=lambda: f"kernels {find_level(choose_interface())[1]}",
 )

@@ -9,7 +9,13 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import CHANNELS, effector_channels, state_channels
+from abhv_mc.flight.channels import (
+    CHANNELS,
+    REFERENCE_CHANNELS,
+    Signal,
+    effector_channels,
+    state_channels,
+)
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import code_hash
@@ -30,6 +36,7 @@ class VehicleSimulator(Simulator):
     """Built-in simulator, which trims the vehicle, designs controllers and runs kernels."""
 
     kind = "controller"
+    reference_channels: tuple[Signal, ...] = REFERENCE_CHANNELS
     method = (
         "Method: G. D. Zhu and Z. J. Shen, three-dimensional trajectory linearization control of"
         " an air-breathing hypersonic vehicle, 2014."
@@ -147,6 +154,11 @@ class VehicleSimulator(Simulator):
         from abhv_mc.control.mission import read_mission
 
         return transients(read_mission(self.experiment.model.mission))
+
+    def find_compiler(self) -> str:
+        from abhv_mc.kernel.jit import compiler  # Import late, because the module loads numba.
+
+        return compiler()
 
     def trim_margins(self, names: Sequence[str]) -> dict[str, TrimMargins]:
         from abhv_mc.vehicle_simulator.margin_plans import trim_margins

@@ -10,7 +10,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import Compared
-from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
+from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.file.systems import find_simulator
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.derived_parameters import Derived
@@ -243,12 +243,14 @@ class Experiment:
     @property
     def kept_channels(self) -> tuple[str, ...]:
         """Channels of the stored time histories."""
-        requested = self.model.keep.histories.channels
-        return tuple(
-            channel.name
-            for channel in self.channels
-            if ALL in requested or channel.name in requested
-        )
+        kept = self.contents.kept
+        return tuple(c.name for c in self.channels if kept is None or c.name in kept)
+
+    @property
+    def enveloped_channels(self) -> tuple[str, ...]:
+        """Channels of the envelopes."""
+        names = self.contents.enveloped
+        return tuple(c.name for c in self.channels) if names is None else names
 
     @property
     def has_bands(self) -> bool:
@@ -452,4 +454,5 @@ class Experiment:
                 design, tuple(self.marginals.values()), self.copula, self.parameters
             )
         seeds = find_seeds(self.varied, self.parameters)
-        return seeded_samples(source, seeds, seed, sampling.design) if seeds else source
+        records = [self.parameters[name] for name in seeds]
+        return seeded_samples(source, records, seed, sampling.design) if seeds else source

@@ -190,11 +190,6 @@ def read_systems(
     if "envelopes" in model.keep.model_fields_set and not model.histories:
         problem = "envelopes cannot be computed without 'histories'"
         errors.append(document.key_error(("keep", "envelopes"), problem, "the key 'histories'"))
-    for key, settings in (("histories", model.keep.histories), ("envelopes", model.keep.envelopes)):
-        if "channels" in settings.model_fields_set:
-            problem = "'channels' selects channels of the built-in simulator"
-            expected = "no key 'channels', because all 'histories' are stored"
-            errors.append(document.key_error(("keep", key, "channels"), problem, expected))
     return Contents(
         systems=tuple(model.systems),
         parameters=model.parameters,
@@ -225,6 +220,11 @@ class Contents:
     units: Mapping[str, str]  # unit of each channel of the histories
     margins: tuple[Metric, ...] = ()  # metrics of flights with margins
     kind: str = "system"  # noun for a compared system
+    # names of channels without their units, by name
+    stems: Mapping[str, str] = field(default_factory=dict)
+    kept: tuple[str, ...] | None = None  # channels of stored histories; None: all
+    enveloped: tuple[str, ...] | None = None  # channels of envelopes; None: all
+    disturbances: tuple[str, ...] = ()  # parameters of noise, gusts and turbulence
     is_imported: bool = False  # whether a table states the inputs of each flight
 
     def margin_flights(self, runs: int) -> int:
@@ -259,6 +259,8 @@ class Registered:
     files: Mapping[str, str] = field(default_factory=dict)
     # Add the names of metrics, parameters and channels to a JSON Schema.
     enumerate_names: Callable[[dict[str, Any]], None] = lambda schema: None
+    metrics: tuple[str, ...] = ()  # names of metrics that need no declaration
+    version: Callable[[], str] = lambda: ""  # line of `abhv-mc --version`, or ''
 
 
 def name_simulator(data: object) -> str:

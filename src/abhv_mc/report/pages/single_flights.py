@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.analysis.explain import Explanation
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.io.phrases import counted, joined
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
@@ -82,9 +81,8 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     until = _AFTER * float(ends.max()) if early else float(ends.max())
     mask = explanation.block.times <= until
     history = explanation.block.history[:, mask].astype(np.float64)
-    panels = {
-        label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS
-    }
+    index = {signal.name: i for i, signal in enumerate(explanation.channels)}
+    panels = {label: history[:, :, index[name]] * scale for name, label, scale in FLIGHT_PANELS}
     total = counted(len(explanation.samples), "dispersion")
     label = f"only {len(explanation.causes)} of {total}"
     return plot_flights(
