@@ -14,7 +14,9 @@ group                       object                                     name
 =========================== ========================================== ===========================
 """
 
+import contextlib
 import functools
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint, distributions
 from typing import Any
 
@@ -63,3 +65,15 @@ def find_packages() -> list[str]:
         for entry in names.values()
     )
     return sorted({entry.module.partition(".")[0] for entry in entries})
+
+
+@contextlib.contextmanager
+def needs_vehicle(name: str) -> Iterator[None]:
+    """State, if the package abhv_mc_vehicle is not installed, that ``name`` needs it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name != "abhv_mc_vehicle":
+            raise
+        problem = f"{name} needs the package abhv_mc_vehicle, which is not installed"
+        raise ModuleNotFoundError(problem, name=error.name) from None
