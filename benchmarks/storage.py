@@ -21,6 +21,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.fly import fly
+from abhv_mc.plant.parameters import OURS
 from abhv_mc.requests import Request
 from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_verification.bench.speed import measure_peak
@@ -49,7 +50,7 @@ def main() -> None:
     rounds, sizes = (1, {"two flights": (1, 2)}) if options.smoke else (options.rounds, SIZES)
     campaign = read_campaign(CAMPAIGN, BATCH, None, LAWS)
     samples = campaign.make_samples()
-    parameters = full_rows(samples.names, samples.draw(0, BATCH), ())
+    parameters = full_rows(samples.names, samples.draw(0, BATCH), (), OURS)
     plans = campaign.simulator.make_plans(LAWS)
 
     def kernel() -> float:

@@ -6,7 +6,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from abhv_mc import __version__
+from abhv_mc.version import __version__
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))

@@ -34,7 +34,7 @@ from experiment import ERRORS, FOLLOWING, ROOT, Floats, random_parameters
 from robust import FREE
 from robust_flights import NOMINAL, RIPPLE, Duel, Flown, box_b
 
-from abhv_mc.campaign.file.tuning import Free
+from abhv_mc.vehicle_simulator.tuning import Free
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.prepare import make_plan

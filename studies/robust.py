@@ -39,7 +39,7 @@ import numpy as np
 from experiment import ERRORS, ROOT, USAGE, Floats
 from robust_flights import RIPPLE, Duel, random_flights
 
-from abhv_mc.campaign.file.tuning import Free
+from abhv_mc.vehicle_simulator.tuning import Free
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document

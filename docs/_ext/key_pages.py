@@ -5,7 +5,7 @@ from typing import Any
 
 from tables import code, table
 
-from abhv_mc.campaign.file.kinds import KINDS
+from abhv_mc.campaign.file.kinds import find_kinds
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.io.units import DIMENSIONS, dimension_of
 
@@ -163,4 +163,4 @@ def _page(kind: str) -> str:
 
 def make() -> dict[str, str]:
     """Return the pages by their path."""
-    return {f"files/{kind}.md": _page(kind) for kind in KINDS}
+    return {f"files/{kind}.md": _page(kind) for kind in find_kinds()}

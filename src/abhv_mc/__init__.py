@@ -26,7 +26,8 @@ Examples
 
 from typing import Any
 
-__version__ = "0.1.0"
+from abhv_mc.version import __version__
+
 _MODULES = ("extend", "plots", "statistics", "topics")
 # functions that other packages register in the entry point group abhv_mc.functions
 _ADDED = ("tune",)

@@ -13,13 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.entry_points import needs_vehicle
 from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.io.input_error import check_mapping
 from abhv_mc.io.phrases import grouped_digits, quoted
-from abhv_mc.one_flight.fly_once import fly
-from abhv_mc.one_flight.given import check_mapping, write_inputs
-from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
-from abhv_mc.one_flight.plant import Plant, PlantState
-from abhv_mc.one_flight.trim_table import trim
 from abhv_mc.requests import (
     Paths,
     RareRequest,
@@ -35,6 +32,10 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from abhv_mc.one_flight.fly_once import fly
+    from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
+    from abhv_mc.one_flight.plant import Plant, PlantState
+    from abhv_mc.one_flight.trim_table import trim
     from abhv_mc.report.pages.compare_page import Comparison
     from abhv_mc.search.identify import Identification
     from abhv_mc.search.rare import RareFound
@@ -60,6 +61,25 @@ __all__ = [
     "trim",
     "worst",
 ]
+
+_OF_VEHICLE = {  # modules of the names that the vehicle defines
+    "fly": "fly_once",
+    "trim": "trim_table",
+    "write_inputs": "given",
+    **dict.fromkeys(("Plant", "PlantState"), "plant"),
+    **dict.fromkeys(
+        ("LinearModel", "StateSpace", "fly_on", "linearize", "margins"), "linear_models"
+    ),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _OF_VEHICLE:
+        raise AttributeError(f"module 'abhv_mc.api' has no attribute '{name}'")
+    from importlib import import_module
+
+    with needs_vehicle(f"abhv_mc.{name}"):
+        return getattr(import_module(f"abhv_mc.one_flight.{_OF_VEHICLE[name]}"), name)
 
 
 class Campaign:
@@ -156,6 +176,7 @@ class Campaign:
         """
         folder = mkdtemp(prefix="abhv-mc-")
         try:
+            write_inputs = __getattr__("write_inputs")
             path = write_inputs({**check_mapping(data, "data"), **overrides}, Path(folder))
             campaign = cls(path, read_campaign(path))
         except BaseException:

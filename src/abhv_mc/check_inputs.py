@@ -9,7 +9,7 @@ import numpy as np
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.feasibility import find_impossible, find_slips
 from abhv_mc.campaign.file.kinds import find_kind
-from abhv_mc.campaign.file.simulator import is_own
+from abhv_mc.campaign.file.systems import is_own
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
@@ -79,7 +79,7 @@ def _check(
             raise InputErrors(problems)
         yield from simulator.try_out()
         yield from find_slips(checked)
-        if not simulator.capabilities.has_mission:
+        if simulator.mission is None:
             return
         for name, block in find_entry_points(BLOCKS).items():
             if getattr(campaign, name, None) is not None:

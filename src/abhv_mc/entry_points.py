@@ -8,18 +8,21 @@ group                       object                                     name
 ``abhv_mc.campaign_blocks`` check of a block, ``(Experiment) -> None`` block
 ``abhv_mc.executors``       an ``abhv_mc.interfaces.Connect``          scheme of ``--scheduler``
 ``abhv_mc.law_backends``    a ``user_code.native_loop.LawBackend``     ``law`` of controller files
+``abhv_mc.simulators``      a ``Simulator``, or a ``Registered`` with keys ``simulator: {package:}``
 ``abhv_mc.stores``          an ``interfaces.Store`` made of an address scheme of the address
 ``abhv_mc.topics``          an ``abhv_mc.topics.Topic``                any
 =========================== ========================================== ===========================
 """
 
+import contextlib
 import functools
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint, distributions
 from typing import Any
 
 COMMANDS, FUNCTIONS, TOPICS = "abhv_mc.commands", "abhv_mc.functions", "abhv_mc.topics"
 BLOCKS, LAW_BACKENDS = "abhv_mc.campaign_blocks", "abhv_mc.law_backends"
-EXECUTORS, STORES = "abhv_mc.executors", "abhv_mc.stores"
+EXECUTORS, STORES, SIMULATORS = "abhv_mc.executors", "abhv_mc.stores", "abhv_mc.simulators"
 _SHOW_ONLY = (COMMANDS, FUNCTIONS, TOPICS)
 
 
@@ -62,3 +65,15 @@ def find_packages() -> list[str]:
         for entry in names.values()
     )
     return sorted({entry.module.partition(".")[0] for entry in entries})
+
+
+@contextlib.contextmanager
+def needs_vehicle(name: str) -> Iterator[None]:
+    """State, if the package abhv_mc_vehicle is not installed, that ``name`` needs it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name != "abhv_mc_vehicle":
+            raise
+        problem = f"{name} needs the package abhv_mc_vehicle, which is not installed"
+        raise ModuleNotFoundError(problem, name=error.name) from None

@@ -20,11 +20,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import abhv_mc
 from abhv_mc.entry_points import find_packages
+from abhv_mc.version import ROOT, __version__
 
-_PACKAGE = Path(__file__).parent
-_SHOWN = ("cli", "report", "topics")
+_PACKAGE = ROOT / "abhv_mc"
+_SHOWN = ("cli", "report", "topics", "vehicle_cli", "vehicle_topics")
 _COMPILERS = ("numba", "llvmlite")
 _LIBRARIES = ("numpy", *_COMPILERS, "scipy", "pyarrow", "joblib")
 
@@ -140,17 +140,10 @@ def find_processor() -> str:
 def find_versions() -> dict[str, str]:
     """Return the versions of abhv_mc, Python and the libraries that determine results."""
     return {
-        "abhv_mc": abhv_mc.__version__,
+        "abhv_mc": __version__,
         "python": platform.python_version(),
         **{name: version(name) for name in _LIBRARIES},
     }
-
-
-def find_compiler() -> str:
-    """Return the numba interface that compiled the flight code, ``private`` or ``public``."""
-    from abhv_mc.kernel.jit import compiler  # Import late, because the module loads numba.
-
-    return compiler()
 
 
 def find_commit() -> str | None:
@@ -158,7 +151,7 @@ def find_commit() -> str | None:
 
     A ``+`` is appended if tracked source files have uncommitted changes.
     """
-    root = Path(abhv_mc.__file__).parents[2]
+    root = ROOT.parent
     if not (root / ".git").exists():
         return None
     try:

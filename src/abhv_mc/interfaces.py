@@ -5,19 +5,23 @@ guarantees checks a capability, or calls :meth:`Simulator.check`. The contract o
 is :class:`abhv_mc.topics.Topic`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import Outcomes
+from abhv_mc.flight.outcome import Outcome, Outcomes, simulator_outcomes
 from abhv_mc.flight.plan import FlightBlock, Recording
+from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.user_code.source import UserSource
@@ -48,8 +52,22 @@ class Plan(Protocol):
     def sources(self) -> tuple[UserSource, ...]:
         """Custom code of the plan; the manifest lists the packages that it imports."""
 
+    @property
+    def nominal(self) -> Floats:
+        """Row [1, input] of nominal inputs, whose flight determines the time limit."""
+
+    @property
+    def must_run_in_child(self) -> bool:
+        """Whether a flight could end or block its process, which must not be this one."""
+
+    def lost_outcome(self, hung: bool) -> Outcome:
+        """Return the outcome of a flight that twice crashed or hung (``hung``) its process."""
+
 
 Arrays = dict[str, NDArray[Any]]
+
+
+REMEDY = "the original file, or a new run with --fresh or in another folder (-o DIR)"
 
 
 class StoredPlans(NamedTuple):
@@ -63,15 +81,20 @@ class StoredPlans(NamedTuple):
 
 
 Fly = Callable[[Any, Floats, Recorded], FlightBlock]  # arguments: plan, rows of inputs, recording
+# Function of rows [flight, input] that returns margins [flight, margin], in the order of
+# MARGIN_NAMES, and the reasons for missing ones.
+TrimMargins = Callable[[Floats], tuple[Floats, list[str]]]
+# Campaigns of at most this number of flights run in threads: starting worker processes would take
+# longer than the flights.
+FEW_FLIGHTS = 512
 
 
 class Capabilities(NamedTuple):
     """Optional capabilities of a simulator."""
 
     can_rerun: bool = True  # The simulator can compute flights, not only read them.
-    is_repeatable: bool = True  # Equal inputs give bit-identical results.
-    has_margins: bool = True  # Margins can be computed for flights and at the trim point.
-    has_mission: bool = True  # All flights have the same times, reference and nominal flight.
+    # Equal inputs give bit-identical results; otherwise, first flights test the repeatability.
+    is_repeatable: bool = True
 
 
 @dataclass(frozen=True)
@@ -89,67 +112,48 @@ class Engine:
     is_stability_compiled: Callable[[], bool] = lambda: True
     checked: bool = False  # whether identity.code_hash() must equal ``source`` in each worker
     isolation: str = "threads"  # value that "auto" selects; "processes" needs an importable ``fly``
+    # Return a clause on the last flight of a crashed process, by its number, or ''.
+    describe_crash: Callable[[int | None], str] = lambda process: ""
     # End the processes started by the engine.
-    close: Callable[[], None] | None = None
+    close: Callable[[], None] = lambda: None
+    # Whether ``fly`` records lost flights itself; otherwise the run computes them again.
+    records_lost: bool = False
 
 
-class Simulator(Protocol):
-    """Source of a campaign's flights: a program that computes them, or a table of results."""
+@dataclass(frozen=True, eq=False)  # Plans are keys of caches by identity.
+class SystemPlan:
+    """Plan of a simulator without a mission: each flight has its own times."""
 
-    kind: str  # noun for a compared system, such as 'controller'
-    systems: tuple[str, ...]  # names of the systems
-    outcomes: Outcomes  # possible outcomes of flights
-    channels: tuple[Signal, ...]  # channels of histories; empty if flights return none
-    capabilities: Capabilities
-    independent: bool | None  # declared independence; None if the sampling design determines it
-    states_noise: bool  # whether the flights are declared to have noise that is not an input
-    origin: str  # source of flights computed elsewhere; '' if ``fly`` computes them
-    method: str  # sentence on the method and its source for the report page, or ''
+    controller: str
+    metrics: tuple[Metric, ...]
+    inputs: tuple[str, ...]  # names of the columns of ``rows``
+    nominal: Floats  # [1, input]
+    settings: Mapping[str, Any]  # settings of the system in the campaign file
+    channels: tuple[Signal, ...] = ()
+
+    timing: ClassVar = None
+    sources: ClassVar[tuple[UserSource, ...]] = ()
+    must_run_in_child: ClassVar = False
 
     @property
-    def engine(self) -> Engine:
-        """Functions that make and run plans; not needed to read stored flights."""
+    def metric_count(self) -> int:
+        """Number of metrics of a flight."""
+        return len(self.metrics)
 
-    def check(self, feature: str) -> None:
-        """Raise InputError if ``feature`` needs a vehicle, mission and controllers."""
+    def lost_outcome(self, hung: bool) -> Outcome:
+        """Return ``failed_to_run``."""
+        return Outcome.FAILED_TO_RUN
 
-    def find_code(self) -> list[tuple[Path, UserSource]]:
-        """Return each piece of custom code and its file, without running the code."""
 
-    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
-        """Return the entries of the campaign file with paths inside a results folder.
+class Mission(Protocol):
+    """Questions that only the simulator of a vehicle on a mission answers.
 
-        ``take`` copies a file, and the files that it refers to, to a path in the folder. ``copies``
-        maps each path in the folder to the file that is copied there.
-        """
+    All flights then have the same times, reference and nominal flight.
+    """
 
-    def make_plans(self, names: Sequence[str]) -> Mapping[str, Plan]:
-        """Return the plans of the named systems. Raise InputError if an input is invalid."""
-
-    def restore_plans(
-        self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
-    ) -> Mapping[str, Plan]:
-        """Return the stored plans of the named systems. Raise InputError if one is invalid."""
-
-    def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
-        """Return plans that also compute the requested margins; empty if none are requested."""
-
-    def fit_plans(
-        self, plans: Mapping[str, Any], names: Sequence[str], rows: Floats
-    ) -> Mapping[str, Plan]:
-        """Return plans for ``rows`` [flight, input] of the inputs ``names``.
-
-        Raise InputError if a row is invalid.
-        """
-
-    def find_stride(self, plan: Any, output: str) -> int:
-        """Return the number of control ticks between samples of 'histories' or 'envelopes'.
-
-        Raise InputError if the requested rate is invalid.
-        """
-
-    def find_warnings(self, plans: Mapping[str, Any]) -> list[str]:
-        """Return warnings on the mission, undecidable requirements and impossible dispersions."""
+    @property
+    def reference_channels(self) -> tuple[Signal, ...]:
+        """Channels of the reference trajectory."""
 
     def find_reference(self, plan: Any) -> dict[str, Floats]:
         """Return the reference trajectory as columns, at the rate of the histories."""
@@ -157,11 +161,123 @@ class Simulator(Protocol):
     def find_transients(self) -> tuple[tuple[float, float], ...]:
         """Return the time intervals (s) of transients, which some metrics exclude."""
 
+    def add_margins(self, plans: Mapping[str, Any]) -> Mapping[str, Plan]:
+        """Return plans that also compute the requested margins; empty if none are requested."""
+
+    def find_compiler(self) -> str:
+        """Return the name of the interface that compiled the flight code."""
+
+    def trim_margins(self, names: Sequence[str]) -> Mapping[str, TrimMargins]:
+        """Return, for each named system, a function that computes margins of dispersed trims.
+
+        Raise InputError if margins cannot be computed.
+        """
+
+
+class Simulator(ABC):
+    """Source of a campaign's flights: a program that computes them, or a table of results.
+
+    A simulator defines :meth:`make_plans` and :meth:`fly`. The defaults of all other members are
+    those of a simulator without a mission, without code of the campaign, and with repeatable
+    flights. A package registers the class in the group ``abhv_mc.simulators``.
+    """
+
+    kind: str = "system"  # noun for a compared system, such as 'controller'
+    capabilities: Capabilities = Capabilities()
+    mission: Mission | None = None
+    independent: bool | None = None  # declared independence; None: the sampling design determines
+    states_noise: bool = False  # whether the flights are declared to have noise that is no input
+    origin: str = ""  # source of flights computed elsewhere; '' if ``fly`` computes them
+    method: str = ""  # sentence on the method and its source for the report page, or ''
+
+    def __init__(self, experiment: Any) -> None:
+        """Prepare the simulator of an :class:`abhv_mc.campaign.file.experiment.Experiment`."""
+        self.experiment, model = experiment, experiment.model
+        self.systems: tuple[str, ...] = tuple(model.systems)
+        self.outcomes: Outcomes = simulator_outcomes(model.outcomes)
+        # channels of histories; empty if flights return none
+        self.channels: tuple[Signal, ...] = model.returned_channels
+
+    @abstractmethod
+    def make_plans(self, names: Sequence[str]) -> Mapping[str, Any]:
+        """Return the plans of the named systems. Raise InputError if an input is invalid."""
+
+    @staticmethod
+    @abstractmethod
+    def fly(plan: Any, rows: Floats, recorded: Recorded = None) -> FlightBlock:
+        """Compute the flights of ``rows`` [flight, input], in any process."""
+
+    def plan_of(self, name: str) -> SystemPlan:
+        """Return the plan of a system with the entries of the campaign file."""
+        experiment = self.experiment
+        inputs = tuple(record.name for record in experiment.parameters.records)
+        nominal = np.array([experiment.parameters.nominal_of(inputs)])
+        settings = experiment.model.systems[name]
+        return SystemPlan(
+            name, experiment.measured, inputs, nominal, settings, channels=self.channels
+        )
+
+    @cached_property
+    def engine(self) -> Engine:
+        """Functions that make and run plans; not needed to read stored flights.
+
+        The code on which flights depend is that of abhv_mc and of all registered simulators.
+        """
+        is_large = self.experiment.runs * len(self.systems) > FEW_FLIGHTS
+        isolation = "processes" if is_large else "threads"
+        return Engine(None, self.fly, code_hash(), checked=True, isolation=isolation)
+
+    def check(self, feature: str) -> None:
+        """Raise InputError if ``feature`` needs a vehicle, mission and controllers."""
+        problem = f"this campaign has a custom simulator, which does not support {feature}"
+        expected = "a campaign with vehicle, mission and controllers"
+        raise self.experiment.document.error((), problem, expected)
+
+    def find_code(self) -> list[tuple[Path, UserSource]]:
+        """Return each piece of custom code and its file, without running the code."""
+        return []
+
+    def pack(self, take: Callable[..., str], copies: dict[str, Path]) -> dict[str, Any]:
+        """Return the entries of the campaign file with paths inside a results folder.
+
+        ``take(file, path, references)`` copies a file, and the files to which it refers, to a path
+        in the folder, and returns the path of the copy. ``copies``
+        maps each path in the folder to the file that is copied there.
+        """
+        return {"systems": self.experiment.model.systems}
+
+    def restore_plans(
+        self, stored: StoredPlans, names: Sequence[str], trusted: bool = False
+    ) -> Mapping[str, Any]:
+        """Return the stored plans of the named systems. Raise InputError if one is invalid."""
+        return self.make_plans(names)
+
+    def fit_plans(
+        self, plans: Mapping[str, Any], names: Sequence[str], rows: Floats
+    ) -> Mapping[str, Any]:
+        """Return plans for ``rows`` [flight, input] of the inputs ``names``.
+
+        Raise InputError if a row is invalid.
+        """
+        return plans
+
+    def find_stride(self, plan: Any, output: str) -> int:
+        """Return the number of control ticks between samples of 'histories' or 'envelopes'.
+
+        Raise InputError if the requested rate is invalid.
+        """
+        return 1
+
+    def find_warnings(self, plans: Mapping[str, Any]) -> list[str]:
+        """Return warnings on the plans, beside those on requirements and dispersions."""
+        return []
+
     def time_of_flight(self, plans: Sequence[Any]) -> float | None:
         """Return the mean computing time of recent flights, s, which determines block sizes.
 
         The result is 0 before the first flight, and None if blocks have a fixed number of flights.
         """
+        return None
 
     def prove(self, plan: Any, check: int = 0) -> Any:
         """Return a plan that checks after each block that the simulator sent no extra reply.
@@ -169,24 +285,30 @@ class Simulator(Protocol):
         ``check`` is the number of a separate process for the flights; 0 selects the processes of
         the campaign, and -1 a new process for each flight.
         """
+        return plan
 
     def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
         """Return warnings about events in a system's flights (:attr:`FlightBlock.events`)."""
+        return []
 
     def find_undeclared_reads(self, plan: Any, since: float) -> Iterable[str]:
         """Return undeclared files that flights have read since the time ``since`` (s)."""
+        return ()
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         """Return sentences that explain how the flight with inputs ``row`` [1, input] ended."""
+        return self.outcomes.sentences[self.outcomes.codes[outcome]]
 
     def find_lacking(self) -> list[InputError]:
         """Return errors for dispersions that have no effect in this simulator."""
+        return []
 
     def try_out(self) -> Iterator[str]:
         """Start the simulator without simulating flights, and yield warnings.
 
         Raise InputError if the start fails.
         """
+        yield from ()
 
 
 class Executor(Protocol):

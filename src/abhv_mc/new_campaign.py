@@ -9,13 +9,14 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.kinds import KINDS, find_kind, find_references
+from abhv_mc.campaign.file.kinds import find_kind, find_kinds
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import CController
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.shipped import shipped_configs, shipped_files
 from abhv_mc.user_code.c_source import write_headers
+from abhv_mc.vehicle_simulator.references import find_references
 
 DEFAULT = "s_manoeuvre"
 LAWS = ("python", "c")
@@ -178,11 +179,11 @@ def refuse_filled(folder: Path) -> None:
         raise InputError(folder, "the folder is not empty", "a new or empty folder")
 
 
-def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = KINDS) -> list[Path]:
+def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = ()) -> list[Path]:
     """Write the JSON Schemas of ``kinds``, and refer editors to them in comments of ``files``."""
     written = []
     (folder / _SCHEMAS).mkdir()
-    for kind in kinds:
+    for kind in kinds or find_kinds():
         written.append(folder / _SCHEMAS / f"{kind}.schema.json")
         written[-1].write_text(json.dumps(make_schema(kind), indent=1) + "\n", encoding="utf-8")
     for file in files:

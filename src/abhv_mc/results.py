@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError, found_value, one_of
+from abhv_mc.io.input_error import check_mapping
 from abhv_mc.io.phrases import quoted
-from abhv_mc.one_flight.given import check_mapping
 from abhv_mc.topics.formatting import count_of
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.version import ROOT
 
 PACKAGES = (
     "abhv_mc",
@@ -17,14 +18,13 @@ PACKAGES = (
     "abhv_mc_tune",
     "abhv_mc_verification",
 )
-_PACKAGE = Path(__file__).parent
 DEFAULT_VEHICLE = "abhv"  # default vehicle of flights, trims and margins
 
 
 def shipped_folder() -> Path:
     """Return the folder that contains ``configs`` and ``campaigns``."""
-    installed = _PACKAGE / "shipped_files"
-    return installed if installed.is_dir() else _PACKAGE.parents[1]
+    installed = ROOT / "abhv_mc/shipped_files"
+    return installed if installed.is_dir() else ROOT.parent
 
 
 def shipped_configs() -> Path:

@@ -27,7 +27,6 @@ from abhv_mc.execution.retry import (
     time_limit,
 )
 from abhv_mc.external_simulators.user_flights import note_surplus, with_surplus
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.flight.plan_arrays import flatten
 from abhv_mc.identity import code_hash
@@ -91,9 +90,7 @@ def fly_remote(
         )
         if kind not in _warm:
             set_compile_listener(_report_compiling)
-            fly(
-                plan, nominal_parameters(), None
-            )  # Loading and compilation do not count as flight time.
+            fly(plan, plan.nominal, None)  # Loading and compilation do not count as flight time.
             _warm.add(kind)
     watch = _Watch(limit)
     try:
@@ -173,7 +170,7 @@ class Cluster:
 
     def fly(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """Compute a block on the cluster. Raise FlightLostError or UnusableError."""
-        if self._engine.close is None:
+        if not self._engine.records_lost:
             return self._attempt(plan, parameters, recorded)
         block = self._attempt(with_surplus(plan), parameters, recorded)
         note_surplus(plan, len(parameters), block.events.get("surplus", 0))
@@ -200,7 +197,7 @@ class Cluster:
 
         engine, limit = self._engine, time_limit(min(len(parameters), BATCH_FLIGHTS), self._limit)
         source = engine.source if engine.checked else ""
-        if engine.close is not None:
+        if not isinstance(plan, FlightPlan):
             future = self._client.submit(
                 fly_user_remote, engine.fly, source, plan, parameters, recorded, pure=False
             )

@@ -11,7 +11,6 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.tuning import Free
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import NAMING_KEYS
 from abhv_mc.flight.metrics import MARGIN_NAMES
@@ -22,6 +21,7 @@ from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.fly_with_margins import add_margins
 from abhv_mc.vehicle_simulator.make_plans import declare
 from abhv_mc.vehicle_simulator.margin_plans import make_steady
+from abhv_mc.vehicle_simulator.tuning import Free
 
 _NUMBER = re.compile(
     r"\s*(\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$"

@@ -11,7 +11,6 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, System
-from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import drawn_samples
 from abhv_mc.execution.executor import FlightRunner
@@ -23,6 +22,7 @@ from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.search.space import Space
 from abhv_mc.statistics.estimates import severity, sorted_quantile
 from abhv_mc.vehicle_simulator.corner_margins import make_corners
+from abhv_mc.vehicle_simulator.tuning import Aim, Limit, Tune
 from abhv_mc_tune.candidates import Candidate, Candidates, Time
 from abhv_mc_tune.constrained_search import Scores
 
@@ -68,7 +68,9 @@ class Trials:
     def draw(self, seed: int, flights: int) -> Floats:
         """Draw the inputs [flight, column] that are common to all candidates."""
         design = Design(INDEPENDENT, seed, self.space.names, flights, 2)
-        values = drawn_samples(design, self.space.marginals, self.space.copula).draw(0, flights)
+        values = drawn_samples(
+            design, self.space.marginals, self.space.copula, self.space.parameters
+        ).draw(0, flights)
         return self.space.complete(values, seed, 0)
 
     def measure(self, points: Floats, parameters: Floats) -> list[Trial]:

@@ -15,7 +15,6 @@ from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.tuning import Aim, Limit, Tune
 from abhv_mc.execution.executor import connect, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
@@ -32,6 +31,7 @@ from abhv_mc.search.space import make_space
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 from abhv_mc.vehicle_simulator.simulator import make_engine
+from abhv_mc.vehicle_simulator.tuning import Aim, Limit, Tune
 from abhv_mc_tune.candidates import Candidates, ControllerNumbers, read_controller_numbers
 from abhv_mc_tune.constrained_search import Scores, Tuning, tune
 from abhv_mc_tune.request import TuneRequest

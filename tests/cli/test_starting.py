@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.kinds import KINDS, find_kind
+from abhv_mc.campaign.file.kinds import find_kind, find_kinds
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.check_inputs import check_inputs
@@ -251,7 +251,7 @@ def properties(kind: str) -> Iterator[tuple[str, dict]]:
             yield f"{name}.{key}", value
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", find_kinds())
 def test_every_key_has_a_specific_description(kind: str) -> None:
     schema, described = make_schema(kind), dict(properties(kind))
     Draft202012Validator.check_schema(schema)

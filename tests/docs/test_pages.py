@@ -115,7 +115,7 @@ def test_generated_pages_list_every_key_metric_and_parameter(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
-    from abhv_mc.campaign.file.kinds import KINDS
+    from abhv_mc.campaign.file.kinds import find_kinds
     from abhv_mc.campaign.file.schema import make_schema
     from abhv_mc.flight.channels import CHANNEL_INDEX
     from abhv_mc.flight.metrics import METRIC_INDEX
@@ -125,7 +125,7 @@ def test_generated_pages_list_every_key_metric_and_parameter(
         Path(), ROOT / "docs/reference/commands"
     )
     by_name = {path.as_posix(): text for path, text in pages.items()}
-    for kind in KINDS:
+    for kind in find_kinds():
         for definition in make_schema(kind)["$defs"].values():
             assert all(
                 f"| `{key}` |" in by_name[f"files/{kind}.md"]

@@ -87,6 +87,6 @@ def test_a_failure_is_explained_by_drawn_inputs(flown):
         "aero.lift",
     }
     for explanation in explanations:
-        _, _, row = full_rows(stored.names, explanation.rows, stored.derived)
+        _, _, row = full_rows(stored.names, explanation.rows, stored.derived, stored.parameters)
         lift = row[PARAMETER_INDEX["aero.lift"]]
         assert row[PARAMETER_INDEX["aero.drag"]] == 1.0 + 2.0 * (lift - 1.0)

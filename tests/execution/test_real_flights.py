@@ -22,7 +22,7 @@ from abhv_mc.kernel.plant.parameter_names import (
     PARAMETER_INDEX,
     SCALED_SENSORS,
 )
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import OURS, PARAMETERS
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
@@ -84,7 +84,10 @@ def test_envelopes_contain_all_flights_at_every_tick(flown, flights_only):
     """Envelopes cover all ticks: TLC's surfaces saturate between samples 0.1 s apart."""
     samples = pq.read_table(flown.folder / "samples.parquet").drop_columns(["flight"])
     rows = full_rows(
-        samples.column_names, np.column_stack([column.to_numpy() for column in samples.columns]), ()
+        samples.column_names,
+        np.column_stack([column.to_numpy() for column in samples.columns]),
+        (),
+        OURS,
     )
     bands = (
         pq.read_table(flown.folder / "envelopes.parquet")

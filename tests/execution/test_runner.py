@@ -26,6 +26,7 @@ from abhv_mc.folder.layout import CampaignFolder, StorageFullError, hash_file
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
+from abhv_mc.plant.parameters import OURS
 
 
 @pytest.fixture
@@ -325,7 +326,9 @@ def test_samples_from_a_file_are_used_unchanged(tmp_path):
     run(campaign, tmp_path / "out")
     table = flights(tmp_path / "out")
     assert table["aero.drag"].to_pylist() == [0.9, 1.1, 1.2] * 2
-    block = fly(make_plan("one"), full_rows(("aero.drag",), np.array([[0.9], [1.1], [1.2]]), ()))
+    block = fly(
+        make_plan("one"), full_rows(("aero.drag",), np.array([[0.9], [1.1], [1.2]]), (), OURS)
+    )
     expected = block.metrics[:, METRIC_INDEX["altitude_error_max_m"]].tolist()
     assert table["altitude_error_max_m"].to_pylist()[:3] == expected
 

@@ -15,7 +15,6 @@ from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
-from abhv_mc.cli.linearizing import linearize, margins
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.merge import merge_campaign
@@ -32,6 +31,7 @@ from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import run_module
 from abhv_mc.user_code.user_channels import compile_channels
+from abhv_mc.vehicle_cli.linearizing import linearize, margins
 from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.tuning import tune_controller

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from short_flights import short_plan
 
-from abhv_mc.campaign.file.user_metrics import MetricEntry, declare_metrics
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS, SOURCES, SURFACES
 from abhv_mc.flight.compile_metrics import compile_metrics, source_rows
 from abhv_mc.flight.fly import fly, nominal_parameters
@@ -23,9 +22,11 @@ from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.flight.observe import find_row
+from abhv_mc.kernel.laws import user
 from abhv_mc.kernel.laws.columns import SETTLED
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
 
 TICKS = 800
 
@@ -268,6 +269,7 @@ def test_tables_name_everything_once_and_every_source_has_a_row():
     for table in (CHANNELS, tuple(SOURCES.values()), METRICS, REFERENCE_CHANNELS):
         assert len({signal.name for signal in table}) == len(table)
     assert set(SENTENCES) == set(Outcome)
+    assert user.NOT_FINITE == Outcome.NOT_FINITE
     without_limit = {Outcome.NOT_FINITE, Outcome.FAILED_TO_RUN, Outcome.LAW_FAILED, *LAW_LOST}
     without_limit |= {Outcome.STATE_LIMIT}  # of custom states, which are not in LIMITS
     # OK stands for the end condition of the mission.

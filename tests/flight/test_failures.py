@@ -10,12 +10,12 @@ import pytest
 from short_flights import rows_of, short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.failure_case import failure_cases, failure_times
+from abhv_mc.flight.failure_case import failure_cases, failure_times, is_failure_time
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.kernel.plant import failures
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, NEVER
+from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, NEVER, PARAMETER_NAMES
 from abhv_mc.kernel.plant.vehicle import Inlet
 from abhv_mc.kernel.world.atmosphere import atmosphere
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
@@ -250,6 +250,7 @@ def test_cases_name_what_failed_before_the_missions_end():
         "engine unstart",
     ]
     assert failure_times(names, samples).tolist() == [NEVER, 5.0, 4.0, NEVER]
+    assert tuple(filter(is_failure_time, PARAMETER_NAMES)) == FAILURE_TIMES
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from abhv_mc.kernel.flight.fly_lanes import COMPACTION, make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import TOGETHER
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, PARAMETER_INDEX
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.plant.parameters import OURS, PARAMETERS
 from abhv_mc.vehicle_simulator.end_sentence import describe_end
 
 FLIGHTS = LANES
@@ -179,7 +179,7 @@ SLOW = [
 def test_lean_flights_have_the_same_bits(name, repository, monkeypatch):
     campaign, plans = campaign_plans(name, repository)
     source = campaign.make_samples()
-    rows = full_rows(source.names, source.draw(0, 64), ())
+    rows = full_rows(source.names, source.draw(0, 64), (), OURS)
     for plan in plans:
         assert plan.lean
         blocks = []

@@ -19,6 +19,7 @@ from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.documents import InputError
+from abhv_mc.plant.parameters import OURS
 
 
 def test_a_folder_reads_as_arrays(failing, failing_folder):
@@ -102,7 +103,9 @@ def test_threads_in_different_groups_of_samples_get_their_own_rows(tmp_path, mon
     def draw(first, stop):
         return np.arange(first, stop)[:, None] + np.array([0.0, 0.25])
 
-    write_samples(tmp_path / "samples.parquet", ("aero.lift", "aero.drag"), 1000, draw, {})
+    write_samples(
+        tmp_path / "samples.parquet", ("aero.lift", "aero.drag"), 1000, draw, {}, table=OURS
+    )
     reader, wrong = SampleReader(tmp_path / "samples.parquet"), []
     for first, stop in [(0, 1000), (999, 1000), (5, 5)]:
         np.testing.assert_array_equal(reader.rows(first, stop), draw(first, stop))

@@ -231,7 +231,7 @@ def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, faili
         {text.get_text() for text in item.legends[0].get_texts()} for item in (figure, plain)
     )
     assert others < labels  # one names the shade
-    (first, end), *_ = failing.campaign.simulator.find_transients()
+    (first, end), *_ = failing.campaign.transients
     assert first == 0.0 and end > 5.0
 
 

@@ -131,7 +131,9 @@ def test_a_clicked_flight_opens_at_the_channel_of_its_worst_metric(view, models)
     )
     drawn = {key: results.samples[key][int(number)] for key in results.dispersed}
     assert set(dispersions) == {
-        f"{spoken_name(key)} {shown_value(key, value)}".replace("\N{MINUS SIGN}", "-")
+        f"{spoken_name(key)} {shown_value(key, value, results.campaign.parameters)}".replace(
+            "\N{MINUS SIGN}", "-"
+        )
         for key, value in drawn.items()
     }
     cells = view.ask(

@@ -274,7 +274,7 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
         least = 10.0 - 20.0 * (density - 1.0) + 1000.0 * (lift - 0.94) ** 2
         return np.tile(least[:, None], 4), [""] * len(rows)
 
-    monkeypatch.setattr("abhv_mc.search.worst.trim_margins", lambda *_: {"tlc": margins})
+    monkeypatch.setattr(campaign.simulator, "trim_margins", lambda _: {"tlc": margins})
     gain, *other_margins = find_worst_margins(campaign, ("tlc",))
     assert len(other_margins) == 3
     assert gain.nominal == pytest.approx(13.6)

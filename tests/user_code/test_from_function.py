@@ -87,6 +87,8 @@ def test_a_law_of_a_cell_is_taken_with_what_it_names(cells):
     }
     assert law.design is not None and law.memory._fields == ("speed",)
     assert "bare" not in text
+    homes = {line.split()[1] for line in text.splitlines() if line.startswith("from abhv_mc")}
+    assert homes == {"abhv_mc.extend"}
     bare = load_law(UserSource(make_law_text(cells.bare), "bare.py"))
     assert bare.arguments == ("measured", "reference")
     measured, reference = (
@@ -99,6 +101,9 @@ def test_a_law_of_a_cell_is_taken_with_what_it_names(cells):
 def test_what_has_no_text_is_refused_by_name(cells):
     with pytest.raises(InputError, match="'ARRAY' of type ndarray"):
         make_law_text(cells.array)
+    cells.wrap = types.SimpleNamespace(__module__="abhv_mc.kernel.laws.lqr", __name__="wrap")
+    with pytest.raises(InputError, match=r"names of abhv_mc\.extend"):
+        make_law_text(cells.law)
     with pytest.raises(InputError, match="a function"):
         make_document("vehicle", cells.law)
 

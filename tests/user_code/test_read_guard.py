@@ -1,5 +1,6 @@
 """Guard of reads in the process of a user's simulator."""
 
+import importlib.util
 import json
 import os
 import shutil
@@ -161,3 +162,13 @@ def test_packages_are_read_below_a_study_and_its_files_are_not(tmp_path: Path) -
     assert guard.allows(os.path.realpath(tmp_path / "elsewhere.py"))
     inside_system = ReadGuard([], studies=["/usr/share/study"], packages=["/usr"])
     assert not inside_system.allows("/usr/share/study/model.py")
+
+
+def test_compiled_files_below_a_prefix_count_as_their_sources(tmp_path, monkeypatch):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    monkeypatch.setattr(sys, "pycache_prefix", str(tmp_path / "link"))
+    guard = ReadGuard([str(tmp_path / "law.py")], studies=[str(tmp_path)], packages=[])
+    for name, allowed in (("law.py", True), ("other.py", False)):
+        compiled = importlib.util.cache_from_source(str(tmp_path / name))
+        assert guard.allows(os.path.realpath(compiled)) is allowed

@@ -3,13 +3,7 @@
 The table also has the quantities of the Earth that lqr.c needs.
 """
 
-from typing import NamedTuple
-
-import numpy as np
-
-from abhv_mc.control.controller_file import LqrController
-from abhv_mc.control.design.lqr_design import make_lqr_gains
-from abhv_mc.kernel.laws.columns import LQR_GAINS
+from collections import namedtuple
 
 WEIGHTS = {  # the paper's (Zhu and Shen 2014), as in lqr.yaml
     "law": "lqr",
@@ -27,13 +21,9 @@ WEIGHTS = {  # the paper's (Zhu and Shen 2014), as in lqr.yaml
     },
 }
 
-EARTH = ("earth_radius", "gravitational_parameter")
-Gains = NamedTuple("Gains", [(name, np.ndarray) for name in (*LQR_GAINS, *EARTH)])
-
 
 def design(model, settings):
     """One row of gains a control tick."""
-    gains = make_lqr_gains(
-        LqrController(**WEIGHTS), model.mission, model.table, model.vehicle, model.trim_tables
-    )
-    return Gains(*gains.T, model.earth.equatorial_radius, model.earth.gravitational_parameter)
+    gains, earth = model.lqr_gains(WEIGHTS), model.earth
+    Gains = namedtuple("Gains", (*gains._fields, "earth_radius", "gravitational_parameter"))
+    return Gains(*gains, earth.equatorial_radius, earth.gravitational_parameter)

@@ -16,6 +16,7 @@ from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.execution.flown_experiment import open_flown
 from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -24,7 +25,7 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.plant.parameters import Parameters
 
 _MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a sampled value is
 
@@ -88,7 +89,8 @@ class Explanation:
     # values [flight, dispersion] and results of the nominal, the reduced and the original flight
     rows: Floats = field(repr=False)
     block: FlightBlock = field(repr=False)
-    known: Parameters = OURS
+    known: Parameters
+    channels: tuple[Signal, ...]  # channels of the histories in ``block``
 
 
 def explain_flight(
@@ -154,6 +156,7 @@ def explain_flight(
             margins=margins,
         ),
         known=campaign.parameters,
+        channels=campaign.channels,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from abhv_mc.execution.flown_experiment import open_flown
 from abhv_mc.execution.simulation import simulate
-from abhv_mc.flight.channels import CHANNELS, Signal
+from abhv_mc.flight.channels import Signal
 from abhv_mc.flight.outcome import OUTCOMES, Outcomes
 from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
@@ -35,9 +35,7 @@ class Replay:
     differences: tuple[str, ...]  # differences between the results and the stored row
     sentence: str  # sentence that states how the flight ended
     ends: Outcomes = OUTCOMES
-    channels: tuple[Signal, ...] = (
-        CHANNELS  # channels of the history, if the block contains a history
-    )
+    channels: tuple[Signal, ...] = ()  # channels of the history, if the block contains one
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
 
     @property

@@ -15,10 +15,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from abhv_mc import __version__
 from abhv_mc.cli import (
-    flying,
-    linearizing,
     placing,
     proving,
     querying,
@@ -34,6 +31,7 @@ from abhv_mc.cli.printing import say
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
 from abhv_mc.shipped import PACKAGES
+from abhv_mc.version import __version__
 
 _SHORT = {"bool": "", "int": "N", "float": "X", "str": "TEXT"}
 
@@ -92,16 +90,16 @@ _EXAMPLES = {  # examples printed after the options
 }
 _PANELS: dict[str, tuple[Any, ...]] = {  # Names stand for commands that packages add.
     "First day": (
-        *(starting.new, starting.validate, running.run),
+        *("new", starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
     ),
-    "Run": (starting.imports, running.merge, flying.fly, replaying.replay),
+    "Run": (starting.imports, running.merge, "fly", replaying.replay),
     "Search": (searching.worst, searching.rare, "tune"),
     "Results": (
         *(reporting.show, "explore", replaying.explain, reporting.whatif),
         *(placing.place, placing.identify, querying.query, querying.lists),
     ),
-    "Analyse": (flying.trim, linearizing.margins, linearizing.linearize),
+    "Analyse": ("trim", "margins", "linearize"),
     "Verify": (proving.verify,),
 }
 _HIDDEN: dict[str, Any] = {  # former names of commands, not listed by --help
@@ -200,9 +198,9 @@ def _print_versions(expected: bool) -> None:
         say(f"python {platform.python_version()} on {platform.platform()}")
         for library in _LIBRARIES:
             say(f"{library} {version(library)}")
-        from abhv_mc.kernel.compiler_target import choose_interface, find_level
+        from abhv_mc.campaign.file.systems import load_simulators
 
-        say(f"kernels {find_level(choose_interface())[1]}")
+        say(*filter(None, {own.version() for own in load_simulators().values()}), sep="\n")
         for package in PACKAGES:
             if find_spec(package) is None:
                 say(f"{package} is not installed; its commands are not available")

@@ -11,10 +11,10 @@ import typer
 from abhv_mc.cli.outputs import json_file, output_file
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.phrases import joined
-from abhv_mc.shipped import DEFAULT_VEHICLE, find_input, shipped_files
+from abhv_mc.shipped import find_input, shipped_files
 
 
-def _of_kinds(*kinds: str) -> dict[str, Any]:
+def of_kinds(*kinds: str) -> dict[str, Any]:
     """Return parser, completion and help for an argument that accepts files of these kinds.
 
     Shells complete paths and the names of shipped files.
@@ -46,9 +46,10 @@ def _complete_folder(incomplete: str) -> list[str]:
 
 def _complete_metric(incomplete: str) -> list[str]:
     """Return the names of built-in metrics for shell completion."""
-    from abhv_mc.flight.metrics import BUILT_IN
+    from abhv_mc.campaign.file.systems import load_simulators
 
-    return [name for name in BUILT_IN if name.startswith(incomplete)]
+    names = (name for own in load_simulators().values() for name in own.metrics)
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def _complete_controllers(incomplete: str) -> list[str]:
@@ -77,31 +78,7 @@ def controller_option(purpose: str, metavar: str = "C", **options: Any) -> Any:
     return typer.Option("--controller", "--controllers", metavar=metavar, help=purpose, **options)
 
 
-CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", **_of_kinds("campaign"))]
-MissionFile = Annotated[Path, typer.Argument(metavar="MISSION", **_of_kinds("mission"))]
-MissionOrCampaign = Annotated[
-    Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign"))
-]
-FlownFile = Annotated[
-    Path, typer.Argument(metavar="MISSION", **_of_kinds("mission", "campaign", "vehicle"))
-]
-_DEFAULT = f"{DEFAULT_VEHICLE}, or the campaign's vehicle"
-Vehicle = Annotated[
-    Path | None, typer.Option(metavar="V", show_default=_DEFAULT, **_of_kinds("vehicle"))
-]
-NewVehicle = Annotated[
-    Path | None,
-    typer.Option(
-        "--vehicle", metavar="V", show_default="the campaign's vehicle", **_of_kinds("vehicle")
-    ),
-]
-ControllerFiles = Annotated[
-    str | None,
-    controllers_option(
-        "Controllers to simulate: files, or names of shipped controllers.",
-        show_default="tlc,lqr, or the campaign's controllers",
-    ),
-]
+CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", **of_kinds("campaign"))]
 Controller = Annotated[
     str | None,
     controller_option("Controller to use.", "NAME", show_default="the only controller under test"),
@@ -187,19 +164,6 @@ def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, .
     if not all(names):
         raise InputError(option, f"'{text}' has an empty name", "names separated by commas")
     return names
-
-
-def find_controllers(text: str | None) -> dict[str, Path]:
-    """Return controller files by name; by default, the files of tlc and lqr.
-
-    Raise InputError if a file is missing or two files have the same name.
-    """
-    files = [find_input(name, "control") for name in parse_names(text) or ("tlc", "lqr")]
-    if len({file.stem for file in files}) < len(files):
-        raise InputError(
-            "--controllers", f"files in '{text}' have the same name", "files with different names"
-        )
-    return {file.stem: file for file in files}
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:

@@ -12,6 +12,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, TextIO
 
+from abhv_mc.compiling import listen
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import printable
@@ -279,12 +280,10 @@ def print_section(section: "Section") -> None:
 def announce_compiling() -> None:
     """Enable messages on standard error about kernels that are being compiled."""
     _postpone_tools()
-    from abhv_mc.kernel.jit import PLAIN, set_compile_listener
-
-    if PLAIN:
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         message = "NUMBA_DISABLE_JIT is set: flights run uncompiled, a thousand times more slowly"
         say(f"warning: {message}", file=sys.stderr, flush=True)
-    set_compile_listener(_tell)
+    listen(_tell)
 
 
 def _postpone_tools() -> None:

@@ -16,7 +16,6 @@ from abhv_mc.cli.printing import new_table, print_table, say, show_result
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.phrases import quoted
-from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
@@ -32,28 +31,10 @@ lists = typer.Typer(
 @lists.command()
 def campaigns(json: Json = None) -> None:
     """List the shipped campaigns and their questions; `runs` lists campaigns with results."""
-    _list_shipped("campaign", json)
+    list_shipped("campaign", json)
 
 
-@lists.command()
-def vehicles(json: Json = None) -> None:
-    """List the shipped vehicles."""
-    _list_shipped("vehicle", json)
-
-
-@lists.command()
-def missions(json: Json = None) -> None:
-    """List the shipped missions."""
-    _list_shipped("mission", json)
-
-
-@lists.command()
-def controllers(json: Json = None) -> None:
-    """List the shipped controllers."""
-    _list_shipped("control", json)
-
-
-def _list_shipped(kind: str, json: Path | None) -> None:
+def list_shipped(kind: str, json: Path | None) -> None:
     """List shipped files, each with its question, description or first comment."""
     from abhv_mc.io.documents import read_document
     from abhv_mc.shipped import shipped_files
@@ -67,73 +48,7 @@ def _list_shipped(kind: str, json: Path | None) -> None:
         records.append(
             {"name": name, "doc": data.get("question") or data.get("description") or sentence}
         )
-    _show_records(records, json)
-
-
-@lists.command()
-def parameters(
-    vehicle: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="VEHICLE",
-            help="Vehicle (file or name) whose settings and custom states are also listed.",
-            show_default=False,
-        ),
-    ] = None,
-    json: Json = None,
-) -> None:
-    """List the parameters that a campaign may disperse; the unit '-' means dimensionless."""
-    from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
-    from abhv_mc.plant.parameters import OURS
-
-    definitions = read_vehicle_parameters(find_input(vehicle, "vehicle"))[0] if vehicle else OURS
-    keys = ("name", "unit", "nominal", "doc")
-    records = [definitions[name] for name in definitions.dispersible]
-    _show_records([{key: getattr(record, key) for key in keys} for record in records], json)
-
-
-@lists.command()
-def channels(json: Json = None) -> None:
-    """List the channels recorded in histories, envelopes and replays."""
-    from abhv_mc.flight.channels import CHANNELS
-
-    _show_records(
-        [{"name": channel.name, "unit": channel.unit, "doc": channel.doc} for channel in CHANNELS],
-        json,
-    )
-
-
-@lists.command()
-def metrics(
-    campaign: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[CAMPAIGN]",
-            help="Campaign file, or name of a shipped campaign, whose metrics are also listed.",
-        ),
-    ] = None,
-    json: Json = None,
-) -> None:
-    """List the metrics of a flight, with unit, worse values (high or low), group and meaning.
-
-    Stability margins, which are computed only if a campaign requests them, are listed last. The
-    definition states the source or expression, statistic, limit and window that would declare the
-    same metric in a campaign file.
-    """
-    from abhv_mc.flight.metrics import BUILT_IN, MARGINS
-
-    records = list(BUILT_IN.values())
-    if campaign is not None:
-        from abhv_mc.campaign.file.check import read_campaign
-
-        read = read_campaign(find_input(campaign, "campaign"))
-        margins = MARGINS if read.simulator.capabilities.has_margins else ()
-        records = [*read.measured, *margins]
-    if json is not None:
-        show_result([record.as_entry() for record in records], json, lambda: None)
-        return
-    columns = ("name", "unit", "bad", "group", "counted", "doc")
-    _show_records([{key: getattr(record, key) for key in columns} for record in records], None)
+    show_records(records, json)
 
 
 @lists.command()
@@ -147,17 +62,17 @@ def schemas(
     """List the kinds of files that have a JSON Schema, or print the schema of one kind."""
     from functools import partial
 
-    from abhv_mc.campaign.file.kinds import KINDS
+    from abhv_mc.campaign.file.kinds import find_kinds
     from abhv_mc.campaign.file.schema import make_schema
     from abhv_mc.folder.manifest import manifest_schema
     from abhv_mc.report.numbers.report_numbers import report_schema
 
-    makers = {name: partial(make_schema, name) for name in KINDS} | {
+    makers = {name: partial(make_schema, name) for name in find_kinds()} | {
         "report": report_schema,
         "manifest": manifest_schema,
     }
     if kind is None:
-        _show_records(
+        show_records(
             [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in makers], json
         )
         return
@@ -166,7 +81,9 @@ def schemas(
     show_result(makers[kind](), json or Path("-"), lambda: None)
 
 
-def _show_records(records: list[dict[str, Any]], json: Path | None) -> None:
+def show_records(records: list[dict[str, Any]], json: Path | None) -> None:
+    """Print records as a table, or as JSON."""
+
     def print_text() -> None:
         table = new_table((), (), show_header=False, padding=(0, 1, 0, 0))
         for key in records[0]:

@@ -3,13 +3,14 @@
 import contextlib
 import os
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
+from abhv_mc.io.input_files import expand
 from abhv_mc.io.units import Frequency, Time, parse_any, parse_in_unit, parse_unit
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
@@ -319,6 +320,7 @@ def _located(*keys: str | int) -> Iterator[None]:
 Layout = list[tuple[str, int]]
 UserController = PythonController | CController | FmuController | ProcessController
 USER_LAWS = ("python", "c", "fmu", "process")
+PYTHON, *NATIVE = USER_LAWS
 # keys of controller files whose values are paths relative to the file's folder
 NAMING_KEYS = (
     "file",
@@ -348,35 +350,3 @@ def find_files(law: UserController) -> dict[str, Path]:
     ]
     root = Path(os.path.commonpath([path.parent for path in paths]))
     return {path.relative_to(root).as_posix(): path for path in paths}
-
-
-def expand(
-    folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
-) -> list[Path]:
-    """Return the files that match ``patterns``. Raise Refusal if a pattern matches no file."""
-    files: dict[Path, None] = {}
-    for i, pattern in enumerate(patterns):
-        if pattern in empty_folders:
-            continue
-        parts = Path(pattern).parts
-        if not parts or Path(pattern).is_absolute() or ".." in parts:
-            raise Refusal(
-                f"found '{pattern}'",
-                "a relative path inside the controller file's folder",
-                ("files", i),
-            )
-        inside = "**/*" if (folder / pattern).is_dir() else ""
-        paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
-        matches = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
-        if not matches:
-            raise Refusal(
-                f"'{pattern}' matches no file",
-                "existing files in the controller file's folder",
-                ("files", i),
-            )
-        for path in matches:
-            if not path.resolve().is_relative_to(folder.resolve()):
-                problem = f"'{pattern}' is a link to a file outside its folder, {path.resolve()}"
-                raise Refusal(problem, "a file in the controller file's folder", ("files", i))
-            files[path] = None
-    return list(files)

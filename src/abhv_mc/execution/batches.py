@@ -1,10 +1,10 @@
 """Simulation of a block of flights in batches that fill the kernel's vector lanes."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
+from abhv_mc.flight.plan import FlightBlock, join_blocks
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Fly, Recorded
@@ -15,7 +15,7 @@ BATCH_FLIGHTS = 256
 
 def fly_in_batches(
     fly: "Fly",
-    plan: FlightPlan,
+    plan: Any,
     parameters: Floats,
     recorded: "Recorded",
     begin: Callable[[], None] = lambda: None,

@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.array_types import Mask
 from abhv_mc.execution.batches import BATCH_FLIGHTS
-from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc.execution.retry import PIECE
 
 _WORK = 10.0  # intended computing time in s of a block of flights of a custom simulator
 # Maximum number of flights in a block without histories. Such a block takes about ten seconds, and
@@ -33,7 +33,7 @@ class Block:
 def choose_batch(flights: int, workers: int) -> int:
     """Return the block size that fills all lanes and gives at least two blocks per worker."""
     share = -(-flights // (2 * workers))
-    return max(LANES, min(BATCH_FLIGHTS, -(-share // LANES) * LANES))
+    return max(PIECE, min(BATCH_FLIGHTS, -(-share // PIECE) * PIECE))
 
 
 def choose_unrecorded(flights: int, workers: int, batch: int) -> int:

@@ -9,7 +9,6 @@ import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.blocks import choose_batch
-from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
 from abhv_mc.execution.retention import select_flights
@@ -68,15 +67,12 @@ def estimate_campaign(
     plans = simulator.make_plans(campaign.controllers)
     campaign = make_ready(campaign, plans)
     every = cells = 0
-    first_flights: tuple[str, ...] = ()
     first = next(iter(plans.values()))
     history_every = simulator.find_stride(first, "histories")
-    if first.timing is None:
-        first_flights = fly_first(campaign, workers).warnings
-    else:
+    if first.timing is not None:
         every = simulator.find_stride(first, "envelopes")
-        cells = (first.timing.ticks // every + 1) * len(model.keep.envelopes.channels)
-        fly_probes(campaign, every)
+        cells = (first.timing.ticks // every + 1) * len(campaign.enveloped_channels)
+    first_flights = fly_first(campaign, workers, every).warnings
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)

@@ -11,6 +11,7 @@ import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS, Execution
@@ -19,7 +20,7 @@ from abhv_mc.execution.attestation import Attestation, Check, sign
 from abhv_mc.execution.batches import fly_in_batches
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, join_blocks
+from abhv_mc.flight.plan import FlightBlock, join_blocks
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Recorded
 from abhv_mc.io.input_error import InputError, one_of
@@ -32,9 +33,7 @@ class FlightRunner:
     fly: Fly  # thread-safe; flights that cannot be computed get the outcome ``failed_to_run``
     workers: int  # number of simultaneous calls of ``fly``
 
-    def fly_parallel(
-        self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None
-    ) -> FlightBlock:
+    def fly_parallel(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """Simulate ``parameters`` [flight, parameter] on all workers."""
         share = choose_batch(len(parameters), self.workers)
         pieces = [parameters[start : start + share] for start in range(0, len(parameters), share)]
@@ -117,20 +116,24 @@ def open_executor(
         # Import late, because the module loads what the vehicle's flights need.
         from abhv_mc.execution.worker_processes import WorkerPool
 
-        executor = WorkerPool(engine.fly, number, execution.flight_time_limit)
+        executor = WorkerPool(
+            engine.fly, number, execution.flight_time_limit, engine.describe_crash
+        )
     else:
         executor, check = _ThisProcess(engine, number), None
     with contextlib.closing(executor):
-        if engine.close is None:
-            yield FlightRunner(_make_fly(executor, check), number)
-        else:
-            yield FlightRunner(_make_external_fly(executor, attestation), number)
+        fly = (
+            _make_external_fly(executor, attestation)
+            if engine.records_lost
+            else _make_fly(executor, check)
+        )
+        yield FlightRunner(fly, number)
 
 
 def _make_external_fly(executor: Executor, attestation: Attestation) -> Fly:
     """Return the function that computes blocks of a simulator that records lost flights itself."""
 
-    def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         try:
             block = executor.fly(plan, parameters, recorded)
         except FlightLostError:  # The machine, not a flight, caused this error.
@@ -144,7 +147,7 @@ def _make_external_fly(executor: Executor, attestation: Attestation) -> Fly:
 
 
 def _make_fly(executor: Executor, check: Check | None) -> Fly:
-    def fly(plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             block = executor.fly(plan, rows, recorded)
             return block if check is None else check(plan, rows, block)
@@ -160,9 +163,9 @@ class _ThisProcess:
     def __init__(self, engine: Engine, workers: int) -> None:
         self._engine, self.workers = engine, workers
 
-    def fly(self, plan: FlightPlan, rows: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(self, plan: Any, rows: Floats, recorded: Recorded = None) -> FlightBlock:
         """Compute a block. Raise FlightLostError if a flight raises an exception."""
-        if self._engine.close is not None:
+        if self._engine.records_lost:
             return sign(self._engine.fly(plan, rows, recorded))
         try:
             return sign(fly_in_batches(self._engine.fly, plan, rows, recorded))
@@ -171,5 +174,4 @@ class _ThisProcess:
 
     def close(self) -> None:
         """End the processes started by the simulator."""
-        if self._engine.close is not None:
-            self._engine.close()
+        self._engine.close()

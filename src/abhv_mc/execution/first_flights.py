@@ -1,18 +1,20 @@
-"""Simulation of first flights by a custom simulator to test the simulator's repeatability.
+"""Simulation of first flights, which test dispersions and the simulator's repeatability.
 
-The flights are simulated in two new processes in parallel, and repeated in each process.
+To test repeatability, the flights are simulated in two new processes in parallel, and repeated in
+each process.
 """
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.dispersion_probes import find_ineffective, make_trials
+from abhv_mc.execution.dispersion_probes import find_ineffective, fly_probes, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
 from abhv_mc.execution.flight_differences import (
     ESTIMATES,
@@ -32,10 +34,12 @@ _PAIRS = 4  # maximum number of pairs of processes
 
 
 class FirstFlights(NamedTuple):
-    """Results of the first flights of a campaign: warnings and repeatability."""
+    """Results of the first flights of a campaign."""
 
     warnings: tuple[str, ...] = ()
     repeatability: Repeatability | None = None
+    # [trial] trial flights of each system, the nominal flight first, if flights are repeatable
+    trials: Mapping[str, FlightBlock] = MappingProxyType({})
 
 
 class _Repeats(NamedTuple):
@@ -52,14 +56,18 @@ class _Repeats(NamedTuple):
         return self.values[:, 0] == Outcome.FAILED_TO_RUN
 
 
-def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
-    """Simulate the first rows and the trials of the dispersions with each system.
+def fly_first(campaign: Experiment, workers: int | None, every: int = 0) -> FirstFlights:
+    """Simulate the trials of the dispersions with each system.
 
-    Raise InputError if no flight of a system can be computed.
+    If the simulator does not guarantee that flights are repeatable, the first rows are simulated
+    twice. Otherwise, the trials have histories with a sample at every ``every``-th control tick.
+    Raise InputError if no flight of a system can be computed, or if the trials show an error.
     """
+    if campaign.simulator.capabilities.is_repeatable:
+        return FirstFlights(trials=fly_probes(campaign, every))
     rows = campaign.make_samples().draw(0, min(_CHECKED, campaign.runs))
     with open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor:
-        _end_processes(campaign)  # The check of repeatability needs new processes.
+        campaign.simulator.engine.close()  # The check of repeatability needs new processes.
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
             if all(process.lost.all() for process in repeats[name]):
@@ -105,11 +113,6 @@ def fly_first(campaign: Experiment, workers: int | None) -> FirstFlights:
     return FirstFlights(tuple(warnings), repeatability)
 
 
-def _end_processes(campaign: Experiment) -> None:
-    if campaign.simulator.engine.close is not None:
-        campaign.simulator.engine.close()
-
-
 def _fly_twice(
     campaign: Experiment, executor: FlightRunner, rows: Floats
 ) -> tuple[dict[str, list[_Repeats]], list[str]]:
@@ -143,7 +146,7 @@ def _fly_twice(
         native.update(campaign.simulator.find_undeclared_reads(plan, started))
         if executor.workers == 1:
             # The licence of a simulator may allow only one process at a time.
-            _end_processes(campaign)
+            campaign.simulator.engine.close()
         return flown
 
     with (

@@ -94,7 +94,7 @@ def make_flight_counts(campaign: Experiment) -> dict[str, FlightCounts]:
 
 def flight_values(campaign: Experiment) -> tuple[Signal, ...]:
     """Return the columns of the flights table that follow the sampled parameters."""
-    return (*campaign.measured, END_TIME, *(MARGIN_VALUES if campaign.model.margins else ()))
+    return (*campaign.measured, END_TIME, *(MARGIN_VALUES if campaign.margin_flights else ()))
 
 
 def count_flights(

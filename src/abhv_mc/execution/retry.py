@@ -9,16 +9,15 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
-from abhv_mc.flight.outcome import Outcome, find_lost_outcome
+from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import (
     FlightBlock,
-    FlightPlan,
     join_blocks,
     make_failed_block,
     make_recording,
@@ -57,7 +56,7 @@ def time_limit(flights: int, piece_limit: float) -> float:
 
 
 def fly_with_retries(
-    attempt: Attempt, plan: FlightPlan, parameters: Floats, recorded: "Recorded"
+    attempt: Attempt, plan: Any, parameters: Floats, recorded: "Recorded"
 ) -> FlightBlock:
     """Compute the flights of ``parameters`` with ``attempt``, and retry lost flights.
 
@@ -93,7 +92,7 @@ def fly_with_retries(
 
 def _fly(
     attempt: Attempt,
-    plan: FlightPlan,
+    plan: Any,
     parameters: Floats,
     recorded: "Recorded",
     sizes: tuple[int, ...],
@@ -114,9 +113,7 @@ def _fly(
             )
         if not sizes:
             reasons.append(str(error))
-            outcome = (
-                find_lost_outcome(plan.law, error.hung) if error.process else Outcome.FAILED_TO_RUN
-            )
+            outcome = plan.lost_outcome(error.hung) if error.process else Outcome.FAILED_TO_RUN
             lost = make_failed_block(
                 plan, outcome, make_recording(recorded, plan), plan.metric_count
             )
@@ -127,7 +124,7 @@ def _fly(
         )
 
 
-def make_failed(plan: FlightPlan, recorded: "Recorded") -> FlightBlock:
+def make_failed(plan: Any, recorded: "Recorded") -> FlightBlock:
     """Return the block of one flight that could not be computed."""
     return make_failed_block(
         plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), plan.metric_count

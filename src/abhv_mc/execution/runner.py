@@ -31,7 +31,6 @@ from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
 from abhv_mc.execution.simulation import check_source, simulate, with_proofs
 from abhv_mc.execution.stored_flights import StoredFlights
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import MARGIN_VALUES
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightBlock
@@ -128,7 +127,7 @@ class _Run:
         self.columns = tuple(signal.name for signal in values)
         tables = self.campaign.parameters, self.campaign.outcomes
         self.schema = flights_schema(self.samples.names, provenance, values, *tables)
-        self.with_margins = model.margins.of(self.campaign.runs) if model.margins else 0
+        self.with_margins = self.campaign.margin_flights
         self.start, self.wall_before = time.monotonic(), self.manifest.wall_time_s
 
     def run(self, find_executor: Callable[[], FlightRunner]) -> RunResult:
@@ -195,21 +194,16 @@ class _Run:
 
     def _make_cells(self) -> Cells:
         """Return the channels and times of the envelopes."""
-        keep, points = self.campaign.model.keep.envelopes, len(self.campaign.unknowns.points)
+        campaign, points = self.campaign, len(self.campaign.unknowns.points)
+        names = campaign.enveloped_channels
+        index = {channel.name: i for i, channel in enumerate(campaign.channels)}
+        columns = tuple(index[name] for name in names)
         plan = next(iter(self.plans.values()))
-        if (timing := plan.timing) is None:
-            names = tuple(channel.name for channel in self.campaign.channels)
-            return Cells(names, tuple(range(len(names))), 1, None, points, self.campaign.periods)
-        every = self.simulator.find_stride(plan, "envelopes")
-        times = np.arange(timing.ticks // every + 1).astype(np.float64) * (every * timing.tick)
-        return Cells(
-            keep.channels,
-            tuple(CHANNEL_INDEX[name] for name in keep.channels),
-            every,
-            times,
-            points,
-            self.campaign.periods,
-        )
+        every, times = 1, None
+        if (timing := plan.timing) is not None:
+            every = self.simulator.find_stride(plan, "envelopes")
+            times = np.arange(timing.ticks // every + 1).astype(np.float64) * (every * timing.tick)
+        return Cells(names, columns, every, times, points, campaign.periods)
 
     def _has_envelopes(self) -> bool:
         """Return True if envelopes are current and complete, or if none are requested."""
@@ -366,7 +360,7 @@ class _Run:
         """Return the values [flight, value] of a block; margins not computed are NaN."""
         count = len(self.campaign.measured)
         metrics, margins = flown.metrics[:, :count], flown.metrics[:, count:]
-        if self.campaign.model.margins is None:
+        if not self.campaign.margin_flights:
             return np.column_stack([metrics, flown.end_time])
         missing = np.full((len(metrics), len(MARGIN_VALUES)), np.nan)
         return np.column_stack([metrics, flown.end_time, margins if margins.size else missing])

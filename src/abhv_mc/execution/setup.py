@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.requirement_set import JUDGING, find_requirement_changes
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
-from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.executor import find_isolation
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.simulation import check_source, make_ready
@@ -42,7 +41,7 @@ from abhv_mc.folder.requirement_sets import (
     mark_later_choices,
 )
 from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
-from abhv_mc.identity import find_commit, find_compiler, find_machine, find_versions
+from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
@@ -104,10 +103,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     plans = plans or simulator.make_plans(requested.controllers)
     if request.shard is None:
         _compile_margins(requested, plans, stack)
-    nominal = _fly_nominal(requested, plans)
-    first = FirstFlights()
-    if not simulator.capabilities.is_repeatable:
-        first = fly_first(make_ready(requested, plans), request.workers)
+    first = _fly_first(requested, plans, request.workers)
     if requested.unknowns.names:
         baseline = None
         if request.baseline is not None:
@@ -118,7 +114,7 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     ready = make_ready(requested, plans, margins=True)
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
-    _write_nominal(folder, requested, plans, nominal)
+    _write_nominal(folder, requested, plans, first)
     manifest = replace(
         make_manifest(requested, inputs, plans, first.warnings),
         shard=request.shard,
@@ -203,13 +199,14 @@ def _resume(
     products = Products(folder, merged.systems, requested.runs)
     nominal = products.nominal, products.reference
     is_current = all(product.is_current(files) for product in nominal)
-    has_nominal = is_current or not simulator.capabilities.has_mission
+    has_nominal = is_current or simulator.mission is None
     if added or longer or not has_nominal or not manifest.complete:
         check_source(folder, manifest, simulator)
         _start_workers(request, requested)
     new = simulator.make_plans(added)
-    if new:
-        _fly_nominal(requested, new)  # Reject invalid plans before files are changed.
+    if new and simulator.capabilities.is_repeatable:
+        # Reject invalid plans before files are changed.
+        _fly_first(requested, new, request.workers)
     if longer and files.knows(folder.samples):
         _check_drawn(folder, requested)
     if limits:
@@ -233,10 +230,11 @@ def _resume(
     plans = {name: all_plans[name] for name in campaign.controllers}
     if changed:
         first = () if simulator.capabilities.is_repeatable else manifest.warnings
-        warnings = *first, *campaign.simulator.find_warnings(plans)
-        manifest = replace(manifest, warnings=tuple(dict.fromkeys(warnings)))
+        warnings = dict.fromkeys([*first, *_find_warnings(campaign, plans)])
+        manifest = replace(manifest, warnings=tuple(warnings))
     if not has_nominal:
-        _write_nominal(folder, campaign, plans, _fly_nominal(campaign, plans))
+        first_flights = _fly_first(campaign, plans, request.workers)
+        _write_nominal(folder, campaign, plans, first_flights)
     if manifest.files != files.listed():
         manifest = replace(manifest, files=files.listed())
         write_manifest(folder.manifest, manifest)
@@ -293,39 +291,34 @@ def _check_same(
         )
 
 
-def _fly_nominal(
-    campaign: Experiment, plans: Mapping[str, Plan]
-) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]]:
-    """Run the nominal flight and the trial flights of the dispersions.
+def _fly_first(
+    campaign: Experiment, plans: Mapping[str, Plan], workers: int | None
+) -> FirstFlights:
+    """Run the first flights. Raise InputError if a sampling rate is invalid."""
+    plan = next(iter(plans.values()))
+    campaign.simulator.find_stride(plan, "envelopes")
+    every = campaign.simulator.find_stride(plan, "histories")
+    return fly_first(make_ready(campaign, plans), workers, every)
 
-    Return the times [time] in s, and the history [time, channel] of the nominal flight of each
-    controller.
-    """
-    simulator = campaign.simulator
-    if not simulator.capabilities.has_mission:
-        return {}
-    first = next(iter(plans.values()))
-    simulator.find_stride(first, "envelopes")
-    every = simulator.find_stride(first, "histories")
-    flown = fly_probes(make_ready(campaign, plans), every)
-    return {name: (block.times, block.history[0]) for name, block in flown.items()}
+
+def _find_warnings(campaign: Experiment, plans: Mapping[str, Plan]) -> list[str]:
+    own = campaign.simulator.find_warnings(plans)
+    return list(dict.fromkeys([*own, *asked_in_vain(campaign)]))
 
 
 def _write_nominal(
-    folder: CampaignFolder,
-    campaign: Experiment,
-    plans: Mapping[str, Plan],
-    nominal: dict[str, tuple[NDArray[np.float64], NDArray[np.float32]]],
+    folder: CampaignFolder, campaign: Experiment, plans: Mapping[str, Plan], first: FirstFlights
 ) -> None:
     """Write the nominal flights and the reference, at the rate of the histories."""
-    if not nominal:
+    if (mission := campaign.simulator.mission) is None:
         return
-    times = next(iter(nominal.values()))[0]
-    products = Products(folder, nominal, campaign.runs)
-    histories = {name: history for name, (_, history) in nominal.items()}
-    write_nominal(folder.nominal, times, histories, products.nominal.key)
-    reference = campaign.simulator.find_reference(next(iter(plans.values())))
-    write_reference(folder.reference, reference, products.reference.key)
+    times = next(iter(first.trials.values())).times
+    products = Products(folder, first.trials, campaign.runs)
+    histories = {name: block.history[0] for name, block in first.trials.items()}
+    write_nominal(folder.nominal, times, histories, campaign.channels, products.nominal.key)
+    reference = mission.find_reference(next(iter(plans.values())))
+    signals = mission.reference_channels
+    write_reference(folder.reference, reference, signals, products.reference.key)
 
 
 def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
@@ -365,7 +358,7 @@ def make_manifest(
     """Return the initial manifest of a campaign, with the warnings of its first flights."""
     from datetime import UTC, datetime
 
-    file_runs = campaign.file_runs
+    file_runs, mission = campaign.file_runs, campaign.simulator.mission
     sources = [source for plan in plans.values() for source in plan.sources]
     return Manifest(
         name=campaign.model.name,
@@ -377,12 +370,12 @@ def make_manifest(
         source_hash=campaign.simulator.engine.source,
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         versions=find_versions() | find_package_versions(sources),
-        compiler=find_compiler() if campaign.simulator.capabilities.has_mission else None,
+        compiler=mission.find_compiler() if mission else None,
         commit=find_commit(),
         machine=find_machine(),
         command=tuple(sys.argv[1:]),
         inputs=inputs.hashes,
-        warnings=(*warnings, *campaign.simulator.find_warnings(plans)),
+        warnings=(*warnings, *_find_warnings(campaign, plans)),
         repeatable=campaign.repeatability,
         file_runs=(
             file_runs if isinstance(file_runs, int) and file_runs > campaign.runs_at_point else None

@@ -30,7 +30,8 @@ def make_ready(
     With ``margins``, plans that compute margins are added if the campaign requests margins. Raise
     InputError if margins cannot be computed.
     """
-    margin_plans = experiment.simulator.add_margins(plans) if margins else {}
+    mission = experiment.simulator.mission
+    margin_plans = mission.add_margins(plans) if margins and mission else {}
     return replace(
         experiment,
         systems={name: System(plan, margin_plans.get(name)) for name, plan in plans.items()},

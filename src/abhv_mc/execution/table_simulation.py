@@ -40,7 +40,7 @@ def simulate_table(
     channel_index = {
         channel.name: i
         for i, channel in enumerate(experiment.channels)
-        if simulator.capabilities.has_mission  # All flights then have the same sample times.
+        if simulator.mission  # All flights then have the same sample times.
     }
     systems = experiment.controllers if controllers is None else tuple(controllers)
     for kind, requested, choices in (

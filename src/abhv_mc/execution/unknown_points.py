@@ -92,7 +92,7 @@ def _evaluate(
     rows = campaign.search_rows(
         search_size(campaign.runs_at_point), campaign.unknowns.values(points)
     )
-    margins = campaign.model.margins is not None
+    margins = campaign.margin_flights > 0
     block = simulate(campaign, name, rows, None, executor.fly_parallel, margins=margins)
     progress.add(len(rows))
     columns = [signal.name for signal in (*campaign.measured, *MARGIN_VALUES)]

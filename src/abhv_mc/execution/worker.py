@@ -7,14 +7,13 @@ import time
 from collections.abc import Callable
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.attestation import sign
 from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.execution.retry import PIECE, time_limit
-from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.user_code.child import allow_here
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
@@ -38,7 +37,7 @@ def serve(connection: Connection, fly: "Fly") -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    plans: dict[int, FlightPlan] = {}
+    plans: dict[int, Any] = {}
     usual: dict[int, float] = {}
     while True:
         try:
@@ -49,7 +48,7 @@ def serve(connection: Connection, fly: "Fly") -> None:
             if plan is not None:
                 plans[key] = plan
                 if limit is not None:  # Loading and compilation do not count as flight time.
-                    fly(plan, nominal_parameters(0), None)
+                    fly(plan, plan.nominal[:0], None)
             if limit is None:
                 if key not in usual:
                     usual[key] = usual_limit(fly, plans[key], time.process_time)
@@ -71,15 +70,13 @@ def serve(connection: Connection, fly: "Fly") -> None:
         connection.send(answer)
 
 
-def compute(
-    fly: "Fly", plan: FlightPlan, parameters: Floats, recorded: "Recorded" = None
-) -> FlightBlock:
+def compute(fly: "Fly", plan: Any, parameters: Floats, recorded: "Recorded" = None) -> FlightBlock:
     """Compute and sign a block; for executors whose processes may be lost."""
     allow_here()
     return sign(fly_in_batches(fly, plan, parameters, recorded))
 
 
-def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> float:
+def usual_limit(fly: "Fly", plan: Any, clock: Callable[[], float]) -> float:
     """Return the limit on processor time (s) for 16 flights, derived from the nominal flight.
 
     ``clock`` returns the elapsed processor time.
@@ -87,7 +84,7 @@ def usual_limit(fly: "Fly", plan: FlightPlan, clock: Callable[[], float]) -> flo
     for _ in range(2):
         # The first flight may load or compile code, which does not count as flight time.
         start = clock()
-        fly(plan, nominal_parameters(), None)
+        fly(plan, plan.nominal, None)
         if (limit := _TIMES * PIECE * (clock() - start)) < _LEAST:
             break
     return max(_LEAST, limit)

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -22,9 +22,7 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.execution.worker import serve, usual_limit
-from abhv_mc.flight.child_flights import describe_last_tick
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
-from abhv_mc.flight.user_law import must_run_in_child
+from abhv_mc.flight.plan import FlightBlock
 from abhv_mc.interfaces import Fly, Recorded
 from abhv_mc.user_code.child import describe_exit
 
@@ -62,7 +60,8 @@ class _Worker:
     The constructor raises OSError or EOFError if the process cannot be started.
     """
 
-    def __init__(self, fly: Fly) -> None:
+    def __init__(self, fly: Fly, describe_crash: Callable[[int | None], str]) -> None:
+        self._describe_crash = describe_crash
         context = multiprocessing.get_context("forkserver")
         self._connection, worker_end = context.Pipe()
         with worker_end:
@@ -81,7 +80,7 @@ class _Worker:
     def fly(
         self,
         key: int,
-        plan: FlightPlan,
+        plan: Any,
         parameters: Floats,
         recorded: Recorded,
         limit: float | None,
@@ -110,7 +109,7 @@ class _Worker:
         connection: Connection = self._connection
         if not wait([connection], limit):
             self.kill()
-            problem = f"not finished within {limit:g} s{describe_last_tick(self.process.pid)}"
+            problem = f"not finished within {limit:g} s{self._describe_crash(self.process.pid)}"
             raise FlightLostError(problem, process=True, hung=True)
         try:
             return connection.recv()
@@ -124,7 +123,7 @@ class _Worker:
                 else f"its process ended: {describe_exit(code)}"
             )
             raise FlightLostError(
-                problem + describe_last_tick(self.process.pid), process=True, hung=hung
+                problem + self._describe_crash(self.process.pid), process=True, hung=hung
             ) from None
 
     def kill(self) -> None:
@@ -137,15 +136,22 @@ class _Worker:
 class WorkerPool:
     """Pool of worker processes, which start when first needed; :meth:`fly` is thread-safe."""
 
-    def __init__(self, fly: Fly, workers: int, limit: float | None) -> None:
+    def __init__(
+        self,
+        fly: Fly,
+        workers: int,
+        limit: float | None,
+        describe_crash: Callable[[int | None], str] = lambda process: "",
+    ) -> None:
         """Prepare the pool; ``limit`` is the limit on processor time (s) for 16 flights."""
+        self._describe_crash = describe_crash
         self._fly, self.workers, self._limit = fly, workers, limit
         self._idle: queue.LifoQueue[_Worker | None] = queue.LifoQueue()
         for _ in range(workers):
             self._idle.put(None)
         self._workers: set[_Worker] = set()
         # Key and plan by id of the plan; the stored reference keeps the id unique.
-        self._plans: dict[int, tuple[int, FlightPlan]] = {}
+        self._plans: dict[int, tuple[int, Any]] = {}
         self._limits: dict[int, float | None] = {}  # time limits in s by key of the plan
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._most_failed_starts = _FAILED_STARTS + workers
@@ -153,7 +159,7 @@ class WorkerPool:
         self._last_end = ""
         self._closed = False
 
-    def fly(self, plan: FlightPlan, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
+    def fly(self, plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         """Compute a block in a worker process. Raise FlightLostError or UnusableError."""
         with self._lock:
             key, _ = self._plans.setdefault(id(plan), (len(self._plans), plan))
@@ -163,22 +169,20 @@ class WorkerPool:
                 self._limits[key] = self._limit or self._find_limit(plan)
         return self._attempt(key, plan, parameters, recorded)
 
-    def _find_limit(self, plan: FlightPlan) -> float | None:
+    def _find_limit(self, plan: Any) -> float | None:
         """Derive the time limit for all workers from a nominal flight in this process.
 
         Return None if the flight must not run in this process; each worker then derives its own
         limit.
         """
-        if must_run_in_child(plan):
+        if plan.must_run_in_child:
             return None
         try:
             return usual_limit(self._fly, plan, time.thread_time)
         except Exception:  # A worker will report the error.
             return None
 
-    def _attempt(
-        self, key: int, plan: FlightPlan, parameters: Floats, recorded: Recorded
-    ) -> FlightBlock:
+    def _attempt(self, key: int, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         worker = self._idle.get()
         try:
             while True:
@@ -210,7 +214,7 @@ class WorkerPool:
                 )
             time.sleep(_PAUSE * self._failed_starts)
             try:
-                worker = _Worker(self._fly)
+                worker = _Worker(self._fly, self._describe_crash)
             except (OSError, EOFError) as error:  # The fork server is ending or cannot fork.
                 self._count_failed_start(1, f"not started: {error or 'the fork server ended'}")
                 continue

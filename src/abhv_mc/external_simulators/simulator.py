@@ -6,22 +6,29 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
+from abhv_mc import interfaces
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.feasibility import asked_in_vain
-from abhv_mc.campaign.file.simulator import SYSTEMS, Simulator, SimulatorCampaign
+from abhv_mc.campaign.file.systems import SYSTEMS, Registered
 from abhv_mc.campaign.file.user_code import check_user_code
+from abhv_mc.external_simulators.campaign_file import (
+    Simulator,
+    SimulatorCampaign,
+    TableCampaign,
+    read_simulator,
+    read_table,
+)
 from abhv_mc.external_simulators.native_reads import find_native_reads
 from abhv_mc.external_simulators.process import LostFlightError, Process
 from abhv_mc.external_simulators.process_pool import current_pool, end_processes
 from abhv_mc.external_simulators.user_flights import fly_user_simulator, seconds_of_a_flight
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.flight.outcome import Outcome, simulator_outcomes
-from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Capabilities, Engine, StoredPlans
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.interfaces import Capabilities, Engine, Recorded, StoredPlans
+from abhv_mc.io.input_error import InputErrors
 from abhv_mc.io.input_files import read_input
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.trust import check_trusted
@@ -32,39 +39,25 @@ _BY_ORDER = (
 )
 
 
-class ExternalSimulator:
+class ExternalSimulator(interfaces.Simulator):
     """Custom simulator: a Python function, or a program that exchanges JSON lines."""
 
-    kind = "system"
-    origin = method = ""
-    capabilities = Capabilities(is_repeatable=False, has_margins=False, has_mission=False)
+    capabilities = Capabilities(is_repeatable=False)
+    fly = staticmethod(fly_user_simulator)
 
-    def __init__(self, experiment: Experiment, model: SimulatorCampaign) -> None:
-        self.experiment, self.model = experiment, model
-        self.systems, self.channels = tuple(model.systems), model.returned_channels
-        self.outcomes = simulator_outcomes(model.outcomes)
-        self.states_noise = model.simulator is not None and not model.simulator.repeatable
-        self.independent = None if model.simulator else model.independent
+    def __init__(self, experiment: Experiment) -> None:
+        super().__init__(experiment)
+        self.model: Any = experiment.model
+        self.states_noise = not self.model.simulator.repeatable
 
     @cached_property
     def engine(self) -> Engine:
-        return Engine(None, fly_user_simulator, code_hash(), checked=True, close=end_processes)
-
-    def check(self, feature: str) -> None:
-        problem = f"this campaign has a custom simulator, which does not support {feature}"
-        expected = "a campaign with vehicle, mission and controllers"
-        raise self.experiment.document.error((), problem, expected)
+        return replace(super().engine, isolation=THREADS, close=end_processes, records_lost=True)
 
     def find_simulator(self) -> tuple[Simulator, Path]:
-        """Return the settings and folder of the simulator.
-
-        Raise InputError if the campaign has no simulator.
-        """
-        document = self.experiment.document
-        if self.model.simulator is None:
-            expected = "the key 'simulator', or `abhv-mc import flights TABLE` for existing results"
-            raise document.error((), "this campaign has no simulator and cannot be run", expected)
-        return self.model.simulator, document.path.parent / self.model.simulator.folder
+        """Return the settings and folder of the simulator."""
+        simulator: Simulator = self.model.simulator
+        return simulator, self.experiment.document.path.parent / simulator.folder
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
         simulator, base = self.find_simulator()
@@ -73,10 +66,8 @@ class ExternalSimulator:
         start = base / (simulator.python or (simulator.command or ("",))[0])
         return [(start, UserSource(text, str(start), files))]
 
-    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+    def pack(self, take: Callable[..., str], copies: dict[str, Path]) -> dict[str, Any]:
         entries: dict[str, Any] = {SYSTEMS: self.model.systems}
-        if self.model.simulator is None:
-            return entries
         target, (simulator, base) = "inputs/simulator", self.find_simulator()
         for name, path in simulator.find_files(base).items():
             copies[f"{target}/{name}"] = path
@@ -135,26 +126,6 @@ class ExternalSimulator:
             for name in names
         }
 
-    def add_margins(self, plans: Mapping[str, UserPlan]) -> dict[str, UserPlan]:
-        return {}
-
-    def fit_plans(
-        self, plans: Mapping[str, UserPlan], names: Sequence[str], rows: Floats
-    ) -> Mapping[str, UserPlan]:
-        return plans
-
-    def find_stride(self, plan: UserPlan, output: str) -> int:
-        return 1
-
-    def find_warnings(self, plans: Mapping[str, UserPlan]) -> list[str]:
-        return asked_in_vain(self.experiment)
-
-    def find_reference(self, plan: UserPlan) -> dict[str, Floats]:
-        return {}
-
-    def find_transients(self) -> tuple[tuple[float, float], ...]:
-        return ()
-
     def time_of_flight(self, plans: Sequence[UserPlan]) -> float | None:
         return seconds_of_a_flight(plans)
 
@@ -174,13 +145,6 @@ class ExternalSimulator:
         numbers = [process.number for process in list(current_pool().all) if process.number]
         return find_native_reads(numbers, plan, since)
 
-    def describe_end(self, system: str, row: Floats, outcome: int) -> str:
-        ends = self.outcomes
-        return ends.sentences[ends.codes[outcome]]
-
-    def find_lacking(self) -> list[InputError]:
-        return []
-
     def try_out(self) -> Iterator[str]:
         plan = next(iter(self.make_plans(self.systems).values()))
         try:
@@ -192,21 +156,32 @@ class ExternalSimulator:
             )
             error_in_file = self.experiment.document.key_error(("simulator",), problem, expected)
             raise InputErrors([error_in_file]) from None
-        if self.model.simulator and self.model.simulator.command:
+        if self.model.simulator.command:
             yield _BY_ORDER
 
 
-class ImportedTable(ExternalSimulator):
+class ImportedTable(interfaces.Simulator):
     """Simulator interface for flights that another simulator computed."""
 
     origin = "a table"
-    capabilities = ExternalSimulator.capabilities._replace(can_rerun=False)
+    capabilities = Capabilities(can_rerun=False, is_repeatable=False)
 
-    def try_out(self) -> Iterator[str]:
-        return iter(())
+    def __init__(self, experiment: Experiment) -> None:
+        super().__init__(experiment)
+        self.independent = experiment.model.independent
+
+    def find_code(self) -> NoReturn:
+        expected = "the key 'simulator', or `abhv-mc import flights TABLE` for existing results"
+        problem = "this campaign has no simulator and cannot be run"
+        raise self.experiment.document.error((), problem, expected)
+
+    def make_plans(self, names: Sequence[str]) -> NoReturn:
+        self.find_code()
+
+    @staticmethod
+    def fly(plan: Any, rows: Floats, recorded: Recorded = None) -> NoReturn:
+        raise NotImplementedError
 
 
-def make_simulator(experiment: Experiment) -> ExternalSimulator:
-    """Return the simulator of a campaign: a custom simulator, or an imported table."""
-    model: Any = experiment.model
-    return (ExternalSimulator if model.simulator else ImportedTable)(experiment, model)
+PYTHON = Registered(ExternalSimulator, SimulatorCampaign, read_simulator)
+TABLE = Registered(ImportedTable, TableCampaign, read_table)

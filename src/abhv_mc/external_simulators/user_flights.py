@@ -66,18 +66,18 @@ def with_surplus(plan: UserPlan) -> UserPlan:
 
 
 def fly_user_simulator(
-    plan: UserPlan, parameters: Floats, recorded: Recording | int | None = None
+    plan: UserPlan, rows: Floats, recorded: Recording | int | None = None
 ) -> FlightBlock:
-    """Simulate ``parameters`` [flight, input] in the units of the inputs.
+    """Simulate ``rows`` [flight, input] in the units of the inputs.
 
     Flights that cannot be computed get the outcome ``failed_to_run``. ``recorded`` is a Recording
     for envelopes, or the factor by which the sampling rate of stored histories is reduced.
     """
     for_bands = isinstance(recorded, Recording)
     rate = plan.band_rate if isinstance(recorded, Recording) else plan.rate / (recorded or 1)
-    flights = _Flights(plan, parameters, bool(recorded))
+    flights = _Flights(plan, rows, bool(recorded))
     flights.run()
-    histories, number = flights.histories, len(parameters)
+    histories, number = flights.histories, len(rows)
     times, sampled = sample_histories(histories, number, len(plan.channels), rate, int(for_bands))
     low, high = find_extremes(histories, times, sampled) if for_bands else (None, None)
     return FlightBlock(

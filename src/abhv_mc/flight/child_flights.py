@@ -16,7 +16,6 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import SavedFlights
-from abhv_mc.flight.outcome import find_lost_outcome
 from abhv_mc.flight.plan import (
     FlightBlock,
     FlightPlan,
@@ -82,8 +81,9 @@ def fly_in_child(
             file=sys.stderr,
             flush=True,
         )
-        outcome = find_lost_outcome(plan.law, error.hung)
-        block = make_failed_block(plan, outcome, recording, len(plan.metrics), keep_states)
+        outcome = plan.lost_outcome(error.hung)
+        states = s.N_STATES if keep_states else 0
+        block = make_failed_block(plan, outcome, recording, len(plan.metrics), states)
         return replace(block, reasons={0: reason})
 
 

@@ -5,12 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 
 NO_FAILURE = "none"
+ENGINE_FAILED = "engine_failed_s"  # metric: time for which an engine has failed
 UNSTART = "engine unstart"  # failure case of an engine that failed because its inlet unstarted
 _ENGINE = "failure.engine"  # prefix of the names of engine failures
 _KINDS = {"time": "failed", "stuck_time": "stuck", "loss_time": "loss", "slow_time": "slow"}
+
+
+def is_failure_time(name: str) -> bool:
+    """Return whether a parameter is the time of a failure."""
+    return name.startswith("failure.") and name.rpartition(".")[2] in _KINDS
 
 
 def describe_failure(name: str) -> str:
@@ -34,7 +39,7 @@ def failure_cases(
     cases: dict[int, list[str]] = {}
     timed = np.zeros(len(end_time), dtype=np.bool_)
     for i, name in enumerate(names):
-        if name in FAILURE_TIMES:
+        if is_failure_time(name):
             came = samples[:, i] < end_time
             timed |= came if name.startswith(_ENGINE) else False
             for flight in np.flatnonzero(came).tolist():
@@ -49,5 +54,5 @@ def failure_cases(
 
 def failure_times(names: Sequence[str], samples: Floats) -> Floats:
     """Return the time (s) of each flight's first drawn failure, infinite without failures."""
-    columns = [i for i, name in enumerate(names) if name in FAILURE_TIMES]
+    columns = [i for i, name in enumerate(names) if is_failure_time(name)]
     return samples[:, columns].min(axis=1, initial=np.inf)

@@ -18,7 +18,7 @@ from abhv_mc.flight.plan import (
     join_blocks,
     make_recording,
 )
-from abhv_mc.flight.user_law import PROCESS, must_run_in_child, open_law
+from abhv_mc.flight.user_law import PROCESS, open_law
 from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES, KernelResults
@@ -83,7 +83,7 @@ def fly(
     array has the wrong type or shape.
     """
     recording = make_recording(record_every, plan)
-    if must_run_in_child(plan):
+    if plan.must_run_in_child:
         return fly_in_child(
             fly, plan, parameters, recording, lanes, keep_states=keep_states, start=start
         )
@@ -107,7 +107,7 @@ def fly_until(
     undefined, except that it is marked as ended. Raise InputError for a control law in plain Python
     whose memory is not a named tuple of numbers.
     """
-    if must_run_in_child(plan):
+    if plan.must_run_in_child:
         return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
     shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
     results = make_results(shorter, len(parameters), Recording(0), False, save_memory=True)

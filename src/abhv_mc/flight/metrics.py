@@ -334,13 +334,7 @@ def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
 
 METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRICS)}
 BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
-SURFACE_USAGE = tuple(
-    m.name for m in METRICS if m.group == "usage" and m.statistic == Statistic.RMS
-)
-ENGINE_FAILED, ELEVATOR_TRAVEL = (
-    next(m.name for m in METRICS if m.of == source)
-    for source in ("engine_failed", "elevator_moved_deg")
-)
+ELEVATOR_TRAVEL = next(m.name for m in METRICS if m.of == "elevator_moved_deg")
 
 _TEXT = tuple(
     field.name

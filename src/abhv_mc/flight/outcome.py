@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.kernel.laws import user
 from abhv_mc.kernel.plant.vehicle import LoadBounds
 
 
@@ -21,7 +20,7 @@ class Outcome(IntEnum):
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = int(user.NOT_FINITE)  # number that the kernel uses for the outcome
+    NOT_FINITE = 4  # abhv_mc.kernel.laws.user.NOT_FINITE
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7
@@ -64,16 +63,6 @@ LAW_LOST = (
     Outcome.LAW_CRASHED,
     Outcome.LAW_HUNG,
 )
-
-
-def find_lost_outcome(law: str, hung: bool) -> Outcome:
-    """Return the outcome of a flight that twice crashed or hung a process of its own.
-
-    If the control law is native code, it is assumed to be the cause.
-    """
-    if law not in ("c", "fmu"):
-        return Outcome.FAILED_TO_RUN
-    return Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
 
 
 SENTENCES: dict[Outcome, str] = {

@@ -3,24 +3,27 @@
 from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Singles
+from abhv_mc.control.law_file import NATIVE
 from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
 from abhv_mc.flight.metrics import METRICS, NO_METRICS, Metric, unpack_metrics
 from abhv_mc.flight.outcome import Limits, Outcome
+from abhv_mc.flight.plan_arrays import stored_arrays
 from abhv_mc.identity import Flyer
 from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.flight.sensors import MAX_DELAY_TICKS
 from abhv_mc.kernel.plant.air_data import no_profile
 from abhv_mc.kernel.plant.parameter_names import ALL_SENSORS, PARAMETER_INDEX
 from abhv_mc.kernel.plant.slopes import Effectiveness
-from abhv_mc.kernel.plant.state import N_STATES
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
+from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.user_code.child import may_run_here
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.effectors import has_slack, name_effectors
 from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
@@ -32,15 +35,15 @@ class Recording(NamedTuple):
     """Specification of the time histories that are recorded."""
 
     every: int  # number of control ticks between samples; 0 if nothing is recorded
-    channels: tuple[int, ...] = tuple(range(len(CHANNELS)))  # indices into the plan's channels
+    channels: tuple[int, ...] = ()  # indices into the plan's channels
     extremes: bool = False  # whether to record extremes over all flights and control ticks
 
-    def count_samples(self, timing: "Timing") -> int:
+    def count_samples(self, timing: Timing) -> int:
         """Return the number of samples of a complete flight."""
         return timing.ticks // self.every + 1 if self.every else 0
 
 
-def make_recording(request: Recording | int | None, plan: "FlightPlan") -> Recording:
+def make_recording(request: Recording | int | None, plan: Any) -> Recording:
     """Convert a request to a Recording; an int is the number of ticks between samples.
 
     If the request is an int, all channels are recorded; if it is None, nothing is recorded.
@@ -136,6 +139,29 @@ class FlightPlan:
         is_calm = len(self.profile) == 0 and not any(name.startswith(NOT_LEAN) for name in names)
         return replace(self, lean=bool(is_builtin and is_fixed and is_calm))
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that a results folder stores."""
+        return stored_arrays(self)
+
+    @property
+    def nominal(self) -> Floats:
+        """Row [1, parameter] of nominal parameters."""
+        return np.array([[parameter.nominal for parameter in PARAMETERS]])
+
+    @property
+    def must_run_in_child(self) -> bool:
+        """Whether the control law is native code that this process must not run."""
+        return self.law in NATIVE and not may_run_here()
+
+    def lost_outcome(self, hung: bool) -> Outcome:
+        """Return the outcome of a flight that twice crashed or hung (``hung``) its process.
+
+        If the control law is native code, it is assumed to be the cause.
+        """
+        if self.law not in NATIVE:
+            return Outcome.FAILED_TO_RUN
+        return Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
+
     @property
     def commanding_law(self) -> str:
         """Control law that computes the commands; with a custom filter, the built-in law."""
@@ -180,8 +206,9 @@ class FlightBlock:
     outcome: NDArray[np.int64]  # [flight] values of Outcome
     end_time: Floats  # [flight] end time, s
     metrics: Floats  # [flight, metric], in the order of the plan's metrics
-    history: Singles  # [flight, time, channel] recorded channels; NaN after the end
-    times: Floats  # [time] times of the history, s
+    # [flight, time, channel] recorded channels; NaN after the end
+    history: Singles = field(default_factory=lambda: np.empty((0, 0, 0), np.float32))
+    times: Floats = field(default_factory=lambda: np.empty(0))  # [time] times of the history, s
     # [flight, time, state] recorded states; empty unless requested
     states: Floats = field(default_factory=lambda: np.empty((0, 0, 0)))
     # [time, channel] extremes over all flights and all control ticks between the adjacent times;
@@ -212,7 +239,7 @@ class FlightBlock:
         return self.low, self.high
 
 
-def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
+def join_blocks(blocks: list[FlightBlock]) -> FlightBlock:
     """Concatenate blocks of flights, without the full states."""
     arrays = {
         name: np.concatenate([getattr(block, name) for block in blocks])
@@ -238,21 +265,22 @@ def join_blocks(blocks: "list[FlightBlock]") -> FlightBlock:
 
 
 def make_failed_block(
-    plan: FlightPlan,
-    outcome: Outcome,
-    recording: Recording,
-    metrics: int,
-    keep_states: bool = False,
+    plan: Any, outcome: Outcome, recording: Recording, metrics: int, states: int = 0
 ) -> FlightBlock:
-    """Return a block for one flight that failed to run, with its outcome but without results."""
-    times = np.arange(recording.count_samples(plan.timing)) * (recording.every * plan.timing.tick)
+    """Return a block for one flight that failed to run, with its outcome but without results.
+
+    ``states`` is the number of recorded states.
+    """
+    timing = plan.timing  # None if each flight has its own times
+    samples = recording.count_samples(timing) if timing else 0
+    times = np.arange(samples) * (recording.every * timing.tick if timing else 0.0)
     return FlightBlock(
         outcome=np.array([outcome], np.int64),
         end_time=np.full(1, np.nan),
         metrics=np.full((1, metrics), np.nan),
         history=np.full((1, len(times), len(recording.channels)), np.nan, np.float32),
         times=times.astype(np.float64),
-        states=np.full((1, len(times) if keep_states else 0, N_STATES), np.nan),
+        states=np.full((1, len(times) if states else 0, states), np.nan),
     )
 
 

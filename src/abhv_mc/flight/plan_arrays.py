@@ -11,9 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.plan import FlightPlan
-
-REMEDY = "the original file, or a new run with --fresh or in another folder (-o DIR)"
 REBUILT = "effectiveness."  # prefix of the names of arrays that are computed from the vehicle
 
 
@@ -49,7 +46,7 @@ def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
     return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])
 
 
-def stored_arrays(plan: FlightPlan) -> dict[str, np.ndarray]:
+def stored_arrays(plan: Any) -> dict[str, np.ndarray]:
     """Return the arrays of a plan that are stored; integer and derived arrays are not."""
     numbers = {
         name: value

@@ -25,6 +25,7 @@ from abhv_mc.control.design.reference import (
 )
 from abhv_mc.control.design.tlc_design import make_limit_settings, make_tlc_gains, make_tlc_settings
 from abhv_mc.control.law_file import (
+    NATIVE,
     USER_LAWS,
     CController,
     FmuController,
@@ -39,7 +40,7 @@ from abhv_mc.flight.metrics import effector_metrics, pack_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds, Limits
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.user_law import NATIVE, check_native_law, open_law, plan_source
+from abhv_mc.flight.user_law import check_native_law, open_law, plan_source
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES, Timing
 from abhv_mc.kernel.flight.start import multiply

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from abhv_mc.control.law_file import USER_LAWS
+from abhv_mc.control.law_file import NATIVE, PYTHON, USER_LAWS
 from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
@@ -16,7 +16,7 @@ from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
 from abhv_mc.user_code.c_law import find_c_memory, open_c_law
-from abhv_mc.user_code.child import in_child, may_run_here
+from abhv_mc.user_code.child import in_child
 from abhv_mc.user_code.compiled import compile_filter, compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.law_interface import Measured
@@ -29,7 +29,7 @@ from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
 from abhv_mc.vehicle.effectors import name_effectors
 
-PYTHON, PROCESS = "python", "process"
+PROCESS = "process"
 _ACCELERATIONS = "|".join(ACCELERATIONS)
 _MORE = "|".join(Measured._fields[s.N_MEASURED :])
 _REQUIREMENTS = {  # for access to the memory of a control law
@@ -39,7 +39,6 @@ _REQUIREMENTS = {  # for access to the memory of a control law
     ),
     "process": "a control law in Python or C, or an FMU",
 }
-NATIVE = tuple(law for law in USER_LAWS if law != PYTHON)
 
 
 @contextlib.contextmanager
@@ -217,11 +216,6 @@ def hidden_memory_error(plan: FlightPlan) -> InputError:
     expected = f"{_REQUIREMENTS[plan.law]}, which linearization requires"
     problem = "the memory of the control law cannot be read and set completely"
     return InputError(plan_source(plan).file, problem, expected)
-
-
-def must_run_in_child(plan: FlightPlan) -> bool:
-    """Return whether a plan's control law is native code that this process must not run."""
-    return plan.law in NATIVE and not may_run_here()
 
 
 def _python_memory(law: Law) -> dict[str, float]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.metrics import BUILT_IN, Metric
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.file_columns import SpooledColumns, missing_file, read_pieces
 from abhv_mc.folder.flights import END_TIME, INPUT, REASON
@@ -35,9 +36,7 @@ class ControllerFlights:
     outcome: NDArray[np.uint8]  # [flight] codes of `Outcome`
     metrics: Mapping[str, Floats]  # [flight] values by metric; each access returns a copy
     absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
-    records: Mapping[str, Metric] = field(
-        default_factory=lambda: BUILT_IN
-    )  # definitions of the metrics
+    records: Mapping[str, Metric]  # definitions of the metrics
     ends: Outcomes = OUTCOMES  # possible outcomes
     reasons: Mapping[int, str] = field(default_factory=dict)  # reasons why flights failed to run
 
@@ -142,7 +141,7 @@ class _Collector:
 def read_flights(
     folder: Path,
     allowed: Collection[Path] | None = None,
-    records: Mapping[str, Metric] = BUILT_IN,
+    records: Mapping[str, Metric] = MappingProxyType({}),
     columns: Collection[str] | None = None,
     ends: Outcomes = OUTCOMES,
 ) -> dict[str, ControllerFlights]:

@@ -19,17 +19,15 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases
-from abhv_mc.flight.metrics import ENGINE_FAILED, METRICS, Metric
+from abhv_mc.flight.failure_case import ENGINE_FAILED, NO_FAILURE, failure_cases
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.input_error import is_exhausted
 from abhv_mc.io.parquet_columns import column_values, number_column, text_column
-from abhv_mc.plant.parameters import OURS, Parameter, Parameters
+from abhv_mc.plant.parameters import Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
-VALUES = (*METRICS, END_TIME)  # columns that follow samples and custom metrics
-_VALUE_NAMES = tuple(signal.name for signal in VALUES)
 CASE = "failure.case"
 REASON = "reason"  # column with reasons why flights failed to run; not part of the digest
 _LONGEST = 300  # maximum number of characters of a reason
@@ -96,7 +94,7 @@ class FlightRows:
     samples: Floats  # [flight, parameter]
     outcome: tuple[str, ...]  # codes of the outcomes
     values: Floats  # [flight, value]
-    columns: tuple[str, ...] = _VALUE_NAMES  # names of the values: metrics, then the end time
+    columns: tuple[str, ...]  # names of the values: metrics, then the end time
     duration: float = np.inf  # duration of the mission, s
     reasons: tuple[str, ...] = ()  # reasons why flights failed to run, or empty
 
@@ -158,8 +156,8 @@ def _value_field(signal: Signal) -> pa.Field:
 def flights_schema(
     names: Sequence[str],
     provenance: dict[str, str],
-    values: Sequence[Signal] = VALUES,
-    table: Parameters = OURS,
+    values: Sequence[Signal],
+    table: Parameters,
     ends: Outcomes = OUTCOMES,
 ) -> pa.Schema:
     """Return the schema of a flights table with the samples ``names`` and the ``values``."""

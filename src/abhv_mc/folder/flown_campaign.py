@@ -65,8 +65,8 @@ class FlownCampaign:
     samples: Mapping[str, Floats]  # [flight] values by parameter; each access reads the column
     flights: dict[str, ControllerFlights]
     envelopes: dict[tuple[str, str], Envelope]  # envelopes by (controller, channel)
-    reference: dict[str, Floats]  # [time] values of "time" and REFERENCE_CHANNELS
-    nominal: dict[str, dict[str, Floats]]  # [time] values of "time" and CHANNELS, by controller
+    reference: dict[str, Floats]  # [time] values of "time" and the reference channels
+    nominal: dict[str, dict[str, Floats]]  # [time] values of "time" and the channels, by controller
     steady_margins: SteadyMargins = field(default_factory=SteadyMargins)
     # changes of requirements that were made after results had been seen, in order
     requirement_changes: tuple[RequirementChange, ...] = ()
@@ -211,8 +211,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     campaign, changes = mark_later_choices(folder, manifest, campaign, requirements is None)
     files = data_files(folder, manifest)
     flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
-    capabilities = campaign.simulator.capabilities
-    has_mission = capabilities.has_mission
+    has_mission = campaign.simulator.mission is not None
     reference = (
         _columns(read_table(folder.reference, "the mission's reference")) if has_mission else {}
     )
@@ -225,9 +224,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
         envelopes=_read_envelopes(folder.envelopes) if campaign.has_bands else {},
         reference={name: value.astype(np.float64) for name, value in reference.items()},
         nominal=_read_nominal(folder.nominal) if has_mission else {},
-        steady_margins=read_steady_margins(folder.margins)
-        if capabilities.has_margins
-        else SteadyMargins(),
+        steady_margins=read_steady_margins(folder.margins) if has_mission else SteadyMargins(),
         requirement_changes=changes,
         changed_after=min(
             (stored.flights for stored in manifest.requirement_sets if stored.flights),

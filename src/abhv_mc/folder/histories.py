@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS, Signal
+from abhv_mc.flight.channels import Signal
 from abhv_mc.folder.flights import make_field, write_parquet
 from abhv_mc.io.parquet_columns import number_column, text_column
 from abhv_mc.statistics.bands import QUANTILES
@@ -51,7 +51,7 @@ def write_histories(
     *,
     channels: Sequence[str],
     metadata: dict[str, str] | None = None,
-    recorded: Sequence[Signal] = CHANNELS,
+    recorded: Sequence[Signal],
 ) -> None:
     """Write ``channels`` of ``history[flight, time, channel]`` to a Parquet file.
 
@@ -89,8 +89,8 @@ def write_nominal(
     path: Path,
     times: Floats,
     nominal: dict[str, NDArray[np.float32]],
+    recorded: Sequence[Signal],
     key: str = "",
-    recorded: Sequence[Signal] = CHANNELS,
 ) -> None:
     """Write the ``recorded`` channels of the nominal flight [time, channel] of each controller."""
     fields = [
@@ -100,7 +100,7 @@ def write_nominal(
     ]
     tables = []
     for controller, history in nominal.items():
-        rows = ~np.isnan(history[:, CHANNEL_INDEX["altitude_m"]])
+        rows = ~np.isnan(history[:, 0])
         columns = [text_column([controller] * int(rows.sum())), number_column(times[rows])]
         columns += map(number_column, history[rows].T[: len(recorded)])
         tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
@@ -108,14 +108,13 @@ def write_nominal(
     write_parquet(path, table, table.column_names[1:], ["controller"])
 
 
-def write_reference(path: Path, reference: Mapping[str, Floats], key: str = "") -> None:
-    """Write the reference trajectory: ``time`` and REFERENCE_CHANNELS, each [time]."""
+def write_reference(
+    path: Path, reference: Mapping[str, Floats], signals: Sequence[Signal], key: str = ""
+) -> None:
+    """Write the reference trajectory: ``time`` and ``signals``, each [time]."""
     fields = [
         _TIME,
-        *(
-            make_field(signal.name, pa.float64(), signal.unit, signal.doc)
-            for signal in REFERENCE_CHANNELS
-        ),
+        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in signals),
     ]
     schema = pa.schema(fields, _metadata(key=key))
     table = pa.Table.from_arrays(

@@ -8,20 +8,21 @@ import ast
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.kinds import find_references, locate
+from abhv_mc.campaign.file.kinds import locate
 from abhv_mc.campaign.file.requirement_set import (
     data_of_rows,
     with_requirements,
 )
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
-from abhv_mc.campaign.file.simulator import SYSTEMS, systems_key
+from abhv_mc.campaign.file.systems import SYSTEMS, systems_key
 from abhv_mc.folder.layout import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.documents import Document, InputError, read_document, write_document
@@ -109,16 +110,12 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     model = campaign.model
     data = dict(campaign.document.entries)
     files: dict[str, Path] = {}
-    data |= campaign.simulator.pack(lambda path, location: _take(path, location, files), files)
-    if model.channels is not None:
-        data["channels"] = _take(model.channels, "inputs/channels", files)
-    if isinstance(model.metrics, Path):
-        data["metrics"] = read_document(model.metrics).data
+    data |= campaign.simulator.pack(partial(_take, files), files)
     data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
     data["under_test"] = list(campaign.under_test)
     if model.sampling.path:
-        location = _take(model.sampling.path, "inputs/samples", files)
+        location = _take(files, model.sampling.path, "inputs/samples")
         data["sampling"] = {**data["sampling"], "path": location}
     copies = {location: read_input(path) for location, path in files.items()}
     programs = frozenset(location for location, path in files.items() if os.access(path, os.X_OK))
@@ -126,13 +123,15 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     return FolderInputs(replace(campaign.document, data=data), copies, hashes, programs)
 
 
-def _take(path: Path, location: str, copies: dict[str, Path]) -> str:
-    """Add ``path``, and the files that it refers to, to ``copies`` under ``location``.
+def _take(
+    copies: dict[str, Path], path: Path, location: str, references: Iterable[Path] = ()
+) -> str:
+    """Add ``path``, and the files to which it refers, to ``copies`` under ``location``.
 
     Relative paths are preserved. Return the name of ``path`` in the folder.
     """
     path = locate(path)
-    files = {path: None, **dict.fromkeys(find_references(path))}
+    files = {path: None, **dict.fromkeys(references)}
     root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
         copy = f"{location}/{file.relative_to(root).as_posix()}"

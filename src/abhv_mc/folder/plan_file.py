@@ -8,10 +8,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from abhv_mc.flight.plan_arrays import REMEDY, stored_arrays
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
-from abhv_mc.interfaces import Arrays, StoredPlans
+from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
 from abhv_mc.io.input_error import InputError
 
 T = TypeVar("T")
@@ -22,7 +21,7 @@ def write_plan(path: Path, plan: Any) -> None:
     content = io.BytesIO()
     # np.savez_compressed would take three times as long.
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for name, value in stored_arrays(plan).items():
+        for name, value in plan.arrays().items():
             with archive.open(f"{name}.npy", "w") as member:
                 np.lib.format.write_array(member, value, allow_pickle=False)
     write_bytes(path, content.getvalue(), durable=True)

@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.requirement_set import (
     find_later_choices,
     find_requirement_changes,
 )
-from abhv_mc.campaign.file.simulator import systems_key
+from abhv_mc.campaign.file.systems import systems_key
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.inputs import read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole

@@ -7,8 +7,9 @@ start.
 import difflib
 import errno
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from abhv_mc.io.phrases import joined, quoted
 
@@ -166,3 +167,10 @@ def describe(value: object) -> str:
 def found_value(value: object) -> str:
     """Return the text of an error about an unexpected value, such as "found 3"."""
     return f"found {describe(value)}"
+
+
+def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return the value. Raise InputError if it is not a mapping."""
+    if not isinstance(value, Mapping):
+        raise InputError(name, found_value(value), "a mapping")
+    return value

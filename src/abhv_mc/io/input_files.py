@@ -5,10 +5,12 @@ the command runs.
 """
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
+
+from abhv_mc.io.input_error import Refusal
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -50,3 +52,35 @@ def made_once(make: Callable[[A], T]) -> Callable[[A], T]:
 def read_input(path: Path) -> bytes:
     """Return the bytes of a file, which are cached inside :func:`reading_once`."""
     return path.read_bytes()
+
+
+def expand(
+    folder: Path, patterns: Sequence[str], empty_folders: Collection[str] = ()
+) -> list[Path]:
+    """Return the files that match ``patterns``. Raise Refusal if a pattern matches no file."""
+    files: dict[Path, None] = {}
+    for i, pattern in enumerate(patterns):
+        if pattern in empty_folders:
+            continue
+        parts = Path(pattern).parts
+        if not parts or Path(pattern).is_absolute() or ".." in parts:
+            raise Refusal(
+                f"found '{pattern}'",
+                "a relative path inside the controller file's folder",
+                ("files", i),
+            )
+        inside = "**/*" if (folder / pattern).is_dir() else ""
+        paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
+        matches = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
+        if not matches:
+            raise Refusal(
+                f"'{pattern}' matches no file",
+                "existing files in the controller file's folder",
+                ("files", i),
+            )
+        for path in matches:
+            if not path.resolve().is_relative_to(folder.resolve()):
+                problem = f"'{pattern}' is a link to a file outside its folder, {path.resolve()}"
+                raise Refusal(problem, "a file in the controller file's folder", ("files", i))
+            files[path] = None
+    return list(files)

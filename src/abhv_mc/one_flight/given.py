@@ -19,11 +19,11 @@ from abhv_mc.io.documents import (
     Document,
     InputError,
     Refusal,
-    found_value,
     one_of,
     read_document,
     write_document,
 )
+from abhv_mc.io.input_error import check_mapping
 from abhv_mc.io.units import Dimension, parse_quantity
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
@@ -132,13 +132,6 @@ def make_parameters(
     return row
 
 
-def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return the value. Raise InputError if it is not a mapping."""
-    if not isinstance(value, Mapping):
-        raise InputError(name, found_value(value), "a mapping")
-    return value
-
-
 def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
     """Convert a number or text with unit to SI. Raise InputError if it is invalid."""
     try:
@@ -168,7 +161,7 @@ def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
 
 def _write_input(kind: str, source: Any, folder: Path, location: str) -> str:
     """Write an input with the files to which it refers, and return its relative path."""
-    from abhv_mc.campaign.file.kinds import find_references
+    from abhv_mc.vehicle_simulator.references import find_references
 
     document = make_document(kind, source)
     path = document.path.resolve()

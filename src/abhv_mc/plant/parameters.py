@@ -35,6 +35,8 @@ from abhv_mc.kernel.plant.parameter_names import (
 )
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS
 
+ONE = "one"  # constant factor on terms without a parameter
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -48,6 +50,7 @@ class Parameter:
         False  # whether the user defines the parameter (simulator input or vehicle setting)
     )
     seed: bool = False  # whether the parameter selects a realization of noise or turbulence
+    noises: tuple[str, ...] = ()  # noise parameters to which a seed from 0 to 1 applies
 
     @property
     def is_factor(self) -> bool:
@@ -169,7 +172,7 @@ def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
 
 
 _TABLE: tuple[Parameter, ...] = (
-    _factor("one", "constant factor on terms without a parameter (not dispersible)"),
+    _factor(ONE, "constant factor on terms without a parameter (not dispersible)"),
     _factor("atmosphere.density", "air density at every altitude"),
     _error(
         "atmosphere.temperature",
@@ -283,6 +286,7 @@ _TABLE: tuple[Parameter, ...] = (
         0.5,
         "uniformly distributed number from 0 to 1 that selects the turbulence of a flight",
         seed=True,
+        noises=("wind.turbulence",),
     ),
     Parameter(
         "sensor.noise_seed",
@@ -290,6 +294,7 @@ _TABLE: tuple[Parameter, ...] = (
         0.5,
         "uniformly distributed number from 0 to 1 that selects the sensor noise of a flight",
         seed=True,
+        noises=SENSOR_NOISES,
     ),
     _error(
         "sensor.delay",
@@ -368,7 +373,7 @@ class Parameters:
     @cached_property
     def dispersible(self) -> tuple[str, ...]:
         """Names of all parameters except the constant factor ``one``."""
-        return tuple(name for name in self.index if name != PARAMETERS[0].name)
+        return tuple(name for name in self.index if name != ONE)
 
     def __getitem__(self, name: str) -> Parameter:
         return self.records[self.index[name]]
@@ -379,7 +384,7 @@ class Parameters:
     @cached_property
     def has_program(self) -> bool:
         """True if the parameters of the built-in simulator are included."""
-        return PARAMETERS[0].name in self.index
+        return ONE in self.index
 
     def nominal_of(self, names: Iterable[str]) -> Floats:
         """Return the nominal values [name] of the named parameters."""

@@ -22,9 +22,8 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.campaign.file.user_code import check_user_code
-from abhv_mc.execution.dispersion_probes import fly_probes
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
-from abhv_mc.execution.first_flights import FirstFlights, fly_first
+from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import check_source, make_ready, simulate
 from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
@@ -85,7 +84,7 @@ def find_metric(
     `make_error` receives the problem and the expected input.
     """
     metrics = campaign.metrics
-    if name in MARGIN_NAMES and campaign.model.margins is None:
+    if name in MARGIN_NAMES and not campaign.margin_flights:
         raise make_error(
             f"'{name}' requires the key 'margins'",
             "'margins: {at: [trim]}' in the campaign, which computes the margins",
@@ -112,9 +111,9 @@ class DrawnFlights:
 
     numbers: tuple[int, ...]
     times: Floats  # times in s
-    history: NDArray[
-        np.float32
-    ]  # histories [1 + flight, time, channel] in the order of CHANNELS; NaN after the end
+    # [1 + flight, time, channel] in the order of the campaign's channels; NaN after the end
+    history: NDArray[np.float32]
+    campaign: Experiment
 
 
 class SearchFlights:
@@ -251,7 +250,7 @@ class SearchFlights:
         drawn = np.concatenate([nominal, rows.samples[numbers]])
         every = max(1, round(_DRAWN_STEP / timing.tick))
         block = simulate(self.campaign, self.controller, drawn, every, self.executor.fly)
-        return DrawnFlights(tuple(numbers), block.times, block.history)
+        return DrawnFlights(tuple(numbers), block.times, block.history, self.campaign)
 
     def finish(self, result: dict[str, Any]) -> None:
         """Delete unused blocks; write samples, outcomes and the result."""
@@ -323,13 +322,9 @@ def open_search(
         else:
             plan = simulator.make_plans([name])[name]
             ready = make_ready(campaign, {name: plan})
-            first = FirstFlights()
-            if plan.timing is None:
-                first = fly_first(ready, request.workers)
-                for warning in first.warnings:
-                    print(f"warning: {warning}", file=sys.stderr, flush=True)
-            else:
-                fly_probes(ready, plan.timing.ticks)
+            first = fly_first(ready, request.workers, plan.timing.ticks if plan.timing else 0)
+            for warning in first.warnings:
+                print(f"warning: {warning}", file=sys.stderr, flush=True)
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = Manifest(
                 name=campaign.model.name,

@@ -19,7 +19,7 @@ from abhv_mc.campaign.sampling.marginals import (
 from abhv_mc.campaign.sampling.samples import draw_seeds, full_rows
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted
-from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.plant.parameters import Parameters
 
 _SMALLEST = 2.0**-53
 # number of random flights that are tried, and minimum number of flights that must be in the box
@@ -39,7 +39,7 @@ class Space:
     marginals: tuple[Marginal, ...]
     copula: Copula
     derived: Derived
-    parameters: Parameters = OURS  # all parameters, in the order of full rows
+    parameters: Parameters  # all parameters, in the order of full rows
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -146,7 +146,9 @@ class Space:
         """Add seeds of flights numbered from `first`, or a common seed if `first` is None."""
         columns = []
         for name in self.seeds:
-            drawn = draw_seeds(name, seed, first or 0, len(values) if first is not None else 1)
+            drawn = draw_seeds(
+                self.parameters[name], seed, first or 0, len(values) if first is not None else 1
+            )
             columns.append(np.resize(drawn, len(values)))
         return np.column_stack([values, *columns])
 

@@ -15,10 +15,10 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal
-from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.flights import FlightRows
-from abhv_mc.interfaces import Engine
+from abhv_mc.interfaces import Engine, TrimMargins
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.plant.parameters import Parameters
@@ -34,7 +34,6 @@ from abhv_mc.search.search_flights import (
 from abhv_mc.search.severity import Severity, ended_early, not_computed
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
-from abhv_mc.vehicle_simulator.margin_plans import TrimMargins, trim_margins
 
 _BATCH = 512  # number of random flights per batch
 _MOST_COMBINATIONS = 64  # maximum number of combinations of discrete values
@@ -258,8 +257,10 @@ def find_worst_margins(campaign: Experiment, controllers: Sequence[str]) -> list
     bounds, seed, dimension = space.bounds(_MARGIN_BOX), campaign.model.seed, len(space.names)
     evaluations = max(MARGIN_EVALUATIONS, least_evaluations(dimension, MARGIN_EVALUATIONS))
     worst_margins = []
-    for name, margins in trim_margins(campaign, controllers).items():
-        nominal = margins(nominal_parameters())[0][0]
+    if (mission := campaign.simulator.mission) is None:
+        return []
+    for name, margins in mission.trim_margins(controllers).items():
+        nominal = margins(full_rows((), np.empty((1, 0)), (), campaign.parameters))[0][0]
         for k, metric in enumerate(MARGIN_NAMES):
 
             def evaluate(points: Floats, k: int = k, margins: TrimMargins = margins) -> Floats:

@@ -21,7 +21,6 @@ from abhv_mc.flight.plan import FlightPlan, Recording
 from abhv_mc.flight.user_law import (
     law_memory,
     measured_count,
-    must_run_in_child,
     open_law,
     open_vehicle,
 )
@@ -272,7 +271,7 @@ def _run_law(
 
     `goes_on` contains `follow` and `change` of :func:`run_law`.
     """
-    if must_run_in_child(plan):
+    if plan.must_run_in_child:
         return in_child(_run_law, plan, tick, rows, before, ticks, goes_on, limit=_LONGEST)
     width = _N_SEEN + len(plan.vehicle.effectors.mix) * int(plan.vehicle.constants.driven)
     after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), width))

@@ -26,7 +26,7 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     verified = f"abhv-mc {version} computed the statistics; the simulator is the user's."
     if not campaign.can_rerun:
         verified = f"abhv-mc {version} computed the statistics; the flights come from a table."
-    elif campaign.simulator.capabilities.has_mission:
+    elif campaign.simulator.mission:
         verified = (
             f"abhv-mc {version}. `abhv-mc verify all` compares its flights with published data."
         )

@@ -3,7 +3,7 @@
 import math
 
 from abhv_mc.io.phrases import THIN, grouped_digits
-from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.estimates import Interval
 
 MINUS = "\N{MINUS SIGN}"
@@ -124,12 +124,12 @@ _SENSOR_ERRORS = ("_bias", "_noise", "_scale", "_lag", "_interval")
 _SHOWN = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
 
 
-def is_factor(name: str, parameters: Parameters = OURS) -> bool:
+def is_factor(name: str, parameters: Parameters) -> bool:
     """Return whether a parameter is a factor (1 = nominal) rather than an increment."""
     return name not in parameters or parameters[name].is_factor
 
 
-def shown_value(name: str, value: float | None, parameters: Parameters = OURS) -> str:
+def shown_value(name: str, value: float | None, parameters: Parameters) -> str:
     """Format a parameter's value: '+8.1 %' for a factor of 1.081, '0.3 deg' for radians.
 
     A failure that does not occur (inf or None) is shown as 'never'.
@@ -149,7 +149,7 @@ def shown_value(name: str, value: float | None, parameters: Parameters = OURS) -
     return f"{significant(value * scale)}\N{NO-BREAK SPACE}{unit}".rstrip("\N{NO-BREAK SPACE}")
 
 
-def axis_unit(name: str, parameters: Parameters = OURS) -> tuple[str, float]:
+def axis_unit(name: str, parameters: Parameters) -> tuple[str, float]:
     """Return the unit of a parameter's axis and its conversion factor, e.g. ('deg', 57.3)."""
     if is_factor(name, parameters):
         return "factor", 1.0
@@ -179,6 +179,6 @@ def spoken_name(name: str) -> str:
     return phrase.replace("center_of", "centre_of").replace(".", " ").replace("_", " ")
 
 
-def parameter_doc(name: str, parameters: Parameters = OURS) -> str:
+def parameter_doc(name: str, parameters: Parameters) -> str:
     """Return the description of a parameter."""
     return parameters[name].doc if name in parameters else ""

@@ -15,11 +15,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, TypeVar
 
+from abhv_mc.version import ROOT
+
 T = TypeVar("T")
-_ROOT = Path(__file__).parents[2]
 _START = (
     "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; "
     "serve(int(sys.argv[1]))"
@@ -106,7 +106,7 @@ class _Child:
         self._connection, theirs = multiprocessing.Pipe()
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603  runs Python itself
-                [sys.executable, "-P", "-c", _START, str(theirs.fileno()), str(_ROOT)],
+                [sys.executable, "-P", "-c", _START, str(theirs.fileno()), str(ROOT)],
                 stdin=subprocess.PIPE,  # The child exits when this pipe closes.
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,  # Ctrl-C must not reach the child.

@@ -2,6 +2,7 @@
 
 import functools
 from collections import namedtuple
+from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
+from abhv_mc.control.controller_file import LqrController
 from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, slope, wrench_at
-from abhv_mc.control.design.lqr_design import Nominal, make_nominal
+from abhv_mc.control.design.lqr_design import Nominal, make_lqr_gains, make_nominal
 from abhv_mc.control.mission import Mission
 from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.laws.columns import REFERENCE
+from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.user_code.child import in_child
@@ -79,6 +81,15 @@ class DesignModel:
     def time(self) -> Floats:
         """Time of each control tick, s."""
         return self.table[:, REFERENCE.index("time")]
+
+    def lqr_gains(self, weights: Mapping[str, Any]) -> Any:
+        """Return the gains of the built-in LQR, a named tuple of arrays [tick].
+
+        ``weights`` has the entries of a controller file with ``law: lqr``.
+        """
+        controller = LqrController(**weights)
+        gains = make_lqr_gains(controller, self.mission, self.table, self.vehicle, self.trim_tables)
+        return namedtuple("LqrGains", LQR_GAINS)(*gains.T)
 
     def trim(self, time: float) -> Trim:
         """Return the nominal controls at the control tick nearest to ``time`` (s)."""

@@ -1,6 +1,7 @@
 """Conversion of control laws defined in a notebook to the source text of a Python file."""
 
 import inspect
+import sys
 import textwrap
 import types
 from collections.abc import Callable
@@ -10,7 +11,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.law_interface import CLASSES
 from abhv_mc.user_code.module import CONTROLLER
 
-_HEAD = "from typing import NamedTuple\n\nfrom abhv_mc.extend import controller\n"
+_EXTEND = "abhv_mc.extend"
+_HEAD = f"from typing import NamedTuple\n\nfrom {_EXTEND} import controller\n"
 
 
 def make_law_text(function: Callable[..., Any]) -> str:
@@ -64,12 +66,24 @@ def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str,
     elif isinstance(value, int | float | str | tuple):
         definitions[name] = f"{name} = {value!r}\n"
     elif hasattr(value, "__module__") and hasattr(value, "__name__"):
-        definitions[name] = f"from {value.__module__} import {value.__name__} as {name}\n"
+        home, original = value.__module__, value.__name__
+        if home.startswith("abhv_mc."):  # A law that outlives this version imports only extend.
+            home, original = _EXTEND, _find_public_name(name, value)
+        definitions[name] = f"from {home} import {original} as {name}\n"
     else:
         problem = f"the law '{law.__name__}' uses '{name}' of type {type(value).__name__}"
         raise InputError(
             "controller", problem, "numbers, functions or named tuples (design() can return arrays)"
         )
+
+
+def _find_public_name(name: str, value: Any) -> str:
+    """Return the name of a value in ``abhv_mc.extend``. Raise InputError if there is none."""
+    for public, known in vars(sys.modules.get(_EXTEND, types)).items():
+        if known is value:
+            return public
+    problem = f"the law uses '{name}' of {value.__module__}"
+    raise InputError("controller", problem, f"names of {_EXTEND}")
 
 
 def _names(code: types.CodeType) -> list[str]:

@@ -59,10 +59,13 @@ class ReadGuard:
 
     def allows(self, real: str) -> bool:
         """Return whether the file at a real path may be read."""
-        if Path(real).parent.name == "__pycache__" and real.endswith(".pyc"):
+        if real.endswith(".pyc"):
+            prefix = sys.pycache_prefix or ""
             # The function raises ValueError if the file was not compiled from a source file.
             with contextlib.suppress(ValueError):
-                real = importlib.util.source_from_cache(real)
+                real = importlib.util.source_from_cache(
+                    real.replace(os.path.realpath(prefix), prefix, 1) if prefix else real
+                )
         if real in self.declared or real in self.written:
             return True
         if (self.own and real.startswith(self.own)) or _created(real) >= self.started:

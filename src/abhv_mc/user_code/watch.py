@@ -14,7 +14,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import abhv_mc
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.cache import cache_root
 from abhv_mc.kernel.compiler_target import code_folder
@@ -23,6 +22,7 @@ from abhv_mc.shipped import PACKAGES
 from abhv_mc.user_code.read_guard import EVENTS, ReadGuard, package_folders
 from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
+from abhv_mc.version import ROOT
 
 _SYSTEM = (
     "/dev",
@@ -84,7 +84,7 @@ def _allowed() -> frozenset[str]:
         os.path.expanduser("~/.cache"),  # noqa: PTH111  Path raises an error without a home
         str(cache_root()),
     )
-    ours = (str(Path(abhv_mc.__file__).parents[1] / name) for name in PACKAGES)
+    ours = (str(ROOT / name) for name in PACKAGES)
     return frozenset({*package_folders(), *ours, *caches})
 
 

@@ -1,8 +1,8 @@
 """Access to the custom code of a campaign: channels, control laws and vehicle functions."""
 
 from pathlib import Path
+from typing import Any
 
-from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController
 from abhv_mc.io.documents import read_document
@@ -12,7 +12,7 @@ from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import read_vehicle_file
 
 
-def find_code(model: Campaign) -> list[tuple[Path, UserSource]]:
+def find_code(model: Any) -> list[tuple[Path, UserSource]]:
     """Return the files and code of the channels, control laws and vehicle."""
     code = [(model.channels, read_source(model.channels))] if model.channels is not None else []
     for path in model.controllers.values():

@@ -8,7 +8,6 @@ from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.fly import fly_in_memory
 from abhv_mc.flight.outcome import SENTENCES, Outcome
 from abhv_mc.flight.plan import FlightPlan, Recording
-from abhv_mc.flight.user_law import must_run_in_child
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import make_memory
 from abhv_mc.kernel.plant import state as s
@@ -28,14 +27,14 @@ def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
     if outcome != Outcome.NOT_FINITE:
         return SENTENCES[outcome]
     quantity = (
-        in_child(_find, plan, parameters) if must_run_in_child(plan) else _find(plan, parameters)
+        in_child(_find, plan, parameters) if plan.must_run_in_child else _find(plan, parameters)
     )
     return f"{SENTENCES[outcome]} The first non-finite quantity was the {quantity}."
 
 
 def _find(plan: FlightPlan, parameters: Floats) -> str:
     """Return the first quantity of a flight that is not finite, with its time."""
-    recording, memory = Recording(1), make_memory(LANES)
+    recording, memory = Recording(1, tuple(range(len(CHANNELS)))), make_memory(LANES)
     results = make_results(plan, 1, recording, False)
     fly_in_memory(plan, parameters, results, recording, memory)
     end, lane = int(results.end_tick[0]), memory.Z[:, 0]

@@ -9,9 +9,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.feasibility import asked_in_vain, refuse_input, values_of
+from abhv_mc.campaign.file.feasibility import refuse_input, values_of
 from abhv_mc.campaign.file.user_code import check_user_code
-from abhv_mc.campaign.file.user_metrics import pack_sources
 from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.control.law_file import USER_LAWS
 from abhv_mc.flight.channels import REFERENCE_CHANNELS
@@ -28,6 +27,7 @@ from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.source import read_source
 from abhv_mc.vehicle.effectors import axis_limits, drive, name_effectors
 from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, oscillation_conflict
+from abhv_mc.vehicle_simulator.user_metrics import pack_sources
 
 _NORTH = 0.95  # cosine of a heading near the jump from 360 to 0 deg
 _AXIS_FAILURES = tuple(f"failure.{axis}." for axis in AXES)
@@ -108,7 +108,8 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     """Return the plan with the campaign's metrics, specialized to its varied parameters."""
-    declared, sources = pack_metrics(campaign.declared), pack_sources(campaign.user_sources)
+    contents = campaign.contents
+    declared, sources = pack_metrics(contents.declared), pack_sources(contents.user_sources)
     laws = [name for name in campaign.parameters.index if name.startswith("law.")]
     return replace(
         plan,
@@ -119,10 +120,10 @@ def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 
 
 def find_warnings(plans: Mapping[str, FlightPlan], campaign: Experiment) -> list[str]:
-    """Return warnings about the mission, sensing and feasibility, without duplicates."""
+    """Return warnings about the mission and sensing, without duplicates."""
     plain = [warning for plan in plans.values() for warning in plan.warnings.tolist()]
     specific = *_sensing(plans, campaign), *_find_jumps(plans, campaign)
-    return list(dict.fromkeys([*specific, *plain, *asked_in_vain(campaign)]))
+    return list(dict.fromkeys([*specific, *plain]))
 
 
 def _find_jumps(plans: Mapping[str, FlightPlan], campaign: Experiment) -> Iterable[str]:

@@ -1,6 +1,6 @@
 """Plans that compute stability margins of flights, and margins of dispersed trims."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.interfaces import TrimMargins
 from abhv_mc.io.input_error import InputError
 from abhv_mc.stability.fly_with_margins import MarginPlan, add_margins
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:  # Workers do not import these modules.
 Margins = tuple[
     Floats, list[str]
 ]  # margins [flight, margin] in the order of MARGIN_NAMES, and reasons for missing ones
-TrimMargins = Callable[[Floats], Margins]  # argument: rows [flight, parameter]
 _LOOKED_AT = 1000  # number of flights whose sensor intervals are checked
 
 
@@ -77,11 +77,11 @@ def trim_margins(campaign: "Experiment", controllers: Sequence[str]) -> dict[str
     Its argument is an array of rows [flight, parameter]; no flight is simulated. Raise InputError
     if margins cannot be computed.
     """
-    from abhv_mc.campaign.file.config import MarginsOfFlights
+    from abhv_mc.vehicle_simulator.campaign_file import MarginsOfFlights
 
     model = campaign.model.model_copy(update={"margins": MarginsOfFlights()})
-    simulator = replace(campaign, model=model).simulator
-    margin_plans = simulator.add_margins(simulator.make_plans(controllers))
+    changed = replace(campaign, model=model)
+    margin_plans = make_margin_plans(changed, changed.simulator.make_plans(controllers))
     return {name: partial(_margins_of, plan) for name, plan in margin_plans.items()}
 
 

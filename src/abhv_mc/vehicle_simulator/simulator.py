@@ -1,6 +1,6 @@
 """Built-in simulator of a vehicle on a mission with several controllers."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -9,39 +9,49 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import CHANNELS, Signal, effector_channels, state_channels
+from abhv_mc.flight.channels import (
+    CHANNELS,
+    REFERENCE_CHANNELS,
+    Signal,
+    effector_channels,
+    state_channels,
+)
 from abhv_mc.flight.outcome import OUTCOMES, Outcome
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flight.plan import FlightBlock, FlightPlan
 from abhv_mc.identity import code_hash
-from abhv_mc.interfaces import Capabilities, Engine, StoredPlans
+from abhv_mc.interfaces import (
+    FEW_FLIGHTS,
+    Engine,
+    Recorded,
+    Simulator,
+    StoredPlans,
+    TrimMargins,
+)
+from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError
 from abhv_mc.user_code.source import UserSource
 
-# Campaigns of at most this number of flights run in threads: starting worker processes would take
-# longer than the flights.
 _EXCHANGE = 1e-4  # assumed time in s of a control tick of a law in a program
-_FEW_FLIGHTS = 512
 
 
-class VehicleSimulator:
+class VehicleSimulator(Simulator):
     """Built-in simulator, which trims the vehicle, designs controllers and runs kernels."""
 
     kind = "controller"
-    origin = ""
+    reference_channels: tuple[Signal, ...] = REFERENCE_CHANNELS
     method = (
         "Method: G. D. Zhu and Z. J. Shen, three-dimensional trajectory linearization control of"
         " an air-breathing hypersonic vehicle, 2014."
     )
-    capabilities = Capabilities()
-    outcomes = OUTCOMES
-    states_noise = False
-    independent: bool | None = None
 
     def __init__(self, experiment: Experiment) -> None:
-        self.experiment, model = experiment, experiment.model
-        self.systems: tuple[str, ...] = tuple(model.controllers)
-        own = effector_channels(experiment.effectors), state_channels(experiment.states)
-        self.channels: tuple[Signal, ...] = (*CHANNELS, *own[0], *own[1])
+        self.experiment, self.outcomes = experiment, OUTCOMES
+        self.systems, self.mission = tuple(experiment.model.controllers), self
+        own = (
+            effector_channels(experiment.contents.effectors),
+            state_channels(experiment.contents.states),
+        )
+        self.channels = (*CHANNELS, *own[0], *own[1])
 
     @cached_property
     def engine(self) -> Engine:
@@ -51,7 +61,7 @@ class VehicleSimulator:
         return engine if self._needs_processes() else replace(engine, isolation=THREADS)
 
     def _needs_processes(self) -> bool:
-        is_large = self.experiment.runs * len(self.systems) > _FEW_FLIGHTS
+        is_large = self.experiment.runs * len(self.systems) > FEW_FLIGHTS
         has_limit = self.experiment.model.execution.flight_time_limit is not None
         return is_large or has_limit or bool(self.find_code())
 
@@ -63,16 +73,33 @@ class VehicleSimulator:
 
         return find_code(self.experiment.model)
 
-    def pack(self, take: Callable[[Path, str], str], copies: dict[str, Path]) -> dict[str, Any]:
+    def pack(self, take: Callable[..., str], copies: dict[str, Path]) -> dict[str, Any]:
+        from abhv_mc.campaign.file.kinds import locate
+        from abhv_mc.vehicle_simulator.references import find_references
+
         model = self.experiment.model
-        return {
-            "vehicle": take(model.vehicle, "inputs/vehicle"),
-            "mission": take(model.mission, "inputs/mission"),
+
+        def pack(path: Path, location: str) -> str:
+            return take(path, f"inputs/{location}", find_references(locate(path)))
+
+        entries: dict[str, Any] = {
+            "vehicle": pack(model.vehicle, "vehicle"),
+            "mission": pack(model.mission, "mission"),
             "controllers": {
-                name: take(path, f"inputs/controllers/{name}")
-                for name, path in model.controllers.items()
+                name: pack(path, f"controllers/{name}") for name, path in model.controllers.items()
             },
         }
+        if model.channels is not None:
+            entries["channels"] = pack(model.channels, "channels")
+        if isinstance(model.metrics, Path):
+            entries["metrics"] = read_document(model.metrics).data
+        return entries
+
+    @staticmethod
+    def fly(plan: FlightPlan, rows: Floats, recorded: Recorded = None) -> FlightBlock:
+        from abhv_mc.stability.fly_with_margins import fly_with_margins
+
+        return fly_with_margins(plan, rows, recorded)
 
     def make_plans(self, names: Sequence[str]) -> dict[str, FlightPlan]:
         from abhv_mc.vehicle_simulator.make_plans import make_plans
@@ -134,14 +161,15 @@ class VehicleSimulator:
         ticks = (plan.timing.ticks for plan in plans if plan.law == "process")
         return max((_EXCHANGE * number for number in ticks), default=None)
 
-    def prove(self, plan: FlightPlan, check: int = 0) -> FlightPlan:
-        return plan
+    def find_compiler(self) -> str:
+        from abhv_mc.kernel.jit import compiler  # Import late, because the module loads numba.
 
-    def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
-        return []
+        return compiler()
 
-    def find_undeclared_reads(self, plan: FlightPlan, since: float) -> Iterable[str]:
-        return ()
+    def trim_margins(self, names: Sequence[str]) -> dict[str, TrimMargins]:
+        from abhv_mc.vehicle_simulator.margin_plans import trim_margins
+
+        return trim_margins(self.experiment, names)
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
         from abhv_mc.vehicle_simulator.end_sentence import describe_end
@@ -155,12 +183,10 @@ class VehicleSimulator:
 
         return find_lacking(self.experiment, load_vehicle(self.experiment.model.vehicle))
 
-    def try_out(self) -> Iterator[str]:
-        return iter(())
-
 
 def make_engine() -> Engine:
     """Return the engine that prepares and runs compiled flights."""
+    from abhv_mc.flight.child_flights import describe_last_tick
     from abhv_mc.flight.prepare import prepare
     from abhv_mc.stability.fly_with_margins import fly_with_margins
     from abhv_mc.vehicle_simulator.corner_margins import describe_stability, is_compiled
@@ -173,4 +199,5 @@ def make_engine() -> Engine:
         is_stability_compiled=is_compiled,
         checked=True,
         isolation=PROCESSES,
+        describe_crash=describe_last_tick,
     )

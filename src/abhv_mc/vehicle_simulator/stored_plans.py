@@ -12,8 +12,8 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.control.law_file import UserController
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.plan_arrays import REMEDY, flatten, is_stored, rebuild
-from abhv_mc.interfaces import Arrays, StoredPlans
+from abhv_mc.flight.plan_arrays import flatten, is_stored, rebuild
+from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS, LQR_SETTINGS, REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.kernel.plant.air_data import PROFILE

@@ -94,9 +94,8 @@ def test_what_is_dispersed_may_stand_on_its_own_right_side_and_correlates_as_it_
 
 
 def test_functions_and_infinite_values(tmp_path: Path):
-    derived = compile_derived(
-        "initial.bank", "max(sin(initial.heading), -0.5, cos(0) - 2) / sqrt(4) + abs(-0.25) - 0.25"
-    )
+    text = "max(sin(initial.heading), -0.5, cos(0) - 2) / sqrt(4) + abs(-0.25) - 0.25"
+    derived = compile_derived("initial.bank", text, OURS)
     rows = np.zeros((3, 1 + max(PARAMETER_INDEX.values())))
     rows[:, PARAMETER_INDEX["initial.heading"]] = 0.3, -1.0, 0.0
     assert derived.evaluate(rows) == pytest.approx([np.sin(0.3) / 2, -0.25, 0.0], abs=1e-16)

@@ -8,31 +8,23 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from abhv_mc.campaign.file.config import Campaign, Compared, find_shipped, select_asked
+from abhv_mc.campaign.file.config import Campaign, Compared, select_asked
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
-from abhv_mc.campaign.file.kinds import check_kinds, find_kind
+from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.requirements import (
-    check_margins,
     check_requirements,
     check_stop,
     read_tables,
     select_requirements,
 )
-from abhv_mc.campaign.file.simulator import SimulatorCampaign, check_simulator, is_own, systems_key
+from abhv_mc.campaign.file.systems import Registered, find_simulator, systems_key
 from abhv_mc.campaign.file.unknowns import check_unknowns, match_requirements
-from abhv_mc.campaign.file.user_metrics import (
-    declare_metrics,
-    find_user_channels,
-    read_metrics_file,
-)
 from abhv_mc.campaign.sampling.correlations import is_discrete, normal_correlation
-from abhv_mc.campaign.sampling.derived_parameters import DOTTED, Derived, compile_derived
+from abhv_mc.campaign.sampling.derived_parameters import Derived, compile_derived
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
     INDEPENDENT,
@@ -42,8 +34,6 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
-from abhv_mc.flight.channels import CHANNELS, Channel, effector_channels, state_channels
-from abhv_mc.flight.metrics import MARGINS, METRICS, Metric, effector_metrics
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import (
     Document,
@@ -56,8 +46,7 @@ from abhv_mc.io.documents import (
 )
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import parse_in_any_unit
-from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
-from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.plant.parameters import Parameters
 
 _SAME = 1e-9  # relative tolerance within which nominal values count as equal
 
@@ -131,51 +120,26 @@ def check_campaign(document: Document, engine: Engine | None = None) -> Experime
     """Check a campaign document. Raise InputErrors with all problems."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"this is a {kind} file", "a campaign file")
-    document = name_effectors(read_tables(document))
-    model: Campaign = validate(document, SimulatorCampaign if is_own(document.data) else Campaign)
-    return replace(_check(document, model), engine=engine)
+    document, simulator = read_tables(document), find_simulator(document)
+    document = simulator.prepare(document)
+    experiment = _check(document, validate(document, simulator.keys), simulator)
+    return replace(experiment, engine=engine)
 
 
-def _check(document: Document, model: Campaign) -> Experiment:
+def _check(document: Document, model: Campaign, simulator: Registered) -> Experiment:
     """Check constraints that the pydantic model cannot express. Raise InputErrors."""
     errors: list[InputError] = []
-    own = model if isinstance(model, SimulatorCampaign) else None
-    states: tuple[tuple[str, str, bool], ...] = ()
-    if own:
-        parameters = own.parameters
-    else:
-        from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
-
-        check_kinds(document, model)
-        parameters, states = read_vehicle_parameters(model.vehicle, model.controllers.values())
+    contents = simulator.read(document, model, errors)
+    parameters = contents.parameters
     marginals = _make_marginals(document, model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
     copula, document = _make_copula(document, model, names, marginals, errors)
     derived = check_derived(document, model, parameters, errors)
-    user_channels = find_user_channels(model.channels) if model.channels else ()
-    if own:
-        check_simulator(document, own, errors)
-        declared: tuple[Metric, ...] = ()
-        effectors: tuple[str, ...] = ()
-        metrics = measured = {name: entry.record(name) for name, entry in own.metrics.items()}
-    else:
-        from abhv_mc.user_code.effector_commands import find_driven
-
-        effectors = find_driven(model.vehicle, model.controllers.values())
-        declared = _declare_metrics(
-            document, model, user_channels, errors, effectors=effectors, states=states
-        )
-        own_channels = *effector_channels(effectors), *state_channels(states)
-        _check_channels(document, model, own_channels, errors)
-        metrics = {metric.name: metric for metric in (*METRICS, *declared)}
-        measured = metrics | {metric.name: metric for metric in MARGINS}
-    channels = own.returned_channels if own else (*CHANNELS, *effector_channels(effectors))
-    units = {output.name: output.unit for output in (*channels, *metrics.values())}
-    units |= dict(user_channels)
-    _check_measured(document, model, units, errors)
-    requirements = tuple(check_requirements(document, model, measured, errors))
-    _check_names(document, model, tuple(own.systems if own else model.controllers), errors)
+    units = {metric.name: metric.unit for metric in contents.metrics}
+    _check_measured(document, model, units | dict(contents.units), errors)
+    requirements = tuple(check_requirements(document, model, contents, errors))
+    _check_names(document, model, contents.systems, errors)
     other_roles = {
         **dict.fromkeys(model.derived, "derived"),
         **dict.fromkeys(model.dispersions, "a dispersion"),
@@ -186,10 +150,9 @@ def _check(document: Document, model: Campaign) -> Experiment:
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
     number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
     ranking = model.keep.histories.by
-    ranked = (
-        BY_REQUIREMENTS,
-        *(measured if model.margins and model.margins.of(number) == number else metrics),
-    )
+    has_margins = contents.margin_flights(number) == number
+    metrics = (*contents.metrics, *(contents.margins if has_margins else ()))
+    ranked = (BY_REQUIREMENTS, *(metric.name for metric in metrics))
     if ranking not in ranked:
         errors.append(
             document.error(
@@ -216,67 +179,12 @@ def _check(document: Document, model: Campaign) -> Experiment:
                 f"at most {counted(number, 'flight')}, as in 'runs', and 'sampling: {INDEPENDENT}'",
             )
         )
-    check_margins(document, model, number, errors)
+    contents.check(number, errors)
     if errors:
         raise InputErrors(errors)
-    shared = document, model, number, marginals, copula, sample_file, requirements
-    return Experiment(
-        *shared,
-        tuple(metrics.values()),
-        declared,
-        user_channels,
-        effectors,
-        states,
-        derived=derived,
-        unknowns=unknowns,
-        parameters=parameters,
-        columns=tuple(dict.fromkeys((*names, *parameters.index)))
-        if own and not own.simulator
-        else None,
-    )
-
-
-def name_effectors(document: Document) -> Document:
-    """Return the campaign with the names of effectors and engines replaced by indices.
-
-    ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` if the vehicle
-    file lists right_elevon first.
-    """
-    data = document.entries
-    try:
-        vehicle = document.resolve(find_shipped(document, "vehicle", data["vehicle"]))
-        content: Any = read_document(vehicle).data
-        parts = (
-            (content.get("effectors", {}), EFFECTORS),
-            ((content.get("propulsion") or {}).get("engines", {}), ENGINES),
-        )
-        indices = {
-            name: index
-            for names, entries in parts
-            for name, index in zip(names, entries, strict=False)
-        }
-    except (InputError, KeyError, TypeError, AttributeError):
-        return document  # The pydantic models report the invalid entry.
-
-    def renamed(text: str) -> str:
-        group, _, suffix = text.partition(".")
-        effector = suffix.partition(".")[0].removesuffix("_effectiveness")
-        is_final = group not in ("failure", "control") or text in OURS or effector not in indices
-        return text if is_final else f"{group}.{indices[effector]}{suffix[len(effector) :]}"
-
-    def rename(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {rename(key): rename(inner) for key, inner in value.items()}
-        if isinstance(value, list):
-            return [rename(inner) for inner in value]
-        return (
-            DOTTED.sub(lambda match: renamed(match[0]), value) if isinstance(value, str) else value
-        )
-
-    keys = ("dispersions", "unknowns", "derived", "correlations")
-    return replace(
-        document, data={**data, **{key: rename(data[key]) for key in keys if key in data}}
-    )
+    columns = tuple(dict.fromkeys((*names, *parameters.index))) if contents.is_imported else None
+    inputs = document, model, contents, number, marginals, copula, sample_file, requirements
+    return Experiment(*inputs, derived=derived, unknowns=unknowns, columns=columns)
 
 
 def _select_controllers(document: Document, controllers: Sequence[str]) -> Document:
@@ -426,58 +334,6 @@ def _make_copula(
     except Refusal as refusal:
         errors.append(document.error(("correlations",), refusal.found, refusal.expected))
         return nothing
-
-
-def _declare_metrics(
-    document: Document,
-    model: Campaign,
-    user_channels: Sequence[tuple[str, str]],
-    errors: list[InputError],
-    *,
-    effectors: tuple[str, ...],
-    states: tuple[tuple[str, str, bool], ...],
-) -> tuple[Metric, ...]:
-    """Return the records of custom metrics. The file of custom channels is not run."""
-    location: tuple[str, ...] = ("metrics",)
-    entries, source = model.metrics, document
-    if isinstance(entries, Path):
-        source, entries = read_metrics_file(entries)
-        location = ()
-    windows = {}
-    if any(entry.phase for entry in entries.values()):
-        from abhv_mc.control.mission import read_mission
-
-        windows = read_mission(model.mission).windows()
-    own = declare_metrics(
-        entries,
-        user_channels,
-        source,
-        location,
-        errors,
-        windows=windows,
-        effectors=effectors,
-        states=states,
-    )
-    return (*effector_metrics(effectors), *own)
-
-
-def _check_channels(
-    document: Document,
-    model: Campaign,
-    own_channels: tuple[Channel, ...],
-    errors: list[InputError],
-) -> None:
-    """Check that the channels of stored histories are built in or defined by the vehicle."""
-    channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
-    for name in model.keep.histories.channels:
-        if name not in channel_names:
-            errors.append(
-                document.error(
-                    ("keep", "histories", "channels"),
-                    f"unknown channel '{name}'",
-                    one_of(channel_names, name),
-                )
-            )
 
 
 def _check_measured(

@@ -1,20 +1,16 @@
 """Pydantic model of the campaign file: keys, types and checks within one entry."""
 
 from collections.abc import Collection
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.keep import Keep
-from abhv_mc.campaign.file.tuning import Points, Tune
 from abhv_mc.campaign.file.unknowns import Unknown, UnknownPoints
-from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.io.documents import Document, File, Refusal, StrictModel
+from abhv_mc.io.documents import File, Refusal, StrictModel
 from abhv_mc.io.units import Fraction, Time
-from abhv_mc.shipped import shipped_files
 
 TRACED = (
     "id",
@@ -46,6 +42,7 @@ Batch = Annotated[
     Annotated[int, Field(ge=1, le=_LARGEST_BATCH)] | None, _none_for("auto", _LARGEST_BATCH)
 ]
 FlightCount = Annotated[Annotated[int, Field(ge=1)] | None, _none_for("all")]
+MetricName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file"]
 
@@ -164,28 +161,6 @@ class RequirementEntry(StrictModel):
         return self
 
 
-class MarginsOfFlights(StrictModel):
-    """Flights and times for which stability margins are computed."""
-
-    at: Points = Field(
-        ("trim",),
-        description=(
-            "points at which margins are computed: 'trim', a time of the flight such as 30 s, or a "
-            "list of these"
-        ),
-    )
-    flights: FlightCount = Field(
-        100,
-        description=(
-            "number of flights, counted from the first, for which margins are computed; or 'all'"
-        ),
-    )
-
-    def of(self, runs: int) -> int:
-        """Return the number of flights, out of ``runs``, for which margins are computed."""
-        return runs if self.flights is None else min(self.flights, runs)
-
-
 class PooledSeed(StrictModel):
     """Seed and number of flights of one member of a pooled campaign."""
 
@@ -232,17 +207,6 @@ class Execution(StrictModel):
     )
 
 
-def find_shipped(document: Document, kind: str, value: Any) -> Any:
-    """Return the path of the shipped file that an entry names, or the entry of other files."""
-    if not isinstance(value, str) or document.resolve(value).is_file():
-        return value
-    return str(shipped_files(kind).get(value, value))
-
-
-def _shipped(kind: str) -> BeforeValidator:
-    return BeforeValidator(lambda value, info: find_shipped(info.context["document"], kind, value))
-
-
 class Compared(StrictModel):
     """Controllers that a campaign compares."""
 
@@ -267,15 +231,9 @@ def _asks_kind(value: Any) -> str:
     return "answer" if isinstance(value, str) else "controllers"
 
 
-def _metrics_kind(value: Any) -> str:
-    return "file" if isinstance(value, str | Path) else "entries"
-
-
 class Campaign(StrictModel):
-    """Content of a campaign file."""
+    """Keys that the campaign files of all simulators have."""
 
-    # The simulator is referenced by name, because it belongs to a higher layer.
-    simulator_maker: ClassVar = "abhv_mc.vehicle_simulator.simulator:VehicleSimulator"
     name: Name = Field(description="name of the campaign and of its results folder in reports/")
     question: str = Field(
         "", description="question that the campaign answers; headline of the report"
@@ -299,20 +257,6 @@ class Campaign(StrictModel):
             "topic of the report's first sentence: {compare: [controllers]}, drivers, margins or "
             "worst; default: whether the requirements are met"
         ),
-    )
-    vehicle: Annotated[File, _shipped("vehicle")] = Field(
-        description="vehicle file, relative to the campaign file, or a shipped name"
-    )
-    mission: Annotated[File, _shipped("mission")] = Field(
-        description="mission file, relative to the campaign file, or a shipped name"
-    )
-    controllers: Annotated[
-        dict[Name, Annotated[File, _shipped("control")]], Field(min_length=1)
-    ] = Field(
-        description=(
-            "controller files or shipped names by name; all controllers are simulated with the "
-            "same samples"
-        )
     )
     under_test: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
         None,
@@ -365,13 +309,6 @@ class Campaign(StrictModel):
             "units"
         ),
     )
-    channels: File | None = Field(
-        None, description="Python file of custom channels, relative to the campaign file"
-    )
-    metrics: Annotated[
-        Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
-        Discriminator(_metrics_kind),
-    ] = Field({}, description="custom metrics by name, or a file of metrics")
     requirements: Annotated[
         tuple[RequirementEntry, ...],
         BeforeValidator(lambda value: value, json_schema_input_type=list[RequirementEntry] | str),
@@ -381,24 +318,11 @@ class Campaign(StrictModel):
             "requirements on the flights, each with a probability, or a CSV file of requirements"
         ),
     )
-    margins: MarginsOfFlights | None = Field(
-        None,
-        description=(
-            "stability margins of dispersed flights as metrics; default: margins of the nominal "
-            "vehicle and at the corners of the dispersions"
-        ),
-    )
     stop: Literal["when proven"] | None = Field(
         None,
         description=(
             "'when proven': the campaign ends as soon as every requirement has the verdict PASS "
             "or FAIL"
-        ),
-    )
-    tune: Tune | None = Field(
-        None,
-        description=(
-            "free parameters, objective and limits of `abhv-mc tune`; flights do not depend on them"
         ),
     )
     family: Family | None = Field(
@@ -413,13 +337,6 @@ class Campaign(StrictModel):
         description=(
             "standard deviation of a test flight's measurement error for each channel or metric, "
             "used by `abhv-mc place` and `identify`; default: sensor noise of the campaign"
-        ),
-    )
-    figures: Literal["paper"] | None = Field(
-        None,
-        description=(
-            "'paper': the report reproduces the figures of Zhu and Shen (2014) and lists the "
-            "values published there"
         ),
     )
     execution: Execution = Field(

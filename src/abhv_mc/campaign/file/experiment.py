@@ -3,15 +3,15 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
-from abhv_mc.campaign.file.config import Campaign, Compared
-from abhv_mc.campaign.file.keep import ALL, BY_REQUIREMENTS
+from abhv_mc.campaign.file.config import Compared
+from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.systems import find_simulator
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.derived_parameters import Derived
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Copula, Design, stream_key
@@ -27,13 +27,13 @@ from abhv_mc.campaign.sampling.samples import (
     seeded_samples,
 )
 from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.metrics import MARGINS, Metric
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcomes
 from abhv_mc.flight.repeatability import Repeatability
 from abhv_mc.interfaces import Engine, Plan, Simulator
 from abhv_mc.io.documents import Document, InputError, one_of
 from abhv_mc.io.phrases import quoted
-from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED, Verdict, judge
@@ -77,23 +77,18 @@ class Experiment:
     """Checked campaign file with all derived settings."""
 
     document: Document
-    model: Campaign
+    model: Any  # keys of the campaign file: Campaign and those of the simulator
+    contents: Any  # what the file states about the flights, as Contents or a subclass
     runs: int  # total number of flights per controller at all points of the unknowns
     # distributions of the dispersed parameters, by name; empty for a sample file
     marginals: dict[str, Marginal]
     copula: Copula
     sample_file: SampleFile | None
     requirements: tuple[Requirement, ...]
-    measured: tuple[Metric, ...]  # built-in metrics, then declared metrics
-    declared: tuple[Metric, ...] = ()
-    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each custom channel
-    effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
-    states: tuple[tuple[str, str, bool], ...] = ()  # names, units and circularity of custom states
     systems: Mapping[str, System] = field(default_factory=dict)  # prepared systems, by controller
     columns: tuple[str, ...] | None = None  # columns of imported samples; None if drawn
     derived: Derived = ()  # parameters computed from other parameters
     unknowns: Unknowns = field(default_factory=Unknowns)
-    parameters: Parameters = OURS  # all parameters of a flight, dispersed or nominal
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
     file_runs: int | None = None  # number of flights stated in the campaign file
     engine: Engine | None = None  # replacement for the compiled flight code
@@ -103,8 +98,19 @@ class Experiment:
     @cached_property
     def simulator(self) -> Simulator:
         """Simulator that computes the flights."""
-        simulator: Simulator = resolve_name(self.model.simulator_maker)(self)
-        return simulator
+        return find_simulator(self.document).make(self)
+
+    @property
+    def parameters(self) -> Parameters:
+        """All parameters of a flight, dispersed or nominal."""
+        parameters: Parameters = self.contents.parameters
+        return parameters
+
+    @property
+    def measured(self) -> tuple[Metric, ...]:
+        """Metrics of every flight: built-in metrics, then declared metrics."""
+        metrics: tuple[Metric, ...] = self.contents.metrics
+        return metrics
 
     @property
     def name(self) -> str:
@@ -152,6 +158,12 @@ class Experiment:
     def can_rerun(self) -> bool:
         """Return whether flights can be re-run; imported flights cannot."""
         return self.simulator.capabilities.can_rerun
+
+    @property
+    def transients(self) -> tuple[tuple[float, float], ...]:
+        """Time intervals (s) of transients, which some metrics exclude."""
+        mission = self.simulator.mission
+        return mission.find_transients() if mission else ()
 
     @property
     def kind(self) -> str:
@@ -216,7 +228,7 @@ class Experiment:
     @property
     def margin_flights(self) -> int:
         """Number of flights for which stability margins are computed."""
-        return self.model.margins.of(self.runs) if self.model.margins else 0
+        return int(self.contents.margin_flights(self.runs))
 
     @cached_property
     def channels(self) -> tuple[Signal, ...]:
@@ -231,18 +243,20 @@ class Experiment:
     @property
     def kept_channels(self) -> tuple[str, ...]:
         """Channels of the stored time histories."""
-        requested = self.model.keep.histories.channels
-        return tuple(
-            channel.name
-            for channel in self.channels
-            if ALL in requested or channel.name in requested
-        )
+        kept = self.contents.kept
+        return tuple(c.name for c in self.channels if kept is None or c.name in kept)
+
+    @property
+    def enveloped_channels(self) -> tuple[str, ...]:
+        """Channels of the envelopes."""
+        names = self.contents.enveloped
+        return tuple(c.name for c in self.channels) if names is None else names
 
     @property
     def has_bands(self) -> bool:
         """Return whether time-history envelopes are computed."""
         is_requested = "envelopes" in self.model.keep.model_fields_set
-        return is_requested or self.simulator.capabilities.has_mission
+        return is_requested or self.simulator.mission is not None
 
     @property
     def dispersions(self) -> dict[str, dict[str, Any]]:
@@ -282,7 +296,7 @@ class Experiment:
         Requirements define which values of a metric are worse. If a metric has a lower and an upper
         limit, a value is worse the farther it lies outside these limits.
         """
-        margins = MARGINS if self.model.margins is not None else ()
+        margins = self.contents.margins if self.margin_flights else ()
         metrics = {metric.name: metric for metric in (*self.measured, *margins)}
         for name in {item.metric for item in self.requirements}:
             own = [item.limits for item in self.requirements if item.metric == name]
@@ -440,4 +454,5 @@ class Experiment:
                 design, tuple(self.marginals.values()), self.copula, self.parameters
             )
         seeds = find_seeds(self.varied, self.parameters)
-        return seeded_samples(source, seeds, seed, sampling.design) if seeds else source
+        records = [self.parameters[name] for name in seeds]
+        return seeded_samples(source, records, seed, sampling.design) if seeds else source

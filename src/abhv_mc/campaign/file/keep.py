@@ -1,11 +1,10 @@
-"""Settings under ``keep``: the flights, channels and rates of the stored time histories."""
+"""Settings under ``keep``: the flights and rates of the stored time histories."""
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from abhv_mc.flight.channels import CHANNEL_INDEX, STANDARD_CHANNELS
 from abhv_mc.io.documents import Refusal, StrictModel, found_value
 from abhv_mc.io.units import Frequency
 
@@ -16,19 +15,9 @@ BY_REQUIREMENTS = "requirements"
 Rate = Annotated[Frequency, Field(gt=0.0)]
 
 
-def _as_list(value: Any) -> Any:
+def as_list(value: Any) -> Any:
+    """Return a list unchanged, and any other value as a list of this value."""
     return value if isinstance(value, list) else [value]
-
-
-def _in_order(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(name for name in CHANNEL_INDEX if name in names or ALL in names)
-
-
-Channels = Annotated[
-    tuple[Literal[(ALL, *CHANNEL_INDEX)], ...],  # type: ignore[valid-type]
-    AfterValidator(_in_order),
-    BeforeValidator(_as_list, json_schema_input_type=str | list[str]),
-]
 
 
 def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
@@ -52,7 +41,7 @@ class KeepHistories(StrictModel):
     flights: Annotated[
         tuple[int | str, ...],
         AfterValidator(_flights),
-        BeforeValidator(_as_list, json_schema_input_type=int | str | list[int | str]),
+        BeforeValidator(as_list, json_schema_input_type=int | str | list[int | str]),
     ] = Field(
         ("worst 20",),
         description=(
@@ -66,21 +55,12 @@ class KeepHistories(StrictModel):
             "the limit) or a metric; early terminations come first"
         ),
     )
-    channels: Annotated[
-        tuple[str, ...], BeforeValidator(_as_list, json_schema_input_type=str | list[str])
-    ] = Field(
-        (ALL,),
-        description=(
-            "names of channels, or 'all'; each effector with an actuator has its own channels"
-        ),
-    )
     rate: Rate = Field(10.0, description="samples per second of flight")
 
 
 class KeepEnvelopes(StrictModel):
-    """Channels and rate of the time-history envelopes over all flights."""
+    """Time-history envelopes over all flights."""
 
-    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or 'all'")
     rate: Rate = Field(5.0, description="time bins per second of flight")
 
 

@@ -6,7 +6,7 @@ sampling design and the mission.
 
 import contextlib
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,12 @@ from typing import Any
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import TRACED, Campaign, RequirementEntry
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.campaign.file.simulator import Input, InputName, SimulatorCampaign
+from abhv_mc.campaign.file.systems import Contents, Input, InputName
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Distribution
-from abhv_mc.flight.metrics import MARGINS, Metric
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, validate
 from abhv_mc.io.foreign_table import read_foreign_table
-from abhv_mc.io.phrases import counted, grouped_digits
-from abhv_mc.io.units import dimension_of, parse_in_any_unit, parse_quantity, parse_unit
 
-_MARGIN_METRICS = tuple(signal.name for signal in MARGINS)
 _COLUMNS = tuple(RequirementEntry.model_fields)
 _NUMBERS = ("below", "above", "probability", "consumer_risk", "producer_risk")
 
@@ -177,13 +173,12 @@ def join_requirements(
 def check_requirements(
     document: Document,
     model: Campaign,
-    metrics: Mapping[str, Metric],
+    contents: Contents,
     errors: list[InputError],
 ) -> Iterator[Requirement]:
     """Yield checked requirements; append problems to ``errors``."""
-    own = model if isinstance(model, SimulatorCampaign) else None
-    systems: Collection[str] = own.systems if own else model.controllers
-    read = parse_in_any_unit if own else _limit
+    systems, read = contents.systems, contents.read_limit
+    metrics = {metric.name: metric for metric in (*contents.metrics, *contents.margins)}
     ids = [entry.id for entry in model.requirements]
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
@@ -197,15 +192,13 @@ def check_requirements(
             )
         for j, name in enumerate(entry.controllers or ()):
             if name not in systems:
-                problem = f"unknown {'system' if own else 'controller'} '{name}'"
+                problem = f"unknown {contents.kind} '{name}'"
                 errors.append(
                     document.error((*where, "controllers", j), problem, one_of(systems, name))
                 )
         if entry.metric not in metrics:
-            expected = one_of(
-                [name for name in metrics if own or model.margins or name not in _MARGIN_METRICS],
-                entry.metric,
-            )
+            margins = () if contents.margin_flights(1) else contents.margins
+            expected = one_of([*metrics][: len(metrics) - len(margins)], entry.metric)
             errors.append(
                 document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected)
             )
@@ -235,15 +228,6 @@ def check_requirements(
             errors.append(document.error((*where, key), refusal.found, refusal.expected))
 
 
-def _limit(value: float | str, unit: str) -> float:
-    """Return a limit in the metric's unit; plain numbers are taken to be in this unit."""
-    if isinstance(value, float):
-        return value
-    if unit in ("g", "dB"):
-        raise Refusal(f"found '{value}'", f"a plain number, in {unit}")
-    return parse_quantity(value, dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
-
-
 def check_stop(document: Document, model: Campaign, errors: list[InputError]) -> None:
     """Check that a campaign with 'stop' has requirements and independent flights."""
     if model.stop is None:
@@ -260,43 +244,3 @@ def check_stop(document: Document, model: Campaign, errors: list[InputError]) ->
         errors.append(
             document.key_error(("stop",), problem, f"'sampling: {INDEPENDENT}', or no 'stop'")
         )
-
-
-def check_margins(document: Document, model: Campaign, runs: int, errors: list[InputError]) -> None:
-    """Check the points and flights for which stability margins are computed.
-
-    Points must lie within the mission. A requirement on margins needs the margins of all flights.
-    """
-    if isinstance(model, SimulatorCampaign):
-        return
-    needed = [i for i, entry in enumerate(model.requirements) if entry.metric in _MARGIN_METRICS]
-    if model.margins is None:
-        for i in needed:
-            problem = f"the requirement on '{model.requirements[i].metric}' needs stability margins"
-            expected = "'margins: {at: [trim], flights: all}' in the campaign file"
-            errors.append(document.error(("requirements", i, "metric"), problem, expected))
-        return
-    if needed and model.margins.of(runs) < runs:
-        metric = model.requirements[needed[0]].metric
-        problem = (
-            f"margins are computed for only {grouped_digits(model.margins.of(runs))} of "
-            f"{counted(runs, 'flight')}, but '{metric}' is required"
-        )
-        expected = "'flights: all', because a verdict needs the metric of every flight"
-        errors.append(document.error(("margins", "flights"), problem, expected))
-    times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
-    duration = 0.0
-    if times:
-        from abhv_mc.control.mission import read_mission  # Custom simulators have no mission.
-
-        duration = read_mission(model.mission).duration
-    for i, time in times.items():
-        if not 0.0 <= time <= duration:
-            where = ("margins", "at", i)
-            errors.append(
-                document.error(
-                    where,
-                    f"found {time:g} s",
-                    f"'trim', or a mission time from 0 to {duration:g} s",
-                )
-            )

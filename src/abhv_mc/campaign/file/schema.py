@@ -6,25 +6,17 @@ check more constraints than a JSON Schema can express.
 """
 
 import math
-from typing import Any
+from typing import Any, Union
 
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
-from abhv_mc import __version__
-from abhv_mc.campaign.file.config import Campaign
 from abhv_mc.campaign.file.kinds import load_model
-from abhv_mc.campaign.file.simulator import SimulatorCampaign
-from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.metrics import MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.campaign.file.systems import PackageCampaign, load_simulators
 from abhv_mc.io.units import dimension_of, format_quantity, parse_quantity, parse_unit
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc.version import __version__
 
 Schema = dict[str, Any]
-_OWN_METRIC = "^[a-z][a-z0-9_]*$"
-_OWN_CHANNEL = "^[a-z][a-z0-9_.]*$"
-# Pattern of the parameters that other files define, such as settings of custom functions.
-_OWN_PARAMETER = "^(failure|aerodynamics|propulsion|dynamics|law|initial)[.]"
 
 
 class _Generator(GenerateJsonSchema):
@@ -76,15 +68,7 @@ def _quantity(value: float, unit: str) -> str | float:
 def make_schema(kind: str) -> Schema:
     """Return the JSON Schema of campaign, vehicle, mission or controller files."""
     if kind == "campaign":
-        either = TypeAdapter(Campaign | SimulatorCampaign).json_schema(schema_generator=_Generator)
-        ours, own = either.pop("anyOf")
-        schema = {
-            **either,
-            "if": {"anyOf": [{"required": ["simulator"]}, {"required": ["inputs"]}]},
-            "then": own,
-            "else": ours,
-        }
-        _enumerate(schema["$defs"])
+        schema = _campaign_schema()
     else:
         schema = load_model(kind).model_json_schema(schema_generator=_Generator)
     head = {
@@ -95,33 +79,31 @@ def make_schema(kind: str) -> Schema:
     return head | {key: value for key, value in schema.items() if key not in head}
 
 
-def _enumerate(parts: Schema) -> None:
-    """Add enumerations of metrics, parameters and channels to a schema.
+def _campaign_schema() -> Schema:
+    """Return the schema of campaign files, whose keys depend on the simulator."""
+    simulators = load_simulators()
+    keys: list[Any] = [
+        *dict.fromkeys([*(own.keys for own in simulators.values()), PackageCampaign])
+    ]
+    either: Any = Union[tuple(keys)]  # noqa: UP007
+    schema = TypeAdapter(either).json_schema(schema_generator=_Generator)
+    parts = dict(zip(keys, schema.pop("anyOf"), strict=True))
+    for own in simulators.values():
+        own.enumerate_names(schema["$defs"])
+    chain = parts[PackageCampaign]
+    if vehicle := simulators.pop("vehicle", None):
+        is_own = {"anyOf": [{"required": ["simulator"]}, {"required": ["inputs"]}]}
+        chain = {"if": is_own, "then": chain, "else": parts[vehicle.keys]}
+    for name, own in simulators.items():
+        chain = {"if": _condition(name), "then": parts[own.keys], "else": chain}
+    return schema | chain
 
-    Campaigns with custom metrics also accept other metric names.
-    """
-    campaign = parts["Campaign"]
-    metrics = {"enum": [*METRIC_INDEX, *MARGIN_NAMES]}
-    own = {"pattern": _OWN_METRIC}
-    for subschema in parts.values():
-        for key in {"metric", "by"} & set(subschema.get("properties", ())):
-            subschema["properties"][key] |= {"anyOf": [metrics, own]}
-    campaign["if"] = {"not": {"required": ["metrics"]}}
-    campaign["then"] = {
-        "properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}
-    }
 
-    shipped = [parameter.name for parameter in PARAMETERS if "." in parameter.name]
-    names: Schema = {"anyOf": [{"enum": shipped}, {"pattern": _OWN_PARAMETER}]}
-    for key in ("dispersions", "unknowns", "derived"):
-        campaign["properties"][key]["propertyNames"] = names
-    parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", **names}] * 2
-    for keep in ("KeepHistories", "KeepEnvelopes"):
-        channel_name: Schema = {
-            "type": "string",
-            "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, {"pattern": _OWN_CHANNEL}],
-        }
-        parts[keep]["properties"]["channels"]["anyOf"] = [
-            channel_name,
-            {"type": "array", "items": channel_name},
-        ]
+def _condition(name: str) -> Schema:
+    """Return the schema that a campaign file with a registered simulator fulfils."""
+    if name == "table":
+        return {"required": ["inputs"], "not": {"required": ["simulator"]}}
+    required: Schema = {"required": ["package"], "properties": {"package": {"const": name}}}
+    if name in ("python", "command"):
+        required = {"required": [name]}
+    return {"required": ["simulator"], "properties": {"simulator": required}}

@@ -12,7 +12,7 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
 from abhv_mc.io.phrases import counted, grouped_digits, joined, quoted
-from abhv_mc.plant.parameters import OURS, Parameter, Parameters
+from abhv_mc.plant.parameters import Parameter, Parameters
 from abhv_mc.statistics.unknowns import (
     MOST_UNKNOWNS,
     SEARCH_FLIGHTS,
@@ -114,7 +114,7 @@ class Unknowns:
     most_failures: tuple[MostFailures, ...] = ()
     # requirements for which the worst values of the unknowns were not searched
     unsearched: frozenset[int] = frozenset()
-    parameters: Parameters = OURS
+    parameters: Parameters = field(default_factory=lambda: Parameters(()))
 
     def values(self, positions: Floats) -> Floats:
         """Return SI values [point, unknown] for positions from -1 (lower bound) to 1 (upper)."""

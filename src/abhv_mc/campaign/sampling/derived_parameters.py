@@ -13,15 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.sampling.sines import sine
 from abhv_mc.flight.compile_metrics import SourceRow, compile_expression
 from abhv_mc.io.input_error import Refusal
 from abhv_mc.kernel.flight.counting import Operation
-from abhv_mc.kernel.numerics.lane_math import sincos
-from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.plant.parameters import Parameters
 
 DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # matches parameter names but not numbers
 _DOT = "__"  # replacement for dots, which identifiers cannot contain
-_sincos = np.vectorize(sincos, otypes=(float, float))  # bit-identical on every processor
 _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
     Operation.ADD: np.add,
     Operation.SUBTRACT: np.subtract,
@@ -31,8 +30,8 @@ _ACTIONS: dict[Operation, Callable[[Floats, Floats], Floats]] = {
     Operation.MAXIMUM: np.maximum,
     Operation.ABSOLUTE: lambda a, _: np.abs(a),
     Operation.ROOT: lambda a, _: np.sqrt(a),
-    Operation.SINE: lambda a, _: _sincos(a)[0],
-    Operation.COSINE: lambda a, _: _sincos(a)[1],
+    Operation.SINE: lambda a, _: sine(a),
+    Operation.COSINE: lambda a, _: sine(a, 1),
 }
 
 
@@ -62,7 +61,7 @@ class DerivedInput:
 Derived = tuple[DerivedInput, ...]
 
 
-def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> DerivedInput:
+def compile_derived(name: str, text: str, parameters: Parameters) -> DerivedInput:
     """Compile the expression of a derived input. Raise Refusal for an invalid expression."""
     index = parameters.index
     sources = {
@@ -87,7 +86,7 @@ def compile_derived(name: str, text: str, parameters: Parameters = OURS) -> Deri
     return DerivedInput(name, names, tuple(compiled.code), tuple(compiled.constant))
 
 
-def derive(rows: Floats, derived: Derived, parameters: Parameters = OURS) -> None:
+def derive(rows: Floats, derived: Derived, parameters: Parameters) -> None:
     """Set the derived inputs in full rows [flight, parameter].
 
     All values are computed from the original rows before any of them is set.

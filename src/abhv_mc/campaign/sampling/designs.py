@@ -17,7 +17,7 @@ correlation matrix combines the standard normal variables of a flight.
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.correlations import nearest_valid
 from abhv_mc.io.documents import Refusal
-from abhv_mc.plant.parameters import OURS, Parameters
+from abhv_mc.plant.parameters import Parameters
 
 INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
 EXTENSIBLE = frozenset(
@@ -70,7 +70,8 @@ class Design:
     names: tuple[str, ...]
     flights: int
     levels: int = 2  # number of values per parameter; ``one_at_a_time`` adds a nominal flight
-    parameters: Parameters = OURS
+    # parameters whose order determines the dimensions of the designs 'sobol' and 'halton'
+    parameters: Parameters = field(default_factory=lambda: Parameters(()))
 
     def draw(self, first: int, stop: int) -> Floats:
         """Return probabilities [flight, parameter] for the flights ``first`` to ``stop - 1``."""

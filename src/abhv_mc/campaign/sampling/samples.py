@@ -24,11 +24,7 @@ from abhv_mc.campaign.sampling.designs import (
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.kernel.plant.parameter_names import SENSOR_NOISES
-from abhv_mc.plant.parameters import OURS, Parameters
-
-NOISE_OF_SEED = {"wind.turbulence_seed": ("wind.turbulence",), "sensor.noise_seed": SENSOR_NOISES}
-"""Names of the noise parameters to which each seed applies, by name of the seed."""
+from abhv_mc.plant.parameters import Parameter, Parameters
 
 _WHOLE = 2.0**52  # upper bound on the integer seeds of a custom simulator
 
@@ -45,7 +41,7 @@ class SampleSource:
 
 
 def drawn_samples(
-    design: Design, marginals: Sequence[Marginal], copula: Copula, parameters: Parameters = OURS
+    design: Design, marginals: Sequence[Marginal], copula: Copula, parameters: Parameters
 ) -> SampleSource:
     """Return samples that follow a design, marginal distributions and a copula."""
 
@@ -66,7 +62,7 @@ def drawn_samples(
     return SampleSource(design.names, design.flights, draw)
 
 
-def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str, ...]:
+def find_seeds(names: Sequence[str], parameters: Parameters) -> tuple[str, ...]:
     """Return the noise seeds that flights need in addition to the parameters ``names``."""
     if not parameters.has_program:
         return tuple(record.name for record in parameters.records if record.seed)
@@ -75,20 +71,20 @@ def find_seeds(names: Sequence[str], parameters: Parameters = OURS) -> tuple[str
         *(parameter.name for parameter in parameters.records if parameter.nominal != 0.0),
     }
     return tuple(
-        seed
-        for seed, noises in NOISE_OF_SEED.items()
-        if seed not in names and noise_parameters.intersection(noises)
+        record.name
+        for record in parameters.records
+        if record.name not in names and noise_parameters.intersection(record.noises)
     )
 
 
-def draw_seeds(name: str, seed: int, first: int, count: int) -> Floats:
+def draw_seeds(parameter: Parameter, seed: int, first: int, count: int) -> Floats:
     """Draw noise seeds [flight]: numbers from 0 to 1, or integers for a custom simulator."""
-    drawn = draw_uniforms(stream_key(seed, name), first, count)
-    return drawn if name in NOISE_OF_SEED else np.floor(drawn * _WHOLE)
+    drawn = draw_uniforms(stream_key(seed, parameter.name), first, count)
+    return drawn if parameter.noises else np.floor(drawn * _WHOLE)
 
 
 def seeded_samples(
-    samples: SampleSource, seeds: tuple[str, ...], seed: int, design: str
+    samples: SampleSource, seeds: Sequence[Parameter], seed: int, design: str
 ) -> SampleSource:
     """Return samples with appended noise seeds, drawn from (seed, name, flight).
 
@@ -98,14 +94,15 @@ def seeded_samples(
 
     def draw(first: int, stop: int) -> Floats:
         columns = [samples.draw(first, stop)]
-        for name in seeds:
+        for parameter in seeds:
             if design in FACTORIAL:
-                columns.append(np.repeat(draw_seeds(name, seed, 0, 1), stop - first)[:, None])
+                columns.append(np.repeat(draw_seeds(parameter, seed, 0, 1), stop - first)[:, None])
             else:
-                columns.append(draw_seeds(name, seed, first, stop - first)[:, None])
+                columns.append(draw_seeds(parameter, seed, first, stop - first)[:, None])
         return np.hstack(columns)
 
-    return SampleSource((*samples.names, *seeds), samples.flights, draw)
+    names = *samples.names, *(parameter.name for parameter in seeds)
+    return SampleSource(names, samples.flights, draw)
 
 
 def pooled_samples(
@@ -149,7 +146,7 @@ def samples_at_points(
 
 
 def full_rows(
-    names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters = OURS
+    names: Sequence[str], values: Floats, derived: Derived, parameters: Parameters
 ) -> Floats:
     """Return rows of all parameters [flight, parameter] for rows of samples.
 

@@ -53,22 +53,21 @@ def hash_failure_map(folder: Path) -> str | None:
 
 def report_key(folder: Path, baseline: Path | None = None) -> str:
     """Return a hash of everything a report depends on: data, manifests, baseline and program."""
-    import abhv_mc
     from abhv_mc.topics.topic import user_topics
+    from abhv_mc.version import ROOT, __version__
 
-    source = Path(abhv_mc.__file__).parent
     parts = sorted(
         path
         for name in ("report", "statistics", "topics")
-        for path in (source / name).rglob("*")
+        for path in (ROOT / "abhv_mc" / name).rglob("*")
         if path.is_file()
     )
     code = {
-        path.relative_to(source).as_posix(): hash_file(path)
+        path.relative_to(ROOT).as_posix(): hash_file(path)
         for path in parts
         if path.suffix != ".pyc"
     }
-    data: list[Any] = [abhv_mc.__version__, code, hash_file(folder / "manifest.json")]
+    data: list[Any] = [__version__, code, hash_file(folder / "manifest.json")]
     data.append([topic.name for topic in user_topics()])
     data += suggest_merge(folder, read_manifest(CampaignFolder(folder).manifest))
     data += filter(None, [hash_failure_map(folder)])

@@ -1,17 +1,16 @@
 """Envelopes and nominal flights of channels over time, for the interactive views."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, Signal
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.flight.channels import Signal
 from abhv_mc.folder.flown_campaign import BANDS, FlownCampaign
 from abhv_mc.topics.figure_bands import bands_off
 
 _MOST_TIMES = 301
-_SIGNALS: dict[str, Signal] = {signal.name: signal for signal in CHANNELS}
-_REFERENCES = {signal.name for signal in REFERENCE_CHANNELS}
 # Tracking errors that equal a channel minus its reference, which is the same for all flights.
 _OFF_REFERENCE = {
     "altitude_error_m": ("altitude_m", "altitude_reference_m"),
@@ -20,14 +19,15 @@ _OFF_REFERENCE = {
 
 
 def describe_channel(
-    name: str, recorded: Collection[str], signals: Sequence[Signal] = CHANNELS
+    name: str, recorded: Collection[str], campaign: Experiment
 ) -> dict[str, str | None]:
     """Return a channel's label, unit, description and, if it is ``recorded``, command channel."""
-    signal = next((item for item in signals if item.name == name), Signal(name, "-", ""))
+    unknown = Signal(name, "-", "")
+    signal = next((item for item in campaign.channels if item.name == name), unknown)
     command = _beside(signal, "command")
     return {
         "name": name,
-        "label": _label(signal),
+        "label": _label(signal, campaign.contents.stems),
         "unit": "" if signal.unit == "-" else signal.unit,
         "doc": signal.doc,
         "command": command if command in recorded else None,
@@ -40,13 +40,9 @@ def _beside(signal: Signal, kind: str) -> str:
     return f"{stem}_{kind}_{ending}".rstrip("_")
 
 
-def _label(signal: Signal) -> str:
+def _label(signal: Signal, stems: Mapping[str, str]) -> str:
     """Return a channel's label, such as 'Angle of attack command'."""
-    name = (
-        signal.name.rpartition("_")[0]
-        if signal.unit != "-" and signal.name in _SIGNALS
-        else signal.name
-    )
+    name = signal.name if signal.unit == "-" else stems.get(signal.name, signal.name)
     name = name.replace("_", " ")
     return name[:1].upper() + name[1:]
 
@@ -109,10 +105,9 @@ def envelope_data(
     flight last, and ``reference:CHANNEL`` [time].
     """
     names = results.controllers
-    signals = results.campaign.channels
     recorded = {
         signal.name: signal
-        for signal in signals
+        for signal in results.campaign.channels
         if all((name, signal.name) in results.envelopes for name in names)
     }
     channels: list[dict[str, str | None]] = []
@@ -123,12 +118,12 @@ def envelope_data(
     arrays["reference:time"] = times[::every]
     for channel, signal in recorded.items():
         reference = _beside(signal, "reference")
-        has_reference = reference in _REFERENCES and reference in results.reference
+        has_reference = reference in results.reference
         if has_reference:
             arrays[f"reference:{reference}"] = results.reference[reference][::every]
         channels.append(
             {
-                **describe_channel(channel, recorded, signals),
+                **describe_channel(channel, recorded, results.campaign),
                 "reference": reference if has_reference else None,
             }
         )

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from abhv_mc.campaign.file.requirement_set import RequirementSource
-from abhv_mc.flight.metrics import SURFACE_USAGE
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError
@@ -28,7 +27,7 @@ from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_rows, 
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
 from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
-from abhv_mc.topics.comparison.model import metric_differences
+from abhv_mc.topics.comparison.model import metric_differences, usage_metrics
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.formatting import ends_of, fixed, p_equation, percent, significant
 from abhv_mc.topics.json_data import json_data
@@ -365,7 +364,8 @@ def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPai
     """
     flights = {title: select_flights(a, b, *pair.controllers) for title, pair in pairs.items()}
     panels, equal = [], []
-    for metric in dict.fromkeys((*a.asked, *SURFACE_USAGE)):
+    usage = usage_metrics(next(iter(a.flights.values())))
+    for metric in dict.fromkeys((*a.asked, *usage)):
         if metric not in a.metrics or metric not in b.metrics:
             continue
         record = a.campaign.metrics[metric]

@@ -99,19 +99,17 @@ def describe_flights(
             for item in required
         ],
         "criteria": [
-            _criterion(records[criterion.metric], channels)
+            _criterion(records[criterion.metric], channels, results.campaign.contents.stems)
             for criterion in results.campaign.criteria
         ],
-        "transients": results.campaign.simulator.find_transients()
+        "transients": results.campaign.transients
         if any(records[criterion.metric].settled for criterion in results.campaign.criteria)
         else (),
         "headed": headed,
         "strips": list(results.dispersed[:_STRIPS]),
         "x": (results.dispersed or results.metrics)[0],
         "y": headed[0],
-        "channels": [
-            describe_channel(name, channels, results.campaign.channels) for name in channels
-        ],
+        "channels": [describe_channel(name, channels, results.campaign) for name in channels],
         "bars": BARS,
         "cells": CELLS,
         "banded": results.campaign.has_bands,
@@ -159,11 +157,13 @@ def _head(name: str, unit: str) -> str:
     return f"{name} [{unit or '-'}]"
 
 
-def _criterion(record: Metric, channels: Collection[str]) -> dict[str, Any]:
+def _criterion(
+    record: Metric, channels: Collection[str], stems: Mapping[str, str]
+) -> dict[str, Any]:
     """Describe a metric by which flights are ranked: its channel and the sides of limits."""
     return {
         "metric": record.name,
-        "channel": channel_of(record, channels),
+        "channel": channel_of(record, channels, stems),
         "sides": limit_sides(record, channels),
         "settled": record.settled,
         "from": record.start,

@@ -147,7 +147,7 @@ def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Sec
 def _facts(models: Models, flown: str) -> Iterator[str]:
     """Yield a campaign's vehicle, flights, date, author and version as strings."""
     campaign, manifest = models.results.campaign, models.results.manifest
-    if campaign.simulator.capabilities.has_mission:
+    if campaign.simulator.mission:
         yield Path(campaign.model.vehicle).stem
     yield flown
     yield (manifest.started or "").partition("T")[0]

@@ -8,7 +8,6 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.plant.parameters import Parameters
@@ -39,22 +38,23 @@ def flight_figures(
     """
     if drawn is None:
         return
-    channel = channel_of(metric, CHANNEL_INDEX)
+    signals = {signal.name: (i, signal) for i, signal in enumerate(drawn.campaign.channels)}
+    channel = channel_of(metric, signals, drawn.campaign.contents.stems)
     metric_panels = [
         (name, label, scale) for name, label, scale in FLIGHT_PANELS if name == channel
     ]
     if channel and not metric_panels:
-        metric_panels = [(channel, CHANNELS[CHANNEL_INDEX[channel]].axis, 1.0)]
+        metric_panels = [(channel, signals[channel][1].axis, 1.0)]
     other_panels = [panel for panel in FLIGHT_PANELS if panel[0] != channel]
     panels = {
-        label: drawn.history[:, :, CHANNEL_INDEX[name]].astype(np.float64) * scale
+        label: drawn.history[:, :, signals[name][0]].astype(np.float64) * scale
         for name, label, scale in [*metric_panels, *other_panels][:_PANELS]
     }
     limits = [
         side * limit * metric_panels[0][2]
         for item in requirements
         for limit in item.limits.as_entry().values()
-        for side in limit_sides(metric, CHANNEL_INDEX)
+        for side in limit_sides(metric, signals)
     ]
     labels = ["nominal", *(f"flight {number}" for number in drawn.numbers)]
     caption = f"{_DISTINCT}, with the nominal flight. Each line ends when its flight ends."

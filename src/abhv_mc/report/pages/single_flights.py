@@ -1,65 +1,17 @@
 """Files with nominal flights, and texts and figures that explain failed flights."""
 
 import textwrap
-from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from abhv_mc.analysis.explain import Explanation
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.folder.histories import write_nominal, write_reference
-from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
-from abhv_mc.statistics.circular import unwrap
-from abhv_mc.topics.envelopes.figures import plot_flown
-from abhv_mc.topics.figure_style import write_png
 from abhv_mc.topics.formatting import shown_value
 from abhv_mc.topics.names import controller_label
-from abhv_mc.vehicle_simulator.make_plans import reference_of
-
-
-def write_nominal_report(
-    folder: Path, plans: Mapping[str, FlightPlan], histories: Mapping[str, NDArray[np.float32]]
-) -> Iterator[Path]:
-    """Write nominal.parquet, reference.parquet and figures/channels.png; yield their paths.
-
-    ``histories`` contains an array [tick, channel] per controller.
-    """
-    plan = next(iter(plans.values()))
-    times = np.arange(plan.timing.ticks + 1).astype(np.float64) * plan.timing.tick
-    shared = [c for c in plan.channels if all(c in other.channels for other in plans.values())]
-    columns = {
-        name: history[:, [plans[name].channels.index(c) for c in shared]]
-        for name, history in histories.items()
-    }
-    write_nominal(folder / "nominal.parquet", times, columns, recorded=shared)
-    yield folder / "nominal.parquet"
-    write_reference(folder / "reference.parquet", reference_of(plan, 1))
-    yield folder / "reference.parquet"
-    flights = {
-        name: {"time": times}
-        | {
-            channel.name: unwrap(values.astype(np.float64), channel.period)
-            for channel, values in zip(CHANNELS, history.T, strict=False)
-        }
-        for name, history in histories.items()
-    }
-    table = pq.ParquetFile(folder / "reference.parquet").read()
-    reference = {name: column_values(table[name]) for name in table.column_names}
-    picture = folder / "figures" / "channels.png"
-    write_png(
-        plot_flown(flights, reference, {name: controller_label(name) for name in flights}), picture
-    )
-    yield picture
-
 
 _IN_TITLE = 4  # maximum number of dispersions in a title
 _TITLE_WIDTH = 100  # maximum number of characters per line of a title
@@ -125,9 +77,8 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     until = _AFTER * float(ends.max()) if early else float(ends.max())
     mask = explanation.block.times <= until
     history = explanation.block.history[:, mask].astype(np.float64)
-    panels = {
-        label: history[:, :, CHANNEL_INDEX[name]] * scale for name, label, scale in FLIGHT_PANELS
-    }
+    index = {signal.name: i for i, signal in enumerate(explanation.channels)}
+    panels = {label: history[:, :, index[name]] * scale for name, label, scale in FLIGHT_PANELS}
     label = f"only {len(explanation.causes)} of {len(explanation.samples)} dispersions"
     return plot_flights(
         explanation.block.times[mask], panels, ("nominal", label, "all dispersions"), title

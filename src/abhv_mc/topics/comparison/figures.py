@@ -9,8 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import SURFACE_USAGE
-from abhv_mc.topics.comparison.model import Comparison, total_usage
+from abhv_mc.topics.comparison.model import Comparison, total_usage, usage_metrics
 from abhv_mc.topics.figure_style import (
     INK,
     LOG_AXIS,
@@ -43,11 +42,11 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
-    if not errors or not set(SURFACE_USAGE) <= set(results.metrics):
-        return
     flights = {name: results.flights[name] for name in names.controllers}
+    if not errors or not all(map(usage_metrics, flights.values())):
+        return
     flown = {name: ~table.failed for name, table in flights.items()}
-    usage = {name: total_usage(table.metrics)[flown[name]] for name, table in flights.items()}
+    usage = {name: total_usage(table)[flown[name]] for name, table in flights.items()}
     trades = [
         Trade(
             records[m].label_with_unit,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.flight.metrics import SURFACE_USAGE, Metric
+from abhv_mc.flight.metrics import Metric
 from abhv_mc.folder.controller_flights import (
     ControllerFlights,
     common_rows,
@@ -17,6 +17,7 @@ from abhv_mc.folder.controller_flights import (
     metric_sign,
 )
 from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences
 from abhv_mc.statistics.paired import (
     PairedFailures,
@@ -191,8 +192,8 @@ def compare_pair(
             metric: median_ratio(
                 flights_a.metrics[metric][rows_a], flights_b.metrics[metric][rows_b]
             )
-            for metric in SURFACE_USAGE
-            if metric in flights_a.metrics and metric in flights_b.metrics
+            for metric in usage_metrics(flights_a)
+            if metric in flights_b.metrics
         },
     )
 
@@ -298,7 +299,18 @@ def metric_differences(a: ControllerFlights, b: ControllerFlights, metric: str) 
     return metric_sign(a.records[metric]) * differences
 
 
-def total_usage(metrics: Mapping[str, Floats]) -> Floats:
+def usage_metrics(flights: ControllerFlights) -> tuple[str, ...]:
+    """Return the names of the rms deflections of surfaces; empty for custom simulators."""
+    return tuple(
+        name
+        for name, record in flights.records.items()
+        if record.group == "usage" and record.statistic == Statistic.RMS and name in flights.metrics
+    )
+
+
+def total_usage(flights: ControllerFlights) -> Floats:
     """Return the root sum square of the rms deflections of three surfaces, deg [flight]."""
-    squares: Floats = np.sum([metrics[name] ** 2 for name in SURFACE_USAGE], axis=0)
+    squares: Floats = np.sum(
+        [flights.metrics[name] ** 2 for name in usage_metrics(flights)], axis=0
+    )
     return np.sqrt(squares)

@@ -72,7 +72,7 @@ def curves_of(campaign: Experiment) -> tuple[Curve, ...]:
     """
     return (
         CURVES
-        if campaign.simulator.capabilities.has_mission
+        if campaign.simulator.mission
         else tuple(Curve(channel.name, channel.axis) for channel in campaign.channels)
     )
 
@@ -131,7 +131,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
             "at any control tick (of angles, at samples); the other bands are based on samples",
         )
         spacing = " s apart"
-        if not campaign.simulator.capabilities.has_mission:
+        if campaign.simulator.mission is None:
             who = "flights with a history at that time"
             ends = "among all returned samples; the other bands are based on values"
             spacing += ", interpolated linearly"
@@ -161,7 +161,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
                     "median lines."
                 )
             )
-    of_paper = campaign.model.figures == "paper"
+    of_paper = getattr(campaign.model, "figures", None) == "paper"
     rows = tuple(_row(model, names, curve, of_paper) for curve in curves_of(campaign))
     heads = (
         "Channel",

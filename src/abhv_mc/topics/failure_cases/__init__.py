@@ -13,11 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.failure_case import NO_FAILURE, failure_cases, failure_times
+from abhv_mc.flight.failure_case import (
+    NO_FAILURE,
+    failure_cases,
+    failure_times,
+    is_failure_time,
+)
 from abhv_mc.flight.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import count_of, percent
@@ -80,7 +84,7 @@ def drawn_cases(results: FlownCampaign) -> tuple[NDArray[np.str_], Floats]:
 
     The time is infinite if no failure occurs.
     """
-    names = [name for name in results.samples if name in FAILURE_TIMES]
+    names = [name for name in results.samples if is_failure_time(name)]
     columns = [results.samples[name] for name in names]
     if not columns:
         return np.empty(0, dtype=np.str_), np.empty(0)

@@ -95,7 +95,7 @@ def _critical(
         history = histories[name][worst.flight]
         metric = worst.by or _ended_by(worst, names, history) or names.asked[0]
         record = names.metrics[metric]
-        channel = channel_of(record, history)
+        channel = channel_of(record, history, names.campaign.contents.stems)
         if channel is not None:
             error = _error_of(channel, record, names, history)
             title = f"{names.label(name)}, flight {worst.flight}"
@@ -117,7 +117,8 @@ def _critical(
 def _ended_by(worst: WorstFlight, names: Names, history: Collection[str]) -> str | None:
     """Return the leading metric whose channel ended a flight early, if the outcome names it."""
     stem = worst.outcome.removesuffix("_limit")
-    channels = {metric: channel_of(names.metrics[metric], history) for metric in names.asked}
+    stems = names.campaign.contents.stems
+    channels = {metric: channel_of(names.metrics[metric], history, stems) for metric in names.asked}
     return next((m for m, channel in channels.items() if (channel or "").startswith(stem)), None)
 
 
@@ -146,7 +147,8 @@ def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> 
     count: Counter[str] = Counter()
     for flight in (flight_record for own in flights_model.worst.values() for flight_record in own):
         if flight.by is not None:
-            channel = channel_of(names.metrics[flight.by], recorded)
+            stems = names.campaign.contents.stems
+            channel = channel_of(names.metrics[flight.by], recorded, stems)
         else:
             stem = flight.outcome.removesuffix("_limit")
             channel = next((c for c in sorted(recorded) if c.rpartition("_")[0] == stem), None)
@@ -176,11 +178,12 @@ def _limits(channel: str, names: Names, recorded: set[str]) -> tuple[tuple[Float
     A level is NaN when the requirement does not apply.
     """
     metrics = dict.fromkeys(item.metric for item in names.requirements)
+    stems = names.campaign.contents.stems
     return tuple(
         curve
         for metric in metrics
         if names.metrics[metric].of in recorded
-        and channel_of(names.metrics[metric], recorded) == channel
+        and channel_of(names.metrics[metric], recorded, stems) == channel
         for curve in _limit_curves(metric, names)
     )
 
@@ -190,7 +193,7 @@ def _limit_curves(name: str, names: Names) -> tuple[tuple[Floats, Floats], ...]:
     clock, metric = names.results.reference.get("time"), names.metrics[name]
     time = np.array([metric.start, metric.end]) if clock is None else clock
     applies = (time >= metric.start) & (time <= metric.end)
-    for first, end in names.campaign.simulator.find_transients() if metric.settled else ():
+    for first, end in names.campaign.transients if metric.settled else ():
         applies &= (time < first) | (time >= end)
     return tuple(
         (time, np.where(applies, side * limit, np.nan))

@@ -8,13 +8,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.marginals import find_moments
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.metrics import Metric
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign, flights_with_history
 from abhv_mc.kernel.flight.counting import Statistic
-from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
@@ -55,12 +53,12 @@ def ended_words(outcome: str, missed: int, required: int) -> str:
     return f"completed; misses {missed} of {required}" if missed else "completed"
 
 
-def channel_of(record: Metric, channels: Collection[str]) -> str | None:
-    """Return the source of a metric, or the channel whose name is a prefix of its name."""
-    stems = {
-        name: ((name.rpartition("_")[0] or name) if name in CHANNEL_INDEX else name)
-        for name in channels
-    }
+def channel_of(record: Metric, channels: Collection[str], known: Mapping[str, str]) -> str | None:
+    """Return the source of a metric, or the channel whose name is a prefix of its name.
+
+    ``known`` maps names of channels that end with a unit to names without the unit.
+    """
+    stems = {name: known.get(name, name) for name in channels}
     if record.of in stems:
         return record.of
     alike = [
@@ -244,8 +242,8 @@ class Flights:
 def compute_flights(results: FlownCampaign) -> Flights:
     """Return outcomes, findings and worst flights of all controllers."""
     names = results.controllers
-    disturbed = not set(DISTURBANCES).isdisjoint(results.campaign.varied)
     campaign = results.campaign
+    disturbed = not set(campaign.contents.disturbances).isdisjoint(campaign.varied)
     stated = () if campaign.can_rerun else campaign.marginals.items()
     return Flights(
         parameters=results.dispersed,

@@ -94,7 +94,7 @@ def compute_margins(results: FlownCampaign) -> Margins:
     }
     return Margins(
         results.steady_margins,
-        tuple(campaign.model.margins.at if campaign.model.margins else ()),
+        tuple(campaign.model.margins.at if campaign.margin_flights else ()),
         {name: entry for name, entry in flights.items() if entry.flights},
         {
             name: numbers

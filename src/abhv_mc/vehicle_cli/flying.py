@@ -6,18 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import (
-    ControllerFiles,
-    FlownFile,
-    Json,
-    MissionFile,
-    Vehicle,
-    find_controllers,
-    parse_option,
-)
+from abhv_mc.cli.options import Json, parse_option
 from abhv_mc.cli.outputs import output, output_folder
 from abhv_mc.cli.printing import (
-    announce_compiling,
     announce_warnings,
     new_table,
     print_table,
@@ -28,6 +19,14 @@ from abhv_mc.cli.printing import (
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 from abhv_mc.user_code.child import run_in_thread
+from abhv_mc.vehicle_cli.announce import announce_compiling
+from abhv_mc.vehicle_cli.options import (
+    ControllerFiles,
+    FlownFile,
+    MissionFile,
+    Vehicle,
+    find_controllers,
+)
 
 if TYPE_CHECKING:
     from abhv_mc.one_flight.fly_once import OneFlight
@@ -71,7 +70,7 @@ def fly(
     title = f"{mission.stem} with {vehicle_file.stem}, nominal"
     show_result(result, json, lambda: _print_flights(title, flights))
     if out is not None:
-        from abhv_mc.report.pages.single_flights import write_nominal_report
+        from abhv_mc.vehicle_cli.nominal_report import write_nominal_report
 
         plans = {name: flight.plan for name, flight in flights.items()}
         for path in write_nominal_report(

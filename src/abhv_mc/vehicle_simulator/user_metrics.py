@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, RootModel, model_validator
 
+from abhv_mc.campaign.file.config import MetricName
 from abhv_mc.flight.channels import SOURCES
 from abhv_mc.flight.compile_metrics import (
     FUNCTIONS,
@@ -154,9 +155,6 @@ class MetricEntry(StrictModel):
                 ("phase",),
             )
         return self
-
-
-MetricName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 
 
 class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):

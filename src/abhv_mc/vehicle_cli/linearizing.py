@@ -7,19 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from abhv_mc.cli.options import (
-    ControllerFiles,
     Json,
-    MissionOrCampaign,
     TrustCode,
-    Vehicle,
     controller_option,
-    find_controllers,
     parse_names,
     parse_option,
 )
 from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
-    announce_compiling,
     announce_warnings,
     new_table,
     print_table,
@@ -28,6 +23,13 @@ from abhv_mc.cli.printing import (
 )
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
+from abhv_mc.vehicle_cli.announce import announce_compiling
+from abhv_mc.vehicle_cli.options import (
+    ControllerFiles,
+    MissionOrCampaign,
+    Vehicle,
+    find_controllers,
+)
 
 if TYPE_CHECKING:
     from abhv_mc.one_flight.linear_models import Place
@@ -119,7 +121,7 @@ def margins(
         tables.append((title, table_rows, stability))
         rows += table_rows
         if out is not None:
-            from abhv_mc.report.figures.loops import write_loop_figures
+            from abhv_mc.vehicle_cli.loops import write_loop_figures
 
             figures += write_loop_figures(
                 out, f"{name}_{time if time == 'trim' else f'{time:g}s'}", linear

@@ -1,0 +1,293 @@
+"""Campaign files of registered simulators; keys of systems with inputs in any units."""
+
+import contextlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, TypeGuard
+
+from pydantic import Field, model_validator
+
+from abhv_mc.campaign.file.config import Campaign, MetricName, Name
+from abhv_mc.entry_points import SIMULATORS, find_entry_points, load_entry_point
+from abhv_mc.flight.channels import Signal
+from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
+from abhv_mc.flight.outcome import Outcome
+from abhv_mc.interfaces import Simulator
+from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, YesNo, one_of
+from abhv_mc.io.phrases import quoted
+from abhv_mc.io.units import check_angle, parse_in_any_unit
+from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.plant.parameters import Parameter, Parameters
+
+SYSTEMS = "systems"
+_TAKEN = {
+    "flight",
+    "controller",
+    "system",
+    "outcome",
+    "end_time",
+    "end_time_s",
+    "history",
+    "error",
+    "reason",
+    "point",
+}
+_OUTCOMES = {Outcome.OK.code, Outcome.FAILED_TO_RUN.code}
+Unit = Annotated[str, Field(min_length=1, max_length=30)]
+
+InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
+
+
+class Quantity(StrictModel):
+    """Quantity of a custom simulator."""
+
+    unit: Unit = Field("-", description="unit of the quantity, as free text; '-' if dimensionless")
+    doc: str = Field("", description="description of the quantity in the report")
+
+
+class HistoryChannel(Quantity):
+    """Column of the history that a flight returns."""
+
+    circular: YesNo = Field(
+        False,
+        description=(
+            "whether the channel is an angle of which a full turn changes nothing, such as a "
+            "heading; the unit must then be an angle, such as deg or rad"
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _check_unit(self) -> "HistoryChannel":
+        if self.circular:
+            check_angle(self.unit)
+        return self
+
+
+class Input(Quantity):
+    """Input of a flight for a custom simulator."""
+
+    nominal: float = Field(0.0, description="nominal value, in the unit of the input")
+    seed: YesNo = Field(
+        False, description="whether the input is a random seed, an integer drawn for each flight"
+    )
+
+
+class OwnMetric(Quantity):
+    """Metric that a custom simulator returns for a flight."""
+
+    bad: Bad | None = Field(
+        None,
+        description="which values are worse: high, low, or large in magnitude; default: high",
+    )
+    label: str | None = Field(
+        None, description="name of the metric in the report, without unit; default: the key"
+    )
+
+    def record(self, name: str) -> Metric:
+        """Return the metric as a record, in the same form as built-in metrics."""
+        label = self.label or label_of(name, "-")
+        return Metric(
+            name=name,
+            unit=self.unit,
+            doc=self.doc,
+            label=label,
+            bad=self.bad or "high",
+            group="user",
+            of="",
+            statistic=Statistic.MAX,
+        )
+
+
+class SystemsCampaign(Campaign):
+    """Keys of a campaign that compares systems, with inputs and metrics in any units."""
+
+    systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
+        {"system": {}},
+        description=("systems to compare, keyed by name, each with its own simulator settings"),
+    )
+    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")
+    metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(
+        description="metrics that a flight returns, by name"
+    )
+    outcomes: dict[MetricName, str] = Field(
+        {},
+        description=(
+            "reasons for early termination: one sentence for each code that a flight can return"
+        ),
+    )
+    histories: dict[MetricName, HistoryChannel] = Field(
+        {},
+        description=(
+            "channels of the time history by name; each flight returns them in addition to the "
+            "time (s)"
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _names(self) -> "SystemsCampaign":
+        taken = {
+            "inputs": _TAKEN,
+            "metrics": {*_TAKEN, *MARGIN_NAMES, *self.inputs},
+            "outcomes": _OUTCOMES,
+        }
+        taken["histories"] = {*_TAKEN, "time"}
+        for key, names in taken.items():
+            for name in getattr(self, key):
+                if name in names:
+                    expected = f"a name other than {quoted(sorted(names))}"
+                    raise Refusal(f"the name '{name}' is already in use", expected, (key, name))
+        return self
+
+    @property
+    def returned_channels(self) -> tuple[Signal, ...]:
+        """Channels of the history that a flight returns."""
+        return tuple(
+            Signal(name, entry.unit, entry.doc, circular=entry.circular)
+            for name, entry in self.histories.items()
+        )
+
+    @property
+    def parameters(self) -> Parameters:
+        """Parameters of the flights, defined by ``inputs``."""
+        entries = self.inputs.items()
+        return Parameters(
+            tuple(
+                Parameter(n, e.unit, e.nominal, e.doc, of_user=True, seed=e.seed)
+                for n, e in entries
+            )
+        )
+
+
+def systems_key(data: Mapping[str, Any]) -> str:
+    """Return the campaign-file key under which the compared systems are listed."""
+    return SYSTEMS if is_own(data) else "controllers"
+
+
+def is_own(data: object) -> TypeGuard[dict[str, Any]]:
+    """Return whether a campaign uses a custom simulator or imported flights."""
+    return isinstance(data, dict) and ("simulator" in data or "inputs" in data)
+
+
+def read_systems(
+    document: Document, model: SystemsCampaign, errors: list[InputError]
+) -> "Contents":
+    """Return the contents of a campaign file with systems; append problems to ``errors``."""
+    if "envelopes" in model.keep.model_fields_set and not model.histories:
+        problem = "envelopes cannot be computed without 'histories'"
+        errors.append(document.key_error(("keep", "envelopes"), problem, "the key 'histories'"))
+    return Contents(
+        systems=tuple(model.systems),
+        parameters=model.parameters,
+        metrics=tuple(entry.record(name) for name, entry in model.metrics.items()),
+        units={channel.name: channel.unit for channel in model.returned_channels},
+    )
+
+
+class Installed(StrictModel):
+    """Simulator of an installed package."""
+
+    package: str = Field(description="name under which a package registers its simulator")
+
+
+class PackageCampaign(SystemsCampaign):
+    """Campaign file for the simulator of an installed package."""
+
+    simulator: Installed = Field(description="installed simulator that computes the flights")
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a campaign file states about its flights, as read by its simulator."""
+
+    systems: tuple[str, ...]
+    parameters: Parameters
+    metrics: tuple[Metric, ...]  # metrics of each flight
+    units: Mapping[str, str]  # unit of each channel of the histories
+    margins: tuple[Metric, ...] = ()  # metrics of flights with margins
+    kind: str = "system"  # noun for a compared system
+    # names of channels without their units, by name
+    stems: Mapping[str, str] = field(default_factory=dict)
+    kept: tuple[str, ...] | None = None  # channels of stored histories; None: all
+    enveloped: tuple[str, ...] | None = None  # channels of envelopes; None: all
+    disturbances: tuple[str, ...] = ()  # parameters of noise, gusts and turbulence
+    is_imported: bool = False  # whether a table states the inputs of each flight
+
+    def margin_flights(self, runs: int) -> int:
+        """Return the number of flights, out of ``runs``, for which margins are computed."""
+        return 0
+
+    def check(self, runs: int, errors: list[InputError]) -> None:
+        """Check entries that depend on the number of flights; append problems to ``errors``."""
+
+    def read_limit(self, value: float | str, unit: str) -> float:
+        """Return a limit of a requirement in the unit of its metric.
+
+        Raise Refusal if the limit is invalid.
+        """
+        return parse_in_any_unit(value, unit)
+
+
+@dataclass(frozen=True)
+class Registered:
+    """Simulator as an entry point of the group ``abhv_mc.simulators``.
+
+    ``read`` checks the entries beyond ``keys``, appends problems to a list, and returns what the
+    campaign file states about its flights.
+    """
+
+    make: Callable[[Any], Simulator]  # argument: the Experiment
+    keys: type[Campaign] = PackageCampaign  # model of the campaign file
+    read: Callable[[Document, Any, list[InputError]], Contents] = read_systems
+    # Return the document with names replaced, before its keys are checked.
+    prepare: Callable[[Document], Document] = lambda document: document
+    # models of the files to which a campaign file refers, as 'module:name' by the kind of file
+    files: Mapping[str, str] = field(default_factory=dict)
+    # Add the names of metrics, parameters and channels to a JSON Schema.
+    enumerate_names: Callable[[dict[str, Any]], None] = lambda schema: None
+    metrics: tuple[str, ...] = ()  # names of metrics that need no declaration
+    version: Callable[[], str] = lambda: ""  # line of `abhv-mc --version`, or ''
+
+
+def name_simulator(data: object) -> str:
+    """Return the name under which the simulator of a campaign file is registered."""
+    if not is_own(data):
+        return "vehicle"
+    if "simulator" not in data:
+        return "table"
+    entry = data["simulator"]
+    if isinstance(entry, dict) and "package" in entry:
+        return str(entry["package"])
+    return "command" if isinstance(entry, dict) and "command" in entry else "python"
+
+
+def find_simulator(document: Document) -> Registered:
+    """Return the simulator that a campaign file names.
+
+    Raise InputError if no installed package registers it.
+    """
+    name = name_simulator(document.data)
+    if name in find_entry_points(SIMULATORS):
+        try:
+            return _load(name)
+        except Exception as error:
+            reason = f"it cannot be imported ({type(error).__name__}: {error})"
+    else:
+        reason = "no installed package registers it"
+    where = ("simulator", "package") if is_own(document.data) else ()
+    expected = one_of(find_entry_points(SIMULATORS), name)
+    raise document.error(where, f"the simulator '{name}' is not available: {reason}", expected)
+
+
+def load_simulators() -> dict[str, Registered]:
+    """Return the registered simulators by name, except those that cannot be imported."""
+    simulators = {}
+    for name in find_entry_points(SIMULATORS):
+        with contextlib.suppress(Exception):
+            simulators[name] = _load(name)
+    return simulators
+
+
+def _load(name: str) -> Registered:
+    """Return a registered simulator; a class alone has the default keys."""
+    entry = load_entry_point(SIMULATORS, name)
+    return entry if isinstance(entry, Registered) else Registered(entry)

@@ -1,0 +1,1 @@
+"""Commands of the vehicle: single flights, trims, linear models, margins and lists."""

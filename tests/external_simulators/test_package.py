@@ -1,0 +1,96 @@
+"""A simulator of an installed package, which loads nothing of the vehicle."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CAMPAIGN = {
+    "name": "ballistic",
+    "runs": 300,
+    "seed": 3,
+    "simulator": {"package": "ballistic"},
+    "inputs": {
+        "speed": {"nominal": 100.0, "unit": "m/s"},
+        "angle": {"nominal": 45.0, "unit": "deg"},
+        "drag": {"nominal": 0.05},
+    },
+    "dispersions": {
+        "speed": {"distribution": "normal", "sigma": 2.0},
+        "angle": {"distribution": "uniform", "half_width": 2.0},
+        "drag": {"distribution": "uniform", "half_width": 0.02},
+    },
+    "metrics": {"range": {"unit": "m", "bad": "low"}, "apex": {"unit": "m"}},
+    "requirements": [{"metric": "range", "above": 880, "probability": 0.9}],
+}
+# The modules that remain contain records of flights as well.
+VEHICLE = (
+    "check_inputs",
+    "new_campaign",
+    "one_flight",
+    "stability",
+    "vehicle_cli",
+    "vehicle_simulator",
+)
+_RUN = """
+import sys
+from abhv_mc.cli.app import app
+try:
+    app(sys.argv[1:])
+finally:
+    print(*sorted(name for name in sys.modules if name.startswith("abhv_mc")), file=sys.stderr)
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder for sys.path with the module of the how-to page and its entry point."""
+    folder = tmp_path_factory.mktemp("site")
+    text = (repository / "docs/how-to/ballistic.py").read_text()
+    assert len(text.splitlines()) <= 35
+    (folder / "ballistic.py").write_text(text)
+    info = folder / "ballistic-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: ballistic\nVersion: 1\n")
+    entries = "[abhv_mc.simulators]\nballistic = ballistic:Ballistic\n"
+    (info / "entry_points.txt").write_text(entries)
+    return folder
+
+
+def run(installed: Path | None, *arguments: object, code: int = 0) -> tuple[str, str]:
+    """Return standard output and standard error of a command."""
+    paths = filter(None, [str(installed or ""), os.environ.get("PYTHONPATH")])
+    done = subprocess.run(
+        [sys.executable, "-c", _RUN, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+    )
+    assert done.returncode == code, done.stderr
+    return done.stdout, done.stderr
+
+
+def test_a_package_flies_in_threads_and_processes_and_is_judged_alike(
+    installed: Path, tmp_path: Path
+) -> None:
+    digests, loaded = set(), ""
+    for isolation in ("threads", "processes"):
+        file, out = tmp_path / f"{isolation}.json", tmp_path / isolation
+        file.write_text(json.dumps(CAMPAIGN | {"execution": {"isolation": isolation}}))
+        _, loaded = run(installed, "run", file, "-o", out, "--no-report", "--workers", 2)
+        digests.add(json.loads((out / "manifest.json").read_text())["digest"])
+    assert len(digests) == 1
+    vehicle = [
+        name for name in loaded.split() if name.split(".")[1:2] and name.split(".")[1] in VEHICLE
+    ]
+    assert vehicle == []
+    shown, _ = run(installed, "show", "verdicts", out)
+    assert "PASS" in shown and "ESTIMATE" not in shown
+    _, error = run(None, "show", "verdicts", out, code=2)
+    assert "the simulator 'ballistic' is not available" in error
+    search = "worst", file, "--metric", "range", "--flights", 400, "-o", tmp_path / "worst"
+    assert "range" in "".join(run(installed, *search))
