@@ -37,9 +37,9 @@ VEHICLE = (
 )
 _RUN = """
 import sys
-from abhv_mc.cli.app import app
+from abhv_mc.cli.app import main
 try:
-    app(sys.argv[1:])
+    main()
 finally:
     print(*sorted(name for name in sys.modules if name.startswith("abhv_mc")), file=sys.stderr)
 """
