@@ -239,8 +239,9 @@ def test_a_margin_has_no_channel():
     """Regression: a channel without unit, such as `mach`, was that of any metric."""
     channels = {"mach", "bank_deg"}
     metrics = {metric.name: metric for metric in METRICS}
-    assert channel_of(MARGINS[0], channels) is None
-    assert channel_of(metrics["bank_error_settled_max_deg"], channels) == "bank_deg"
+    stems = {"bank_deg": "bank"}
+    assert channel_of(MARGINS[0], channels, stems) is None
+    assert channel_of(metrics["bank_error_settled_max_deg"], channels, stems) == "bank_deg"
 
 
 def test_failed_flights_keep_the_curve_from_100_percent():

@@ -114,7 +114,7 @@ def read_phases(folder, window, name="turn"):
 
 def test_a_phase_is_the_window_between_its_beginning_and_its_end(tmp_path):
     by_name, by_times = (
-        read_phases(tmp_path, window).declared[0]
+        read_phases(tmp_path, window).contents.declared[0]
         for window in ("phase: turn", "from: 37 s, to: 47 s")
     )
     assert (by_name.start, by_name.end) == (37.0, 47.0)
@@ -192,7 +192,7 @@ def test_quantities_stay_in_the_units_of_the_inputs(tmp_path: Path) -> None:
         ({"keep": {"envelopes": {"rate": "5 Hz"}}}, "envelopes"),
         (
             {"keep": {"histories": {"channels": ["altitude_m"]}}, "histories": {"altitude": {}}},
-            "built-in",
+            "unknown key .channels.",
         ),
         ({"dispersions": {"altitude": {"distribution": "normal", "sigma": "50 kg"}}}, "a mass"),
         (

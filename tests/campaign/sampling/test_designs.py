@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from abhv_mc.campaign.sampling.designs import Design, count_flights, make_copula
+from abhv_mc.plant.parameters import OURS
 
 # First numbers of seed 2014, atmosphere.density.
 PINNED = [0.017774777221241878, 0.20880064504902818]
@@ -13,7 +14,8 @@ DRAWN = ["random", "lhs", "sobol", "halton"]
 
 
 def draw(kind, flights=512, seed=7, names=NAMES, first=0, stop=None, levels=2):
-    return Design(kind, seed, names, flights, levels).draw(first, flights if stop is None else stop)
+    design = Design(kind, seed, names, flights, levels, OURS)
+    return design.draw(first, flights if stop is None else stop)
 
 
 @pytest.mark.parametrize("kind", DRAWN)

@@ -12,7 +12,9 @@ from scipy import stats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.derived_parameters import compile_derived
 from abhv_mc.campaign.sampling.samples import read_sample_file
+from abhv_mc.campaign.sampling.sines import sine
 from abhv_mc.io.documents import InputError, Refusal
+from abhv_mc.kernel.numerics.lane_math import sincos
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.plant.parameters import OURS
 from abhv_mc.search.space import make_space
@@ -164,3 +166,11 @@ def test_bad_files_are_refused_in_place(tmp_path, text, line, column, message):
         read_sample_file(tmp_path / "s.csv", OURS)
     assert (caught.value.line, caught.value.column) == (line, column)
     assert message in caught.value.found
+
+
+def test_sines_have_the_bits_of_the_compiled_code():
+    draw = np.random.default_rng(1)
+    x = np.concatenate([draw.normal(0.0, 9.0, 999), draw.uniform(-1e6, 1e6, 999), [0.0, -0.0]])
+    for quarter, values in enumerate(zip(*map(sincos, x.tolist()), strict=True)):
+        assert sine(x, quarter).tobytes() == np.array(values).tobytes()
+    assert np.isnan(sine(np.array([1.1e6, np.inf, np.nan]))).all()
