@@ -59,7 +59,7 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
     )
     if coefficients is None and thrust is None and dynamics is None:
         return None
-    limits = content.state_limits()
+    limits, own_states = content.state_limits(), custom.states if custom else {}
     states = tuple(
         CustomState(
             name,
@@ -67,7 +67,7 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
             None if state.start is None else parse_quantity(state.start, dimension_of(state.unit)),
             limits.get(name, math.inf),
         )
-        for name, state in (custom.states if custom else {}).items()
+        for name, state in own_states.items()
     )
     x, z = reference_point(content)
     frame = air.frame if isinstance(air, AerodynamicsFunction) else "stability"
@@ -85,9 +85,7 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         effectors=mixed,
         span=content.reference.span,
         chord=content.reference.chord,
-        circular=frozenset(
-            name for name, state in (custom.states if custom else {}).items() if state.circular
-        ),
+        circular=frozenset(name for name, state in own_states.items() if state.circular),
     )
     names = [setting.name for setting in (*code.settings, *code.starts)]
     if duplicates := set(names).intersection(PARAMETER_NAMES):
