@@ -48,6 +48,7 @@ class Parameter:
         False  # whether the user defines the parameter (simulator input or vehicle setting)
     )
     seed: bool = False  # whether the parameter selects a realization of noise or turbulence
+    is_category: bool = False  # whether the values are names, which have no order
 
     @property
     def is_factor(self) -> bool:
@@ -180,6 +181,13 @@ _TABLE: tuple[Parameter, ...] = (
         "atmosphere.uniform_temperature_offset",
         "K",
         "air temperature at every altitude, in hydrostatic balance at unchanged sea-level pressure",
+    ),
+    Parameter(
+        "atmosphere.member",
+        "-",
+        0.0,
+        "member of the mission's ensemble of atmospheres, counted from 1; 0: nominal air",
+        is_category=True,
     ),
     _error("wind.north", "m/s", "steady wind blowing towards the north"),
     _error("wind.east", "m/s", "steady wind blowing towards the east"),

@@ -56,7 +56,7 @@ from abhv_mc.io.documents import (
 )
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import parse_in_any_unit
-from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
+from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES, MEMBER
 from abhv_mc.plant.parameters import OURS, Parameters
 
 _SAME = 1e-9  # relative tolerance within which nominal values count as equal
@@ -131,7 +131,7 @@ def check_campaign(document: Document, engine: Engine | None = None) -> Experime
     """Check a campaign document. Raise InputErrors with all problems."""
     if (kind := find_kind(document, "campaign")) != "campaign":
         raise document.error((), f"this is a {kind} file", "a campaign file")
-    document = name_effectors(read_tables(document))
+    document = draw_members(name_effectors(read_tables(document)))
     model: Campaign = validate(document, SimulatorCampaign if is_own(document.data) else Campaign)
     return replace(_check(document, model), engine=engine)
 
@@ -275,6 +275,34 @@ def name_effectors(document: Document) -> Document:
     keys = ("dispersions", "unknowns", "derived", "correlations")
     return replace(
         document, data={**data, **{key: rename(data[key]) for key in keys if key in data}}
+    )
+
+
+def draw_members(document: Document) -> Document:
+    """Return the campaign with a distribution of the members of the mission's ensemble.
+
+    The distribution has the weights of the members. A campaign that disperses the member is
+    unchanged.
+    """
+    data = document.entries
+    if any(MEMBER in (data.get(key) or ()) for key in ("dispersions", "unknowns", "derived")):
+        return document
+    if not isinstance(mission := data.get("mission"), str):
+        return document
+    from abhv_mc.control.mission import read_mission
+
+    try:
+        _, weights = read_mission(
+            document.resolve(find_shipped(document, "mission", mission))
+        ).read_members()
+    except InputError:
+        return document  # The error is reported when the mission is read.
+    if not weights.size:
+        return document
+    values = list(range(1, 1 + len(weights)))
+    drawn = {"distribution": "discrete", "values": values, "weights": weights.tolist()}
+    return replace(
+        document, data=data | {"dispersions": (data.get("dispersions") or {}) | {MEMBER: drawn}}
     )
 
 
@@ -442,6 +470,11 @@ def _declare_metrics(
     if isinstance(entries, Path):
         source, entries = read_metrics_file(entries)
         location = ()
+    zones = {f"distance_from_{name}_m": zone.metric(name) for name, zone in model.keep_out.items()}
+    for name in zones.keys() & entries.keys():
+        problem = f"the metric '{name}' belongs to a zone of 'keep_out'"
+        errors.append(source.key_error((*location, name), problem, "another name"))
+    entries = entries | zones
     windows = {}
     if any(entry.phase for entry in entries.values()):
         from abhv_mc.control.mission import read_mission

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.keep import Keep
+from abhv_mc.campaign.file.keep_out import Zone
 from abhv_mc.campaign.file.tuning import Points, Tune
 from abhv_mc.campaign.file.unknowns import Unknown, UnknownPoints
 from abhv_mc.campaign.file.user_metrics import MetricEntry, MetricName
@@ -372,6 +373,13 @@ class Campaign(StrictModel):
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
     ] = Field({}, description="custom metrics by name, or a file of metrics")
+    keep_out: dict[MetricName, Zone] = Field(
+        {},
+        description=(
+            "zones that flights must not enter, by name; the metric distance_from_NAME_m is the"
+            " smallest distance of the ground track, negative inside"
+        ),
+    )
     requirements: Annotated[
         tuple[RequirementEntry, ...],
         BeforeValidator(lambda value: value, json_schema_input_type=list[RequirementEntry] | str),

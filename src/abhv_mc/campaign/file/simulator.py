@@ -242,6 +242,7 @@ class SimulatorCampaign(Campaign, CommaKeys):
     mission: ClassVar = None  # type: ignore[misc]
     controllers: ClassVar = None  # type: ignore[misc]
     channels: ClassVar = None  # type: ignore[misc]
+    keep_out: ClassVar = {}  # type: ignore[misc]
     margins: ClassVar = None  # type: ignore[misc]
     tune: ClassVar = None  # type: ignore[misc]
     figures: ClassVar = None  # type: ignore[misc]
