@@ -100,7 +100,8 @@ def _ground_tracks(
         FigureText(
             "ground_tracks",
             "Ground tracks and keep-out zones",
-            f"Tracks of the flights with stored histories. Zones: {', '.join(zones)}.",
+            f"Tracks of the flights with stored histories. Zones: {', '.join(zones)}. The scales of "
+            "the axes differ.",
         ),
         plot_tracks([zone.outline() for zone in zones.values()], tracks),
     )
