@@ -100,8 +100,7 @@ def _ground_tracks(
         FigureText(
             "ground_tracks",
             "Ground tracks and keep-out zones",
-            f"Tracks of the flights with stored histories. Zones: {', '.join(zones)}. The scales of "
-            "the axes differ.",
+            f"Flights with stored histories; zones: {', '.join(zones)}. The axes differ in scale.",
         ),
         plot_tracks([zone.outline() for zone in zones.values()], tracks),
     )
