@@ -3,6 +3,7 @@
 import pydoc
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_results, pair_campaigns
 from abhv_mc.topics.json_data import json_data
+from abhv_mc.vehicle_simulator.keep_out import Zone
 
 
 @pytest.fixture(scope="module")
@@ -220,3 +222,20 @@ def test_a_comparison_has_the_numbers_and_the_page_of_the_command(tmp_path):
     assert comparison.figure().axes and comparison.page == tmp_path / "page/report.html"
     with pytest.raises(InputError, match="fail_if_worse"):
         abhv_mc.compare(a, b, fail_if_worse="altitude_error_max_m=5%")
+
+
+def test_zones_and_ground_tracks_are_exported_and_drawn(tmp_path):
+    results = abhv_mc.open_results(write_flown(tmp_path / "c", runs=20))
+    zone = Zone.model_construct(center=(0.5114, -1.3474), radius=4e3)
+    campaign = results._results.campaign
+    contents = replace(campaign.contents, zones={"island": zone.outline()})
+    object.__setattr__(campaign, "contents", contents)
+    features = results.to_geojson()["features"]
+    assert features[0]["properties"] == {"zone": "island"}
+    longitude, latitude = np.array(features[0]["geometry"]["coordinates"][0]).T
+    assert np.mean(latitude) == pytest.approx(29.3, abs=2e-3) and max(longitude) < -77.1
+    stored = results.histories.groupby(["controller", "flight"], observed=True).ngroups
+    assert len(features) == 1 + stored
+    assert {feature["geometry"]["type"] for feature in features[1:]} == {"LineString"}
+    assert features[1]["properties"].keys() == {"controller", "flight", "outcome"}
+    assert "ground_tracks" in results.figure_names

@@ -236,6 +236,33 @@ class Results:
                 dataset[name].attrs["units"] = units[name]
         return dataset.assign_attrs(campaign=self.manifest.name, digest=self.manifest.digest)
 
+    def to_geojson(self) -> dict[str, Any]:
+        """Return keep-out zones and the ground tracks of stored histories as GeoJSON (RFC 7946).
+
+        Zones have the property ``zone``; tracks, with altitudes in m, have ``controller``,
+        ``flight`` and ``outcome``.
+        """
+        features = [
+            {
+                "type": "Feature",
+                "properties": {"zone": name},
+                "geometry": {"type": "Polygon", "coordinates": [outline[:, ::-1].tolist()]},
+            }
+            for name, outline in self._results.campaign.contents.zones.items()
+        ]
+        outcomes = self.flights.set_index(["controller", "flight"]).outcome
+        for keys, rows in self.histories.groupby(["controller", "flight"], observed=True):
+            track = rows[["longitude_deg", "latitude_deg", "altitude_m"]].dropna()
+            names = {"controller": keys[0], "flight": int(keys[1]), "outcome": outcomes[keys]}
+            features.append(
+                {
+                    "type": "Feature",
+                    "properties": names,
+                    "geometry": {"type": "LineString", "coordinates": track.to_numpy().tolist()},
+                }
+            )
+        return {"type": "FeatureCollection", "features": features}
+
     def make_report(self) -> Path:
         """Write the report to the folder and return the path of the page."""
         from abhv_mc.report.pages.build import build_report

@@ -5,13 +5,16 @@ import re
 import numpy as np
 import pytest
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
+from abhv_mc.control.mission import read_mission
 from abhv_mc.control.mission_tables import (
     DENSITIES,
     WIND,
     find_air_warnings,
     find_imbalance,
     read_air_table,
+    read_ensemble,
 )
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.world.atmosphere import atmosphere
@@ -140,3 +143,56 @@ def test_air_that_is_not_in_balance_causes_a_warning(factor, kelvin, warnings):
     z = np.arange(12e3, 19.5e3, 500.0)
     columns = [z, 0.0 * z, 0.0 * z, factor(z), np.full(len(z), kelvin / 216.65)]
     assert len(find_imbalance(np.stack(columns, axis=1))) == warnings
+
+
+HEAD = "member,altitude_km,wind_north_mps,wind_east_mps,density_factor,weight\n"
+PAIR = "a,0,1,2,1,3\na,30,1,2,1,3\nb,20,3,4,1.1,1\nb,10,5,6,1.2,1\n"
+
+
+def test_members_and_weights_are_read_in_the_order_of_the_file(tmp_path):
+    (tmp_path / "air.csv").write_text(HEAD + PAIR)
+    members, weights = read_ensemble(tmp_path / "air.csv", {})
+    assert weights.tolist() == [3.0, 1.0]
+    assert members[0].tolist() == [[0.0, 1.0, 2.0, 1.0, 1.0], [30e3, 1.0, 2.0, 1.0, 1.0]]
+    assert members[1].tolist() == [[10e3, 5.0, 6.0, 1.2, 1.0], [20e3, 3.0, 4.0, 1.1, 1.0]]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "fragment"),
+    [
+        (HEAD + PAIR.replace("3\nb", "2\nb"), 2, "'a' has the weights 2 to 3"),
+        (HEAD + PAIR[: PAIR.index("b")], 1, "found 1 member"),
+        (HEAD + PAIR.replace("b,10", "b,20"), 5, "out of order"),
+        (HEAD + PAIR.replace("1.2", "-1"), 5, "density"),
+        (HEAD.replace("member", "number") + PAIR, 1, "no column 'member'"),
+        ("member,altitude_m\na,0\na,1\nb,0\nb,1\n", 1, "required columns"),
+    ],
+)
+def test_an_invalid_ensemble_is_rejected(tmp_path, text, line, fragment):
+    (tmp_path / "air.csv").write_text(text)
+    with pytest.raises(InputError, match=fragment) as caught:
+        read_ensemble(tmp_path / "air.csv", {})
+    assert caught.value.line == line
+
+
+def test_campaigns_draw_the_members_by_their_weights(tmp_path, repository):
+    (tmp_path / "air.csv").write_text(HEAD + PAIR)
+    mission = (repository / "configs/mission/level.yaml").read_text()
+    (tmp_path / "level.yaml").write_text(f"{mission}\natmosphere: {{ensemble: air.csv}}\n")
+    campaign = (
+        "name: a\nvehicle: ghame_x\nmission: level.yaml\ncontrollers: {tlc: tlc}\nruns: 400\n"
+    )
+    (tmp_path / "campaign.yaml").write_text(campaign)
+    experiment = read_campaign(tmp_path / "campaign.yaml")
+    drawn = experiment.make_samples().draw(0, 400)
+    assert experiment.inputs == ("atmosphere.member",) and set(drawn[:, 0]) == {1.0, 2.0}
+    assert np.mean(drawn == 1.0) == pytest.approx(0.75, abs=0.06)
+    (tmp_path / "campaign.yaml").write_text(
+        campaign + "dispersions: {atmosphere.member: {distribution: discrete, values: [0, 2]}}\n"
+    )
+    kept = read_campaign(tmp_path / "campaign.yaml").make_samples().draw(0, 40)
+    assert set(kept[:, 0]) == {0.0, 2.0}
+    above = PAIR.replace("b,20", "b,50").replace("b,10", "b,40")
+    (tmp_path / "air.csv").write_text(HEAD + above)
+    with pytest.raises(InputError, match="altitudes that overlap"):
+        read_mission(tmp_path / "level.yaml")

@@ -155,3 +155,16 @@ def test_a_tornado_has_the_largest_drivers_of_any_controller_first(results):
     assert chart.swings[0] == [None, swings[density], None]
     assert chart.swings[1] == [swings[lift], None, None]
     assert chart.medians[:2] == [1.5, 2.5] and np.isnan(chart.medians[2])
+
+
+def test_categories_have_no_order(results):
+    """A monotonic effect of the number of a category is no coefficient but a share."""
+    parameters = results.campaign.parameters
+    records = tuple(replace(r, is_category=r.name == "aero.lift") for r in parameters.records)
+    campaign = replace(results.campaign, parameters=replace(parameters, records=records))
+    members = np.round(4.0 * results.samples["aero.lift"], 1)
+    samples = {**results.samples, "aero.lift": members}
+    changed = replace(results, campaign=campaign, samples=samples)
+    assert driver_names(results, lambda x: 2.0 + x["aero.lift"])[0] == ["aero.lift"]
+    found = driver_names(changed, lambda x: 2.0 + np.round(x["aero.lift"], 6))
+    assert found == ([], [("aero.lift", None)])

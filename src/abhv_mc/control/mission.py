@@ -1,6 +1,7 @@
 """Pydantic model of the mission file: start, manoeuvres, environment, end of a flight."""
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,10 +24,19 @@ from abhv_mc.control.mission_tables import (
     find_imbalance,
     join_air,
     read_air_table,
+    read_ensemble,
     read_trajectory,
 )
 from abhv_mc.control.s_shape import s_shape
-from abhv_mc.io.documents import CommaKeys, File, Refusal, StrictModel, read_document, validate
+from abhv_mc.io.documents import (
+    CommaKeys,
+    File,
+    InputError,
+    Refusal,
+    StrictModel,
+    read_document,
+    validate,
+)
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc.kernel.world.earth import WGS84, Earth
@@ -286,6 +296,20 @@ class DensityTable(AirTable):
     """
 
 
+class Ensemble(CommaKeys):
+    """Atmospheres of which each flight of a campaign has one."""
+
+    ensemble: File = Field(
+        description=(
+            "CSV or Parquet file with the columns member, altitude, those of 'wind' and of "
+            "'density', and optionally weight"
+        )
+    )
+    columns: dict[str, str] = Field(
+        {}, description="column headers in the table by quantity, such as {altitude: HGHT}"
+    )
+
+
 class EarthNumbers(StrictModel):
     """Constants of the Earth model; the defaults are those of WGS-84."""
 
@@ -343,6 +367,13 @@ class Mission(StrictModel):
     ] = Field(
         "standard",
         description="air density of the nominal flight: standard atmosphere, or a table",
+    )
+    atmosphere: Ensemble | None = Field(
+        None,
+        description=(
+            "members that campaigns draw as `atmosphere.member`; a member replaces the tables of "
+            "'wind' and 'density', which remain those of the nominal flight"
+        ),
     )
     sensing: SensingKeys = Field(
         SensingKeys(),
@@ -447,16 +478,44 @@ class Mission(StrictModel):
         """
         return join_air(*self.read_air())
 
+    def read_members(self) -> tuple[list[Floats], Floats]:
+        """Return the air and the weight of each member of the ensemble, if there is one."""
+        own = self.atmosphere
+        return read_ensemble(own.ensemble, own.columns, own.comma) if own else ([], np.empty(0))
+
+    def stack_air(self) -> Floats:
+        """Return the nominal air, followed by the air of each member of the ensemble.
+
+        Raise InputError if a table is invalid.
+        """
+        nominal, (members, _) = self.make_air(), self.read_members()
+        if members and not len(nominal):  # calm standard air, above all other altitudes
+            nominal = np.array([[1e7, 0.0, 0.0, 1.0, 1.0], [2e7, 0.0, 0.0, 1.0, 1.0]])
+        blocks = [nominal, *members]
+        # The kernel finds the members by the fall of the altitude.
+        if self.atmosphere and any(a[-1, 0] <= b[0, 0] for a, b in pairwise(blocks)):
+            problem = "a member begins above the end of the member, or the nominal air, before it"
+            raise InputError(self.atmosphere.ensemble, problem, "altitudes that overlap")
+        return np.vstack(blocks)
+
     def find_air_warnings(self, altitude: Floats) -> list[str]:
         """Return warnings about air tables.
 
         The tables should cover the given altitudes of a flight and be in hydrostatic balance.
         """
-        return find_imbalance(self.make_air()) + [
-            warning
+        tables = [
+            (key.file, table)
             for key, table in zip((self.wind, self.density), self.read_air(), strict=True)
             if not isinstance(key, str) and table is not None
-            for warning in find_air_warnings(Path(key.file), table, altitude)
+        ]
+        if self.atmosphere:  # altitudes that all members have
+            members, _ = self.read_members()
+            low, high = max(air[0, 0] for air in members), min(air[-1, 0] for air in members)
+            tables.append((self.atmosphere.ensemble, np.array([[low], [high]])))
+        return find_imbalance(self.make_air()) + [
+            warning
+            for file, table in tables
+            for warning in find_air_warnings(Path(file), table, altitude)
         ]
 
     def make_earth(self) -> Earth:
@@ -472,5 +531,5 @@ def read_mission(path: str | Path) -> Mission:
     mission = validate(read_document(path), Mission)
     if isinstance(mission.manoeuvre, Recorded):
         read_trajectory(mission.manoeuvre.file, mission.duration)
-    mission.make_air()
+    mission.stack_air()
     return mission

@@ -1,12 +1,19 @@
 """Functions to read a mission's CSV tables: recorded trajectory and nominal air."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.foreign_table import Column, read_foreign_table, read_numbers, take_numbers
+from abhv_mc.io.foreign_table import (
+    Column,
+    ForeignTable,
+    read_foreign_table,
+    read_numbers,
+    take_numbers,
+)
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, KELVIN, LENGTH, PRESSURE, SPEED, TIME
@@ -50,6 +57,7 @@ AIR = {
     "pressure": PRESSURE,
     "temperature": FRACTION,  # temperature in K; see KELVIN
 }
+_ENSEMBLE = "member", "weight"
 WIND = ("wind_north", "wind_east"), ("wind_speed", "wind_direction")
 DENSITIES = ("density_factor",), ("density",), ("pressure", "temperature")
 _MAX_ROWS = 10_000
@@ -66,8 +74,18 @@ def read_air_table(
     factor on the standard density, followed by a factor on the standard temperature if the table
     contains temperatures. Raise InputError if the table is invalid.
     """
-    table = read_foreign_table(path, comma=comma)
-    columns = table.find(("altitude", *AIR), heads)
+    air = _take_air(read_foreign_table(path, comma=comma), choices, heads)
+    if air is None:
+        expected = ", or ".join(" and ".join(choice) for choice in choices)
+        raise InputError(path, "the required columns are missing", f"the columns {expected}", 1)
+    return air
+
+
+def _take_air(
+    table: ForeignTable, choices: Sequence[tuple[str, ...]], heads: Mapping[str, str]
+) -> Floats | None:
+    """Return the result of :func:`read_air_table`, or None if columns are missing."""
+    columns = table.find(("altitude", *_ENSEMBLE, *AIR), heads)
     for index, head in enumerate(table.heads):
         stem, _, unit = head.rpartition("_")
         if stem == "temperature" and unit in KELVIN:
@@ -79,8 +97,7 @@ def read_air_table(
             )
     names = next((names for names in choices if set(names) <= columns.keys()), None)
     if names is None:
-        expected = ", or ".join(" and ".join(choice) for choice in choices)
-        raise table.error(None, None, "the required columns are missing", f"the columns {expected}")
+        return None
     if names in DENSITIES[:2] and "temperature" in columns:
         names = (*names, "temperature")
     factor, offset = 1.0, 0.0
@@ -97,7 +114,9 @@ def read_air_table(
     altitude, *values = numbers.values.T
     if not 2 <= len(altitude) <= _MAX_ROWS:
         raise InputError(
-            path, f"found {counted(len(altitude), 'row')}", f"2 to {grouped_digits(_MAX_ROWS)} rows"
+            table.path,
+            f"found {counted(len(altitude), 'row')}",
+            f"2 to {grouped_digits(_MAX_ROWS)} rows",
         )
     standard = np.array([atmosphere(height) for height in altitude.tolist()])
     if "temperature" in names:
@@ -118,6 +137,42 @@ def read_air_table(
             raise numbers.error(int(row), names[0], problem, "a factor above zero")
     order = np.argsort(altitude)
     return np.column_stack([altitude, *values])[order]
+
+
+def read_ensemble(
+    path: Path, heads: Mapping[str, str], comma: str = ""
+) -> tuple[list[Floats], Floats]:
+    """Return the air [level, column] and the weight of each member, in the order of the file.
+
+    Raise InputError if the table is invalid.
+    """
+    table = read_foreign_table(path, comma=comma)
+    columns = table.find(_ENSEMBLE, heads)
+    if "member" not in columns:
+        raise table.error(None, None, "the table has no column 'member'", "a column 'member'")
+    names = np.array(table.words(columns["member"].position))
+    weights, members = [], list[Floats]()
+    for name in dict.fromkeys(names.tolist()):
+        rows = np.flatnonzero(names == name).tolist()
+        own = replace(
+            table,
+            data=table.data.take(rows),
+            lines=[table.lines[row] for row in rows],
+            texts=[table.texts[row] for row in rows] if table.texts else (),
+        )
+        wind, density = (_take_air(own, choices, heads) for choices in (WIND, DENSITIES))
+        members.append(join_air(wind, density))
+        if not len(members[-1]):
+            expected = "columns of wind, of density, or of pressure and temperature"
+            raise table.error(None, None, "the required columns are missing", expected)
+        weight = own.numbers([columns["weight"].position]) if "weight" in columns else np.ones(1)
+        if not weight.min() == weight.max() > 0.0:
+            problem = f"member '{name}' has the weights {weight.min():g} to {weight.max():g}"
+            raise table.error(rows[0], columns["weight"].position, problem, "a positive weight")
+        weights.append(float(weight.flat[0]))
+    if len(members) < 2:
+        raise table.error(None, None, f"found {counted(len(members), 'member')}", "at least 2")
+    return members, np.array(weights)
 
 
 def find_air_warnings(path: Path, table: Floats, altitude: Floats) -> list[str]:

@@ -188,6 +188,7 @@ class Expression:
         self.code: list[tuple[int, int, int, int]] = []
         self.constant: list[float] = []
         self.nonnegative = False  # whether the value of the expression is never negative
+        self.named: dict[str, int] = {}  # registers of named values, from the last one down
 
     def _emit(
         self, operation: Operation, register: int, a: int = 0, b: int = 0, constant: float = 0.0
@@ -200,12 +201,18 @@ class Expression:
 
         Only higher registers are overwritten. Raise Refusal if the node is not allowed.
         """
-        if register >= MAX_REGISTERS:
+        if register >= MAX_REGISTERS - len(self.named):
             raise Refusal(
                 "the expression is nested too deeply",
                 f"at most {MAX_REGISTERS} intermediate values",
             )
         match node:
+            case ast.NamedExpr(target=ast.Name(id=name), value=value):
+                self.add(value, register)
+                own = self.named.setdefault(name, MAX_REGISTERS - 1 - len(self.named))
+                self._emit(Operation.MINIMUM, own, register, register)
+            case ast.Name(id=name) if name in self.named:
+                self._emit(Operation.MINIMUM, register, self.named[name], self.named[name])
             case (
                 ast.Name() | ast.Attribute(value=ast.Name())
             ):  # Expressions refer to custom states as state.NAME.

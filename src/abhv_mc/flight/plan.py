@@ -183,6 +183,11 @@ class FlightPlan:
         return len(self.metrics)
 
     @property
+    def members(self) -> int:
+        """Number of members of the mission's ensemble of atmospheres."""
+        return int(np.count_nonzero(np.diff(self.profile[:, 0]) < 0.0))
+
+    @property
     def effectors(self) -> tuple[str, ...]:
         """Names of effectors with actuators; empty if only the three axes have actuators."""
         return name_effectors(self.vehicle) if self.vehicle.constants.driven else ()

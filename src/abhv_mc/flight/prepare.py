@@ -308,7 +308,7 @@ def make_plan(
         reference=reference,
         gains=gains,
         settings=settings,
-        profile=mission.make_air(),
+        profile=mission.stack_air(),
         warnings=np.array(warnings, dtype=np.str_),
         gain_names=np.array(names, dtype=np.str_),
         period=controller.period if isinstance(controller, UserController) else 0,

@@ -51,6 +51,7 @@ class Parameter:
     )
     seed: bool = False  # whether the parameter selects a realization of noise or turbulence
     noises: tuple[str, ...] = ()  # noise parameters to which a seed from 0 to 1 applies
+    is_category: bool = False  # whether the values are names, which have no order
 
     @property
     def is_factor(self) -> bool:
@@ -183,6 +184,13 @@ _TABLE: tuple[Parameter, ...] = (
         "atmosphere.uniform_temperature_offset",
         "K",
         "air temperature at every altitude, in hydrostatic balance at unchanged sea-level pressure",
+    ),
+    Parameter(
+        "atmosphere.member",
+        "-",
+        0.0,
+        "member of the mission's ensemble of atmospheres, counted from 1; 0: nominal air",
+        is_category=True,
     ),
     _error("wind.north", "m/s", "steady wind blowing towards the north"),
     _error("wind.east", "m/s", "steady wind blowing towards the east"),

@@ -3,6 +3,9 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from abhv_mc.campaign.sampling.marginals import find_atoms
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.credibility import credibility_fold
 from abhv_mc.topics.formatting import significant
@@ -73,6 +76,15 @@ def _words(value: object) -> str:
     return "\N{EM DASH}" if value is None else str(value)
 
 
+def _categories(names: Names) -> Iterator[tuple[str, str]]:
+    """Yield how many values of each parameter of categories were drawn."""
+    campaign = names.campaign
+    for name, drawn in names.results.samples.items():
+        if name in campaign.parameters and campaign.parameters[name].is_category:
+            values = find_atoms(campaign.marginals[name]) if name in campaign.marginals else drawn
+            yield name, f"{len(np.unique(drawn))} of {len(np.unique(values))} drawn"
+
+
 def _section(_found: Provenance, names: Names) -> Section:
     rerun, manifest = "", names.results.manifest
     if names.campaign.can_rerun:
@@ -86,9 +98,8 @@ def _section(_found: Provenance, names: Names) -> Section:
         f"the data with `abhv-mc verify campaign {names.folder}`. `report.json` next to this page "
         "has every number unrounded and the SHA-256 of every source file."
     )
-    manifest_rows = tuple(
-        (Cell(key, head=True), Cell(value)) for key, value in _rows(manifest.as_entries())
-    )
+    rows = [*_rows(manifest.as_entries()), *_categories(names)]
+    manifest_rows = tuple((Cell(key, head=True), Cell(value)) for key, value in rows)
     return Section(
         "Reproducibility",
         (

@@ -33,10 +33,11 @@ from abhv_mc.io.documents import (
 )
 from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
-from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES
+from abhv_mc.kernel.plant.parameter_names import EFFECTORS, ENGINES, MEMBER
 from abhv_mc.plant.parameters import DISTURBANCES, OURS
 from abhv_mc.shipped import shipped_files
 from abhv_mc.user_code.effector_commands import find_driven
+from abhv_mc.vehicle_simulator.keep_out import Zone
 from abhv_mc.vehicle_simulator.references import check_kinds
 from abhv_mc.vehicle_simulator.tuning import Points, Tune
 from abhv_mc.vehicle_simulator.user_metrics import (
@@ -149,6 +150,13 @@ class VehicleCampaign(Campaign):
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
     ] = Field({}, description="custom metrics by name, or a file of metrics")
+    keep_out: dict[MetricName, Zone] = Field(
+        {},
+        description=(
+            "zones that flights must not enter, by name; the metric distance_from_NAME_m is the"
+            " smallest distance of the ground track, negative inside"
+        ),
+    )
     margins: MarginsOfFlights | None = Field(
         None,
         description=(
@@ -264,6 +272,7 @@ def read_contents(
         stems={c.name: c.name.rpartition("_")[0] or c.name for c in CHANNELS},
         kept=None if ALL in model.keep.histories.channels else model.keep.histories.channels,
         enveloped=model.keep.envelopes.channels,
+        zones={name: zone.outline() for name, zone in model.keep_out.items()},
         document=document,
         model=model,
         declared=declared,
@@ -288,6 +297,11 @@ def _declare_metrics(
     if isinstance(entries, Path):
         source, entries = read_metrics_file(entries)
         location = ()
+    zones = {f"distance_from_{name}_m": zone.metric(name) for name, zone in model.keep_out.items()}
+    for name in zones.keys() & entries.keys():
+        problem = f"the metric '{name}' belongs to a zone of 'keep_out'"
+        errors.append(source.key_error((*location, name), problem, "another name"))
+    entries = entries | zones
     windows = {}
     if any(entry.phase for entry in entries.values()):
         windows = read_mission(model.mission).windows()
@@ -321,6 +335,32 @@ def _check_channels(
                     one_of(channel_names, name),
                 )
             )
+
+
+def draw_members(document: Document) -> Document:
+    """Return the campaign with a distribution of the members of the mission's ensemble.
+
+    The distribution has the weights of the members. A campaign that disperses the member is
+    unchanged.
+    """
+    data = document.entries
+    if any(MEMBER in (data.get(key) or ()) for key in ("dispersions", "unknowns", "derived")):
+        return document
+    if not isinstance(mission := data.get("mission"), str):
+        return document
+    try:
+        _, weights = read_mission(
+            document.resolve(find_shipped(document, "mission", mission))
+        ).read_members()
+    except InputError:
+        return document  # The error is reported when the mission is read.
+    if not weights.size:
+        return document
+    values = list(range(1, 1 + len(weights)))
+    drawn = {"distribution": "discrete", "values": values, "weights": weights.tolist()}
+    return replace(
+        document, data=data | {"dispersions": (data.get("dispersions") or {}) | {MEMBER: drawn}}
+    )
 
 
 def name_effectors(document: Document) -> Document:

@@ -20,7 +20,7 @@ from abhv_mc.flight.plan import SENSOR_TIMES, FlightPlan, find_invalid_sensor_ti
 from abhv_mc.flight.user_law import compile_plan_channels
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES
-from abhv_mc.kernel.plant.parameter_names import AXES, PARAMETER_INDEX
+from abhv_mc.kernel.plant.parameter_names import AXES, MEMBER, PARAMETER_INDEX
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.module import check_closure
@@ -59,12 +59,12 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
     above 1e-6; gusts, turbulence and noise if oscillations are limited; and failures of axes if
     effectors have actuators or are commanded directly.
     """
-    for name in (name for name in SENSOR_TIMES if name in campaign.varied):
+    for name in (name for name in (*SENSOR_TIMES, MEMBER) if name in campaign.varied):
         drawn = values_of(campaign, name)
         rows = nominal_parameters(drawn.size)
         rows[:, PARAMETER_INDEX[name]] = drawn
-        if late := find_invalid_sensor_time(rows, plan.timing.tick):
-            raise refuse_input(campaign, name, *late)
+        if invalid := _find_invalid(plan, rows):
+            raise refuse_input(campaign, name, *invalid)
     moving = [name for name in DISTURBANCES if name in campaign.varied]
     if conflict := oscillation_conflict(plan.limits.loads, moving):
         raise refuse_input(campaign, moving[0], conflict, STILL_AIR)
@@ -80,11 +80,21 @@ def _check_dispersions(campaign: Experiment, plan: FlightPlan) -> None:
 
 def check_rows(plan: FlightPlan, parameters: Floats) -> None:
     """Raise InputError for rows [flight, parameter] that a plan cannot simulate."""
-    if late := find_invalid_sensor_time(parameters, plan.timing.tick):
-        raise InputError("dispersions", *late)
+    if invalid := _find_invalid(plan, parameters):
+        raise InputError("dispersions", *invalid)
     moving = [name for name in DISTURBANCES if parameters[:, PARAMETER_INDEX[name]].any()]
     if conflict := oscillation_conflict(plan.limits.loads, moving):
         raise InputError("dispersions", conflict, STILL_AIR)
+
+
+def _find_invalid(plan: FlightPlan, parameters: Floats) -> tuple[str, str] | None:
+    """Return an invalid sensor time or member of the ensemble and its range, or None."""
+    members, count = parameters[:, PARAMETER_INDEX[MEMBER]], plan.members
+    wrong = members[(members % 1.0 != 0.0) | (members < 0.0) | (members > count)]
+    if wrong.size:
+        expected = f"a whole number from 0 to {count}" if count else "a mission with an ensemble"
+        return f"'{MEMBER}' is {wrong[0]:g}", expected
+    return find_invalid_sensor_time(parameters, plan.timing.tick)
 
 
 def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:

@@ -49,7 +49,7 @@ def find_references(path: Path, seen: frozenset[Path] = frozenset()) -> Iterator
 def _named_files(value: Any) -> Iterator[str]:
     """Yield the file names in the data of a vehicle, mission or controller file."""
     for key, inner in value.items() if isinstance(value, dict) else ():
-        if key in ("file", "python", "around") and isinstance(inner, str):
+        if key in ("file", "python", "around", "ensemble") and isinstance(inner, str):
             yield inner
     for inner in (
         value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()

@@ -9,7 +9,12 @@ from abhv_mc.flight.metrics import BUILT_IN, MARGIN_NAMES, METRIC_INDEX
 from abhv_mc.kernel.compiler_target import choose_interface, find_level
 from abhv_mc.kernel.jit import set_compile_listener
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.vehicle_simulator.campaign_file import VehicleCampaign, name_effectors, read_contents
+from abhv_mc.vehicle_simulator.campaign_file import (
+    VehicleCampaign,
+    draw_members,
+    name_effectors,
+    read_contents,
+)
 from abhv_mc.vehicle_simulator.simulator import VehicleSimulator
 
 Schema = dict[str, Any]
@@ -56,7 +61,7 @@ VEHICLE = Registered(
     VehicleSimulator,
     VehicleCampaign,
     read_contents,
-    prepare=name_effectors,
+    prepare=lambda document: draw_members(name_effectors(document)),
     files={
         "vehicle": "abhv_mc.vehicle.document:VehicleDocument",
         "mission": "abhv_mc.control.mission:Mission",

@@ -7,6 +7,7 @@ from typing import Annotated, Any, TypeGuard
 
 from pydantic import Field, model_validator
 
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import Campaign, MetricName, Name
 from abhv_mc.entry_points import SIMULATORS, find_entry_points, load_entry_point
 from abhv_mc.flight.channels import Signal
@@ -210,6 +211,8 @@ class Contents:
     kept: tuple[str, ...] | None = None  # channels of stored histories; None: all
     enveloped: tuple[str, ...] | None = None  # channels of envelopes; None: all
     disturbances: tuple[str, ...] = ()  # parameters of noise, gusts and turbulence
+    # outlines of keep-out zones [point, (latitude, longitude)], deg, by name
+    zones: Mapping[str, Floats] = field(default_factory=dict)
     is_imported: bool = False  # whether a table states the inputs of each flight
 
     def margin_flights(self, runs: int) -> int:

@@ -59,6 +59,7 @@ from abhv_mc.kernel.plant.actuators import (
 from abhv_mc.kernel.plant.aerodynamics import build_up, look_up
 from abhv_mc.kernel.plant.air_data import (
     air_data,
+    choose_member,
     deflections,
     is_warm,
     move_air,
@@ -504,6 +505,7 @@ def start_active(plan, memory, width, active):
     """Initialize the active effects, and the effectors with actuators."""
     Z = memory.Z
     if active is not None:
+        choose_member(Z, width, plan.profile)
         if active.windy and plan.vehicle.constants.sensing.sideslip > 0:
             move_air(Z, width, plan.profile)
             face_air(Z, width)

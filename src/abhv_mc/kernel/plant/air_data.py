@@ -1,8 +1,8 @@
 """Air data and table variables, computed in the first loop of an integrator stage.
 
 A mission may define its nominal air by a table of wind and of factors on the standard density over
-altitude. The density factor is constant over a control tick, like the factor of a dispersed
-profile.
+altitude. The tables of an ensemble's members follow in the same array. The density factor is
+constant over a control tick, like the factor of a dispersed profile.
 """
 
 import math
@@ -20,6 +20,7 @@ from abhv_mc.kernel.numerics.lane_math import (
     two_angles,
 )
 from abhv_mc.kernel.numerics.quaternion import rotate_meridional, rotate_to_body
+from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.disturbance import any_lane
 from abhv_mc.kernel.plant.state import XS, X, parameter_rows
@@ -41,7 +42,7 @@ PROFILE = (
 )
 _ALTITUDE, _NORTH, _EAST, _DENSITY, _TEMPERATURE = range(5)
 _COLDEST = -160.0  # limit of the offset of a column, which keeps all temperatures positive, K
-_WARMER, _COLUMN = parameter_rows("atmosphere.temperature", 2)
+_WARMER, _COLUMN, _MEMBER = parameter_rows("atmosphere.temperature", 3)
 
 
 @scalar
@@ -110,10 +111,9 @@ def move_air(Z, width, profile):
     if profile.shape[0] > 0:
         for lane in range(width):
             altitude = Z[XS + s.ALTITUDE, lane]
-            north, east = (
-                between_knots(profile, _NORTH, altitude),
-                between_knots(profile, _EAST, altitude),
-            )
+            knot, share = find_knot(Z, lane, profile, altitude)
+            north = between_knots(profile, _NORTH, knot, share)
+            east = between_knots(profile, _EAST, knot, share)
             u, v, w = wind_in_body(Z, lane, north, east)
             Z[s.AIR_U, lane] += u
             Z[s.AIR_V, lane] += v
@@ -133,9 +133,31 @@ def no_profile() -> Floats:
 
 
 @lanes
-def between_knots(profile, column, altitude):
-    """Interpolate a column linearly between knots of altitude, constant beyond the ends."""
-    knot, count = 0, profile.shape[0] - 1
+def choose_member(Z, width, profile):
+    """Find the knots of each flight's air: those of the mission, or of its ensemble member.
+
+    The altitude falls from the last knot of a member to the first knot of the next. The last member
+    replaces one that does not exist.
+    """
+    for lane in range(width):
+        first, member = 0, 0.0
+        last = profile.shape[0]
+        for knot in range(1, last):
+            if profile[knot, _ALTITUDE] < profile[knot - 1, _ALTITUDE]:
+                if member >= Z[_MEMBER, lane]:
+                    last = knot
+                    break
+                first, member = knot, member + 1.0
+        Z[s.FIRST_KNOT, lane], Z[s.INTERVALS, lane] = float(first), float(last - 1 - first)
+
+
+@lanes
+def find_knot(Z, lane, profile, altitude):
+    """Return the knot at or below an altitude, and the share of the interval above it.
+
+    The share is 0 or 1 beyond the ends.
+    """
+    knot, count = natural(int(Z[s.FIRST_KNOT, lane])), natural(int(Z[s.INTERVALS, lane]))
     while count > 1:  # number of intervals, halved in each iteration
         half = count // 2
         knot = knot + half if altitude > profile[knot + half, _ALTITUDE] else knot
@@ -143,8 +165,14 @@ def between_knots(profile, column, altitude):
     low, high = profile[knot, _ALTITUDE], profile[knot + 1, _ALTITUDE]
     share = (altitude - low) / (high - low)
     share = 1.0 if share > 1.0 else share
-    value = profile[knot, column] + share * (profile[knot + 1, column] - profile[knot, column])
-    return value if altitude > low else profile[0, column]
+    return knot, share if altitude > low else 0.0
+
+
+@lanes
+def between_knots(profile, column, knot, share):
+    """Interpolate a column linearly between a knot and the next."""
+    low = profile[knot, column]
+    return low + share * (profile[knot + 1, column] - low)
 
 
 @lanes
@@ -160,8 +188,9 @@ def nominal_density(Z, width, profile):
     if profile.shape[0] > 0:
         for lane in range(width):
             altitude = Z[X + s.ALTITUDE, lane]
-            Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, altitude)
-            Z[s.TEMPERATURE_PROFILE, lane] = between_knots(profile, _TEMPERATURE, altitude)
+            knot, share = find_knot(Z, lane, profile, altitude)
+            Z[s.DENSITY_PROFILE, lane] *= between_knots(profile, _DENSITY, knot, share)
+            Z[s.TEMPERATURE_PROFILE, lane] = between_knots(profile, _TEMPERATURE, knot, share)
 
 
 @lanes

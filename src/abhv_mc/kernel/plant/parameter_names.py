@@ -10,6 +10,7 @@ import math
 
 from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS, MAX_ENGINES
 
+MEMBER = "atmosphere.member"
 NEVER = math.inf  # time of a failure that does not occur
 DENSITY_KNOTS_KM = (10, 15, 20, 25, 30, 35, 40)
 
@@ -132,6 +133,7 @@ PARAMETER_NAMES: tuple[str, ...] = (
     ),
     *("thrust.inclination", "thrust.azimuth"),
     *("atmosphere.temperature", "atmosphere.uniform_temperature_offset"),
+    MEMBER,
 )
 FAILURE_TIMES = tuple(
     name for name in PARAMETER_NAMES if name.startswith("failure.") and name.endswith("time")

@@ -77,8 +77,8 @@ COUNTED = MEASURED + N_SEEN  # 1 if metrics count the sample of the tick, else 0
 COMMANDS = COUNTED + 1  # commands from the guidance to the attitude loop
 GUST = (
     COMMANDS + 3
-)  # gust and turbulence of the tick in body axes, and density and temperature factors
-TURBULENCE = GUST + 8  # state of the random stream, followed by the forming filters
+)  # gust and turbulence of the tick in body axes, density and temperature factors, knots of the air
+TURBULENCE = GUST + 10  # state of the random stream, followed by the forming filters
 FILTERS = TURBULENCE + N_STREAM_ROWS
 PER_MASS_FACTOR = FILTERS + N_FILTER_STATES  # 1 / factor on the mass, constant during a flight
 # coefficients of the surface and engine actuators, constant during a flight
@@ -146,8 +146,9 @@ M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 5, COUNTED - 4
 M_ACCELERATION = COUNTED - 3  # acceleration along x, y, z
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R, TEMPERATURE_PROFILE = range(
-    GUST, TURBULENCE
+    GUST, GUST + 8
 )
+FIRST_KNOT, INTERVALS = GUST + 8, GUST + 9
 # commands of the actuators; factors on rate and effectiveness of the three surfaces; failed engine:
 # factor on thrust, increments of drag and pitching moment, whether it has failed; deflections of
 # stuck surfaces; inlet: whether it is unstarted, and last time out of range; last time of a failed

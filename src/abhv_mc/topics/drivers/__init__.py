@@ -117,15 +117,19 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
             for metric in metrics
         ]
     )
-    inputs, folded = [], []
-    for sampled in map(results.samples.__getitem__, names):
+    inputs, ordered, folded = [], [], []
+    for name in names:
+        sampled = results.samples[name]
         inputs.append(sampled[flights.flight[first]])
+        # The numbers of categories have no order, so the regression gets constants.
+        is_category = results.campaign.parameters[name].is_category
+        ordered.append(np.zeros(len(first)) if is_category else inputs[-1])
         # Absolute errors often grow with a parameter's distance from its median.
         finite = sampled[flights.flight]
         # The time of a failure that does not occur is infinite.
         finite = finite[np.isfinite(finite)]
-        folded.append(np.abs(inputs[-1] - (np.median(finite) if finite.size else 0.0)))
-    drivers = rank_drivers(np.column_stack(inputs), outputs, folded=np.column_stack(folded))
+        folded.append(np.abs(ordered[-1] - (np.median(finite) if finite.size else 0.0)))
+    drivers = rank_drivers(np.column_stack(ordered), outputs, folded=np.column_stack(folded))
     if drivers is None:
         return {}
     shares_by_metric = _given_data(results, np.column_stack(inputs), drivers)
@@ -145,6 +149,7 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
             swings = (
                 find_swing(name, inputs[names.index(name)], values)
                 for name in dict.fromkeys(moving)
+                if not results.campaign.parameters[name].is_category
             )
             table[metric] = MetricDrivers(
                 explained=float(drivers.explained[column]),
@@ -307,7 +312,7 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
 def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> tuple[Row, ...]:
     """Return one table row for each driver of a metric."""
     rows = [_driver_row(driver, names) for driver in entry.parameters if driver.driver]
-    rows += [_share_row(share) for share in entry.otherwise]
+    rows += [_share_row(share, names) for share in entry.otherwise]
     first = Cell(names.label(controller), head=True), Cell(names.metrics[metric].label, head=True)
     return grouped(
         rows[:_LISTED] or [(Cell("no single parameter"), Cell(""))],
@@ -327,10 +332,12 @@ def _driver_row(driver: Driver, names: Names) -> Row:
     return cell, interval_cell(Interval(*driver.srrc))
 
 
-def _share_row(share: Share) -> Row:
+def _share_row(share: Share, names: Names) -> Row:
+    is_category = names.campaign.parameters[share.parameter].is_category
+    kind = "by category" if is_category else "not monotonic"
     note = f"mostly with {spoken_name(share.partner)}" if share.partner else ""
     shares = f"{percent(share.total, 2)} of the variance", f"{percent(share.first, 2)} alone"
-    return Cell(f"{spoken_name(share.parameter)}, not monotonic", note), Cell(*shares)
+    return Cell(f"{spoken_name(share.parameter)}, {kind}", note), Cell(*shares)
 
 
 DRIVERS = Topic("drivers", Drivers, compute_drivers, driver_section, figures_of(__name__))

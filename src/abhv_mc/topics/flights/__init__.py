@@ -120,6 +120,8 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         table = Table(title, worst_heads, (listed,)).without_constant()
         yield Fold(title, (rerun, table) if campaign.can_rerun else (table,))
     yield Picture("worst_flights")
+    if campaign.contents.zones:
+        yield Picture("ground_tracks")
 
 
 def _findings(flights_model: Flights, names: Names) -> Iterator[Table]:

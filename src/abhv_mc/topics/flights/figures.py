@@ -1,7 +1,7 @@
 """Figure of the worst flights, showing the channels of their worst metrics."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from abhv_mc.topics.figure_bands import (
     plot_envelopes,
     plot_errors,
 )
-from abhv_mc.topics.figure_style import controller_colors
+from abhv_mc.topics.figure_style import controller_colors, legend_below, new_figure, styled
 from abhv_mc.topics.flights.model import Flights, WorstFlight, channel_of, limit_sides
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
@@ -43,6 +43,7 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         name: [results.align(name, kept_histories[name][k]) for k in listed[name]]
         for name in controllers
     }
+    yield from _ground_tracks(names, kept_histories)
     if not any(histories.values()):
         return
     yield from _critical(flights, names, kept_histories)
@@ -81,6 +82,47 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
         )
         colors = controller_colors(controllers)
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
+
+
+def _ground_tracks(
+    names: Names, histories: Mapping[str, Mapping[int, Mapping[str, Floats]]]
+) -> Iterator[tuple[FigureText, Figure]]:
+    """Yield the map of the stored ground tracks, if the campaign has keep-out zones."""
+    zones = names.campaign.contents.zones
+    if not zones:
+        return
+    colors, tracks = controller_colors(tuple(names.controllers)), []
+    for name, own in histories.items():
+        for history in own.values():
+            if {"latitude_deg", "longitude_deg"} <= history.keys():
+                tracks.append((names.label(name), colors[name], history))
+    yield (
+        FigureText(
+            "ground_tracks",
+            "Ground tracks and keep-out zones",
+            f"Flights with stored histories; zones: {', '.join(zones)}. The axes differ in scale.",
+        ),
+        plot_tracks(list(zones.values()), tracks),
+    )
+
+
+@styled
+def plot_tracks(
+    zones: Sequence[Floats], tracks: Sequence[tuple[str, str, Mapping[str, Floats]]]
+) -> Figure:
+    """Return the map of zones [point, 2] (deg) and of labelled, coloured histories."""
+    figure = new_figure(height=3.2)
+    axis = figure.subplots()
+    for outline in zones:
+        axis.fill(outline[:, 1], outline[:, 0], facecolor="0.85", edgecolor="0.3", hatch="///")
+    labels = set[str]()
+    for label, color, history in tracks:
+        own = "_" if label in labels else label
+        labels.add(label)
+        axis.plot(history["longitude_deg"], history["latitude_deg"], color=color, lw=0.6, label=own)
+    axis.set(xlabel="longitude (deg)", ylabel="latitude (deg)")
+    legend_below(figure, axis)
+    return figure
 
 
 def _critical(
