@@ -1,4 +1,4 @@
-"""Hold the wings level and the altitude of 100 dispersed flights."""
+"""Hold the wings level and the altitude of 20 dispersed flights."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ import abhv_mc
 
 plant = abhv_mc.Plant(
     "level",
-    flights=100,
+    flights=20,
     dispersions={
         "aero.lift": {"distribution": "uniform", "half_width": "10 %"},
         "initial.bank": {"distribution": "uniform", "low": "-10 deg", "high": "10 deg"},

@@ -39,8 +39,7 @@ env = VectorEnv(
         "aero.lift": {"distribution": "uniform", "half_width": "10 %"},
         "initial.bank": {"distribution": "uniform", "low": "-10 deg", "high": "10 deg"},
     },
-    rate="20 Hz",
-    ticks=1,
+    ticks=5,
 )
 
 # observations that each command uses
@@ -96,4 +95,4 @@ def policy(measured, reference):
     aileron, rudder, elevator, throttle = action.tolist()
     return Command(0.1 * aileron, 0.1 * rudder, -0.015 + 0.1 * elevator, 0.85 + 0.15 * throttle)
 """)
-Path("policy.yaml").write_text("law: python\nfile: policy.py\nrate: 20 Hz\n")
+Path("policy.yaml").write_text("law: python\nfile: policy.py\nrate: 100 Hz\n")

@@ -77,7 +77,8 @@ def test_the_programs_of_the_page_run(repository, tmp_path, monkeypatch):
     Path("loop.py").write_text((folder / "close_loop.py").read_text().replace('"level"', short))
     for program in (["loop.py"], [folder / "train_policy.py", "1"]):
         subprocess.run([sys.executable, *program], check=True)
-    study = {"name": "policy", "mission": "level", "vehicle": "abhv", "dispersions": DISPERSIONS}
+    study = {"name": "policy", "runs": 4, "mission": "level", "vehicle": "abhv"}
+    study["dispersions"] = DISPERSIONS
     study["controllers"] = {"policy": "policy.yaml", "tlc": "tlc", "lqr": "lqr"}
-    flown = abhv_mc.Campaign.make(study).run(runs=4).flights.groupby("controller").size()
+    flown = abhv_mc.Campaign.make(study).run().flights.groupby("controller").size()
     assert flown.to_dict() == {"lqr": 4, "policy": 4, "tlc": 4}
