@@ -32,6 +32,7 @@ def prepare(app) -> None:
         "own-simulator",
         "worst-case",
         "number-of-flights",
+        "test-flights",
     ):
         (work / page).mkdir()
         for file in (source / "tutorials" / "files" / page).glob("*"):

@@ -96,6 +96,7 @@ def test_all_commands_with_numbers_write_json():
             "explain",
             "whatif",
             "place",
+            "identify",
             "runs",
             "query",
         ),

@@ -70,8 +70,11 @@ def identify(
     programme = Programme(campaign, files, controller, noise, engine)
     names, records, experiment = programme.names, programme.records, programme.experiment
     document = experiment.document
-    if output is not None and output.absolute().parent != document.path.absolute().parent:
-        expected = f"a file in the folder of {document.path}, to which its paths are relative"
+    source = document.path.absolute()
+    if output is not None and (
+        source == output.absolute() or output.absolute().parent != source.parent
+    ):
+        expected = f"another file in the folder of {source}, to which its paths are relative"
         raise InputError("-o", f"found '{output}'", expected)
     for name in () if programme.is_history else names:
         if name not in programme.noise:

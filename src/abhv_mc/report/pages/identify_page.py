@@ -24,7 +24,7 @@ def _texts(answer: Identification) -> Iterator[tuple[str, str]]:
         )
         for unit, value in entry.values.items():
             error = significant(1.96 * entry.errors[unit], 2)
-            yield f"  {unit}", f"{significant(value, 4)} +- {error} (95 %)"
+            yield f"{entry.name}, {unit}", f"{significant(value, 4)} +- {error} (95 %)"
     for group, correlation in answer.inseparable:
         yield "Not separable", f"{', '.join(group)} (correlation {correlation:.2f})"
     yield "Nuisances", ", ".join(answer.nuisances)
