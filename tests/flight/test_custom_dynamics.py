@@ -290,9 +290,7 @@ def test_three_modes_follow_an_independent_integration_with_recorded_inputs(law,
 def test_the_flexible_vehicle_has_the_eigenvalues_of_its_equations(flexible):
     """Modes with analytic coupling to the linear model of the rigid vehicle."""
     point = flown_points(flexible, parameters_of(flexible), 0.02).points
-    rigid = make_flight_plan(
-        "flexible", {"base": "flexible", "dynamics": None}, "lqr_robust_abhv"
-    )
+    rigid = make_flight_plan("flexible", {"base": "flexible", "dynamics": None}, "lqr_robust_abhv")
     A = np.zeros((16, 16))
     A[:10, :10] = linearize(rigid, point._replace(custom=point.custom[:, :0])).plant_A[0]
     speed, alpha, mass = point.path[0, 1], point.path[0, 4], point.mass[0]
