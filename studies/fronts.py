@@ -48,7 +48,7 @@ VEHICLES = (
     "seed-2",
     "seed-21",
     "seed-23",
-)  # of studies/paper_vehicle.json: abhv, and the two that differ most from it
+)  # of studies/paper_vehicle.json: the first, and the two that differ most from it
 LAWS = ("tlc", "lqr")
 SEARCHES = (1, 2)
 RANDOM = 2  # the search that starts from random points

@@ -17,7 +17,6 @@ SHIPPED = {
 }
 HEADS = ("all three angles (rms)", "angle of attack", "sideslip", "bank")
 SEARCH_LINES = {1: ("-", True), 2: ("--", False)}
-NAMES = {"seed-2": "abhv"}
 TICKS_X = (0.6, 0.7, 0.85, 1.0, 1.2)
 TICKS_Y = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5)
 TICKS_WIDE = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4)
@@ -154,7 +153,7 @@ def plot_fronts(results: dict[str, Any]) -> Figure:
                 f"{title}, 1 = {references[column - 1]:.2g} deg" if column else title, fontsize=7.5
             )
             if column == 0:
-                axes.set_ylabel(f"{NAMES.get(vehicle, vehicle)}\nerror / Table 1's")
+                axes.set_ylabel(f"{vehicle}\nerror / Table 1's")
                 label_laws(axes, vehicle_results["fronts"])
             axes.tick_params(labelsize=6.5)
     for axes in grid[-1]:

@@ -15,7 +15,7 @@ the largest set, are stored (paper_vehicle_starts.json). The figures do not dete
 and hardly yaw damping, so rules apply these limits to each result (`limit_damping`), and add
 variants with less pitch damping (`with_damping`). Without options, the command selects the ensemble
 from these and writes it to paper_vehicle.json. `--searches` adds more searches. `--fresh` starts
-with only the shipped vehicle, searches from random starts and writes to DIR. Then each figure in
+with only `seed-2`, searches from random starts and writes to DIR. Then each figure in
 turn is left out and predicted, from three random starts. The results are written after each step.
 After an interruption the same command resumes from DIR, which must be emptied if the box or the
 sides change. More threads do not help with Riccati equations of 4 x 4. `--smoke` simulates one
@@ -35,17 +35,27 @@ import numpy as np
 from experiment import ROOT, Floats
 from numpy.typing import NDArray
 from paper_vehicle_box import first_mean
-from paper_vehicle_flights import TRAITS, Seen, fly_candidate, third_trait
+from paper_vehicle_envelope import ENVELOPE
+from paper_vehicle_flights import (
+    TRAITS,
+    Seen,
+    fly_candidate,
+    in_insets,
+    strict_ends,
+    third_trait,
+)
 from paper_vehicle_search import DIFFERENT, Found, Outcome, Search, limit_damping, rank, run
+from paper_vehicle_sides import SIDES
 
 STARTS = ROOT / "studies/paper_vehicle_starts.json"  # results of eight earlier searches
 STORED = ROOT / "studies/paper_vehicle.json"
-SHIPPED = "seed-2"  # the vehicle abhv
+FIRST = "seed-2"  # vehicle that every ensemble contains
+STRICT = 19  # least number of the 20 ends of a member in their intervals, without tolerance
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
 LEFT_OUT_SEEDS = (2, 3, 4)
 ALIKE = 0.02  # logarithmic difference of all traits up to which vehicles count as equal
 RANDOM_STARTS = 4  # number of fresh searches that do not avoid the members
-DAMPING = -0.4027  # 1/s, pitch damping of the shipped vehicle
+DAMPING = -0.4027  # 1/s, pitch damping of `seed-2`
 LEVELS = (1.02 * DIFFERENT) ** np.arange(1.0, 4.0)  # of pitch damping
 AIMED = 6  # number of traits with an aim; the figures determine the other two
 _AIMS, _TRIES = 300, 6  # aims drawn for a search, and sets tried for each
@@ -53,6 +63,30 @@ _MOVED = 0.25  # standard deviation of an aim from a known vehicle, logarithmic
 _BEYOND = 0.12  # largest distance of an aim outside the known vehicles, logarithmic
 _CHANGE = 0.01  # added to the rank for each level of pitch damping
 _VARIED = 3  # number of a search's candidates whose pitch damping is varied
+
+
+def select_members(judged: dict[str, dict[str, Any]]) -> list[str]:
+    """Return the assessed vehicles that match the figures strictly and keep all limits.
+
+    Of the ends of the printed axes, STRICT are in their intervals without tolerance, and the bank
+    is in both insets of Figure 7.
+    """
+    return [
+        name
+        for name, result in judged.items()
+        if strict_ends(result["ends"]) >= STRICT
+        and in_insets(result["ends"])
+        and not any(broken_limits(result))
+    ]
+
+
+def broken_limits(result: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the limits of the class, and of the box, that an assessed vehicle breaks."""
+    of_class, of_box = (
+        [name for name, side in sides.items() if side.excess(result["traits"][kind][name], 0.0)]
+        for kind, sides in (("class", SIDES), ("box", ENVELOPE))
+    )
+    return of_class, of_box
 
 
 def read_starts() -> dict[str, Found]:
@@ -99,9 +133,9 @@ def other_damping(traits: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def thin(vehicles: dict[str, Found]) -> dict[str, Found]:
-    """Return the shipped vehicle and, best first, vehicles that differ from all previous ones."""
+    """Return `seed-2` and, best first, vehicles that differ from all previous ones."""
     distinct: dict[str, Found] = {}
-    for name in sorted(vehicles, key=lambda name: (name != SHIPPED, vehicles[name].rank)):
+    for name in sorted(vehicles, key=lambda name: (name != FIRST, vehicles[name].rank)):
         traits = np.array([vehicle.traits for vehicle in distinct.values()])
         off = (
             np.abs(np.log(np.abs(vehicles[name].traits) / np.abs(traits)))
@@ -144,7 +178,7 @@ def largest_set(
 
 
 def choose_members(vehicles: dict[str, Found], seed: int = 0) -> dict[str, Found]:
-    """Return the shipped vehicle and the largest set of vehicles that differ from it."""
+    """Return `seed-2` and the largest set of vehicles that differ from it."""
     distinct = thin(vehicles)
     names = list(distinct)
     traits = np.array([vehicle.traits for vehicle in distinct.values()])
@@ -193,7 +227,7 @@ def aim_search(number: int, vehicles: dict[str, Found]) -> Search:
             )
             best = merit, search
     if best is None:
-        raise SystemExit("no aim differs from the shipped vehicle")
+        raise SystemExit("no aim differs from `seed-2`")
     return best[1]
 
 
@@ -246,7 +280,7 @@ def find_members(
     """Search, and return the members."""
     vehicles = read_starts()
     if fresh:
-        vehicles = {SHIPPED: vehicles[SHIPPED]}
+        vehicles = {FIRST: vehicles[FIRST]}
     for number in range(1, searches + 1):
         if fresh:
             members = choose_members(vehicles).values() if number > RANDOM_STARTS else ()
@@ -301,7 +335,7 @@ def main() -> None:
         help="time after which the search stops; the same command resumes",
     )
     parser.add_argument("--searches", type=int, default=0, help="more searches for members")
-    parser.add_argument("--fresh", action="store_true", help="start with only the shipped vehicle")
+    parser.add_argument("--fresh", action="store_true", help="start with only `seed-2`")
     parser.add_argument(
         "--smoke", action="store_true", help="simulate and print one candidate, and write nothing"
     )

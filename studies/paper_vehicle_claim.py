@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from experiment import Floats, random_parameters
 from numpy.typing import NDArray
-from paper_vehicle_box import make_mission, make_vehicle
+from paper_vehicle_envelope import measure_envelope
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, PERIOD, RECORDED, SHOWN, look_together
+from paper_vehicle_sides import find_trim, measure
 
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.design.reference import SETTLING
@@ -18,6 +19,7 @@ from abhv_mc.control.mission import Mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.kernel.plant.actuator_step import HIGH
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability.analysis import margins_of_flights
 from abhv_mc.stability.steady import make_steady_plan
@@ -65,27 +67,33 @@ def rms(values: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(values**2, axis=1)))
 
 
-def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
-    """Return the assessment of one member."""
-    vehicle, mission = make_vehicle(values), make_mission(values)
+def traits_of(vehicle: Vehicle) -> dict[str, dict[str, float]]:
+    """Return the traits of the vehicle's class and of its box."""
+    traits = {"class": measure(vehicle, *find_trim(vehicle)), "box": measure_envelope(vehicle)}
+    return {
+        name: {trait: float(f"{value:.4g}") for trait, value in values.items()}
+        for name, values in traits.items()
+    }
+
+
+def judge(vehicle: Vehicle, mission: Mission, flights: int) -> dict[str, Any]:
+    """Return the assessment of one vehicle with its S."""
     flown, completed = {}, np.ones(flights + 1, dtype=bool)
     result: dict[str, Any] = {
+        "traits": traits_of(vehicle),
         "margins": {},
         "lost": {},
         "saturated": {},
         "ends": [],
-        "claim": {},
-        "use": {},
     }
     for law in LAWS:
         result["margins"][law] = margins_of(vehicle, mission, law)
         flown[law], ok = fly_law(vehicle, mission, law, flights)
         result["lost"][law] = int((~ok).sum())
         completed &= ok
-        largest = max(float(np.abs(flown[law][f"{surface}_deg"][0]).max()) for surface in SURFACES)
-        result["saturated"][law] = bool(
-            largest >= np.rad2deg(vehicle.constants.surface_limit) - 1e-6
-        )
+        deflections = np.stack([flown[law][f"{surface}_deg"][0] for surface in SURFACES])
+        limits = np.rad2deg(vehicle.actuators[:3, HIGH])[:, None]
+        result["saturated"][law] = bool((np.abs(deflections) >= limits - 1e-6).any())
     nominal = {law: {name: values[0] for name, values in flown[law].items()} for law in LAWS}
     for axis in AXES:
         seen = look_together(axis, nominal)
@@ -107,7 +115,16 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
             | ends
             | {"dispersed": dispersed}
         )
-    times = np.arange(nominal["tlc"]["bank_deg"].size) * PERIOD
+    result["claim"], result["use"] = compare(flown, completed, mission)
+    return result
+
+
+def compare(
+    flown: dict[str, Flown], completed: NDArray[np.bool_], mission: Mission
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return errors by window and angle, and control effort by surface, of dispersed flights."""
+    claim, used = {}, {}
+    times = np.arange(flown["tlc"]["bank_deg"].shape[1]) * PERIOD
     windows = {"whole": np.ones(times.size, dtype=bool), "settled": settled_samples(mission, times)}
     dispersed_rows = completed.copy()
     dispersed_rows[0] = False
@@ -126,11 +143,11 @@ def judge(values: dict[str, float], flights: int) -> dict[str, Any]:
             counts[name] = {"closer_percent": closer} | {
                 law: float(np.median(errors)) for law, errors in zip(LAWS, both, strict=True)
             }
-        result["claim"][window_name] = counts
+        claim[window_name] = counts
     for surface in SURFACES:
         uses = (flown[law][f"{surface}_deg"][dispersed_rows] for law in LAWS)
-        result["use"][surface] = {
+        used[surface] = {
             law: float(np.median(rms(use - use[:, :1])))
             for law, use in zip(LAWS, uses, strict=True)
         }
-    return result
+    return claim, used

@@ -38,7 +38,7 @@ from abhv_mc.plant.trim import TrimPoint
 from abhv_mc.vehicle.evaluate import make_variables, table_rows
 
 LAWS = ("tlc", "lqr")
-READING = 0.02  # of an axis, up to which an end counts as inside
+READING = 0.02  # of an axis, up to which an end counts as inside in a search
 FURTHEST = 0.20  # of an axis, largest miss of a member
 TICK, TICKS = 0.01, 6000
 OFF_NODE_AIM = 0.12  # deg
@@ -161,6 +161,31 @@ AXES = (
     Axis(10, "elevator (deg)", ("elevator_deg",), (-0.5, 0.0), (2.0, 2.5), 3.0, mirror=True),
     Axis(11, "equivalence ratio", ("equivalence_ratio_command",), (0.8, 0.85), (1.2, 1.25), 0.45),
 )
+
+
+# Maximum of the bank (deg) in the insets of Figure 7, if their axes are automatic: between the last
+# ticks of 40, 45, 50, 55 (TLC) and 40, 50, 60 (LQR).
+INSETS = {"inset (deg), TLC": (50.0, 55.0), "inset (deg), LQR": (50.0, 60.0)}
+
+
+def strict_ends(ends: list[dict[str, Any]]) -> int:
+    """Return the number of the 20 ends that are in their intervals, without tolerance."""
+    return sum(
+        miss == 0.0
+        for axis, end in zip(AXES, ends, strict=True)
+        if axis.counts
+        for miss in _misses(axis, end["low"], end["high"])
+    )
+
+
+def in_insets(ends: list[dict[str, Any]]) -> bool:
+    """Return whether the bank is in both insets, without tolerance."""
+    return all(
+        max(_misses(axis, end["low"], end["high"])) == 0.0
+        and INSETS[axis.label][0] <= end["high"] <= INSETS[axis.label][1]
+        for axis, end in zip(AXES, ends, strict=True)
+        if axis.label in INSETS
+    )
 
 
 @dataclass(frozen=True)

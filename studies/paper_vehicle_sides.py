@@ -274,11 +274,11 @@ def excesses(traits: dict[str, float], inner: float = 0.0) -> Floats:
     return np.array([side.excess(traits[name], inner) for name, side in SIDES.items()])
 
 
-def table(traits: dict[str, dict[str, str]]) -> Iterator[str]:
+def table(traits: dict[str, dict[str, str]], sides: dict[str, Side] | None = None) -> Iterator[str]:
     """Yield the rows of a Markdown table with each trait as text of each vehicle and its side."""
     yield "| trait | limits | " + " | ".join(traits) + " |"
     yield "|" + "---|" * (2 + len(traits))
-    for name, side in SIDES.items():
+    for name, side in (sides or SIDES).items():
         cells = [vehicle_traits[name] for vehicle_traits in traits.values()]
         ends = [f"{end:g}" for end in (side.low, side.high) if np.isfinite(end)]
         sign = "at least " if side.high == INFINITY else "at most " if len(ends) == 1 else ""

@@ -36,14 +36,14 @@ def left_by(axis: Axis, end: dict[str, Any], law: str) -> float:
 def with_ranges(
     traits: dict[str, dict[str, float]], members: Sequence[str], default: str
 ) -> dict[str, dict[str, str]]:
-    """Return the traits as text: of the default member, of all members, of other vehicles."""
+    """Return the traits as text: of the default vehicle, of the members, of other vehicles."""
     ranges = {}
     for name in traits[default]:
         values = [traits[member][name] for member in members]
         low, high = f"{min(values):.3g}", f"{max(values):.3g}"
         ranges[name] = low if low == high else f"{low} to {high}"
-    others = {name: shown(x) for name, x in traits.items() if name not in members}
-    return {"`abhv`": shown(traits[default]), "all members": ranges, **others}
+    others = {name: shown(x) for name, x in traits.items() if name not in (default, *members)}
+    return {"`abhv`": shown(traits[default]), "earlier vehicles": ranges, **others}
 
 
 def powers(traits: dict[str, dict[str, str]]) -> Iterator[str]:

@@ -9,7 +9,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-STUDIES = ("example", "fronts", "fronts_results", "paper", "retune_lqr", "robust lqr", "tune_tlc")
+STUDIES = (
+    "example",
+    "fronts",
+    "fronts_results",
+    "inclination",
+    "paper",
+    "retune_lqr",
+    "robust lqr",
+    "tune_tlc",
+)
 BENCHMARKS = (
     *(
         "advised_flights",
@@ -24,15 +33,17 @@ BENCHMARKS = (
         "parts",
         "placement",
     ),
-    *("rare_against_plain", "rare_coverage", "storage", "unknowns", "user_law", "verdict_errors"),
     *(
-        f"versions {ROOT}",
-        "worst_seeds",
-        "table_checks",
+        "rare_against_plain",
+        "rare_coverage",
         "stepping",
-        "others.fair_fight",
-        "others.sensitivity",
+        "storage",
+        "trim_time",
+        "unknowns",
+        "user_law",
+        "verdict_errors",
     ),
+    *(f"versions {ROOT}", "worst_seeds", "table_checks", "others.fair_fight", "others.sensitivity"),
 )
 # These need other programs or the network, run completely in other tests or in
 # `make test-thorough`, or belong to another script.

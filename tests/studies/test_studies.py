@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "studies"))
 import fronts
 import paper_vehicle as ensemble
 import paper_vehicle_box as box
-import paper_vehicle_export as export
+import paper_vehicle_envelope as envelope
 import paper_vehicle_flights as flights
 import paper_vehicle_search as search
 import paper_vehicle_sides as sides
@@ -262,7 +262,7 @@ def test_a_search_aims_where_a_vehicle_would_enlarge_the_ensemble() -> None:
     del vehicles[ENSEMBLE[-1]["name"]]
     aimed_search = ensemble.aim_search(1, vehicles)
     assert aimed_search.start in [vehicle.values for vehicle in vehicles.values()]
-    assert vehicles[ensemble.SHIPPED].traits in aimed_search.members
+    assert vehicles[ensemble.FIRST].traits in aimed_search.members
     assert len(aimed_search.members) >= len(vehicles) - 1
     (start,) = (vehicle for vehicle in vehicles.values() if vehicle.values == aimed_search.start)
     signs = np.sign(start.traits)
@@ -286,25 +286,41 @@ def test_a_search_is_pulled_to_its_aim_and_away_from_others() -> None:
     assert away[0] == 0.0
 
 
-def test_the_shipped_vehicle_is_a_member(tmp_path: Path) -> None:
-    """The files are those that the export writes."""
-    export.write_files(export.ABHV, ROOT / "studies/paper_vehicle.json", tmp_path)
-    for file in tmp_path.rglob("*.*"):
-        shipped = ROOT / "configs" / file.relative_to(tmp_path)
-        assert file.read_bytes() == shipped.read_bytes(), file.name
+JUDGED = json.loads((ROOT / "studies/paper_vehicle_claim.json").read_text(encoding="utf-8"))
+
+
+def test_the_shipped_vehicle_keeps_the_limits_of_its_class_and_of_its_box() -> None:
+    """The stored traits, from which members are selected, are those of the files."""
     vehicle = load_vehicle(ROOT / "configs/vehicle/abhv.yaml")
-    traits = sides.measure(vehicle, *sides.find_trim(vehicle))
-    assert not sides.excesses(traits).any()
+    traits = sides.measure(vehicle, *sides.find_trim(vehicle)), envelope.measure_envelope(vehicle)
+    for measured, kind, limits in zip(
+        traits, ("class", "box"), (sides.SIDES, envelope.ENVELOPE), strict=True
+    ):
+        assert measured == pytest.approx(JUDGED["abhv"]["traits"][kind], rel=1e-3)
+        assert not any(side.excess(measured[name], 0.0) for name, side in limits.items())
+
+
+def test_members_are_selected_by_strict_counts_insets_and_limits() -> None:
+    assert ensemble.select_members(JUDGED) == ["abhv"]
+    ends = [dict(end) for end in JUDGED["abhv"]["ends"]]
+    assert flights.strict_ends(ends) >= ensemble.STRICT and flights.in_insets(ends)
+    (i,) = (i for i, axis in enumerate(flights.AXES) if axis.figure == 11)
+    ends[i]["low"] = 0.7999  # of 0.8 to 0.85
+    assert flights.strict_ends(ends) == ensemble.STRICT - 1
+    (i,) = (i for i, axis in enumerate(flights.AXES) if axis.label == "inset (deg), LQR")
+    ends[i]["high"] = 49.9
+    assert not flights.in_insets(ends)
+    traits = JUDGED["abhv"]["traits"]
+    unstable = {"traits": traits | {"box": traits["box"] | {"lcdp": -0.01}}}
+    assert ensemble.broken_limits(unstable) == ([], ["lcdp"])
 
 
 def test_the_pages_on_the_paper_are_those_of_the_stored_results() -> None:
     stored = json.loads(ensemble.STORED.read_text(encoding="utf-8"))
-    claim = ROOT / "studies/paper_vehicle_claim.json"
-    judged = json.loads(claim.read_text(encoding="utf-8"))
     pages = ROOT / "docs/explanation"
     south = {"tlc": 5.011, "lqr": 5.045}  # km, of the nominal flights
     text = (pages / "paper.md").read_text(encoding="utf-8")
-    assert paper.page(stored, judged, 200, south) == text
+    assert paper.page(stored, JUDGED, 200, south) == text
     text = (pages / "paper-vehicles.md").read_text(encoding="utf-8")
     assert paper.plausibility(ENSEMBLE) == text
 
