@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -19,6 +20,7 @@ from fake_flight import ENGINE, fly, interrupted_after, make_plan, run, write_ca
 
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution import runner
+from abhv_mc.execution.retention import select_flights
 from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
@@ -93,6 +95,7 @@ def test_no_run_imports_pandas(campaign, tmp_path):
     code = f"""
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 from fake_flight import run
 from abhv_mc.folder.flown_campaign import read_flown
@@ -290,6 +293,12 @@ def test_a_folder_with_other_files_is_left_unchanged(campaign, tmp_path):
         with pytest.raises(InputError, match=r"thesis\.tex"):
             run(campaign, tmp_path / "out", fresh=fresh)
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
+
+
+def test_selected_flights_exist_and_were_computed():
+    counts = SimpleNamespace(failed=[3], not_computed=[4])
+    items = (1, 9, "every 2", "failed", "worst 1")
+    assert select_flights(items, 6, counts, worst=(5, 3)) == [0, 1, 2, 3, 5]
 
 
 def test_kept_histories_are_the_worst_and_selected_flights(reference):

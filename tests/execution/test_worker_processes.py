@@ -20,6 +20,7 @@ import abhv_mc
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
+from abhv_mc.execution.retry import time_limit
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
@@ -50,6 +51,10 @@ def check_flight(pool):
 def find_worker(pool):
     (worker,) = pool._workers
     return worker.process.pid
+
+
+def test_time_limits_apply_to_pieces_of_16_flights():
+    assert [time_limit(flights, 3.0) for flights in (1, 16, 17, 33)] == [3.0, 3.0, 6.0, 9.0]
 
 
 def test_a_stopped_worker_is_replaced(pool, monkeypatch):

@@ -20,7 +20,12 @@ UNKNOWN = {
     "unknowns": "{aero.drag: {low: -15 %, high: 15 %}}",
     "points": "{at: {aero.drag: [0.85, 1.0, 1.15]}}",
 }
-LEAST = flights_to_pass(0, 0.98, 0.1)
+LEAST, AFTER_ONE = flights_to_pass(0, 0.98, 0.1), flights_to_pass(1, 0.9973, 0.1)
+ONE_LOST = {
+    "controllers": ["tlc", "lqr"],
+    "failing": 1,
+    "requirements": [ENTRY.format(1e6, 0.9973).replace("}", ", controllers: [lqr]}")],
+}
 
 
 def read(folder, limit, probability, **keys):
@@ -39,6 +44,7 @@ def changed(models, **entries):
         (1e6, 0.98, {}, "--runs", "all PASS"),
         (1e6, 0.999999, {}, "", "at least"),  # more than a hundred times the flights are needed
         (1e6, 0.9973, {"runs": 32}, f"--runs {flights_to_pass(0, 0.9973, 0.1)}", fixed(981, 0)),
+        (1e6, 0.9973, {"runs": 32, **ONE_LOST}, f"--runs {AFTER_ONE}", fixed(AFTER_ONE, 0)),
         (1e-9, 0.9, {}, "explain DIR --all", ""),
         (1e6, 0.98, {"runs": 60, **UNKNOWN}, f"--runs {LEAST}", f"{LEAST} flights at each point"),
         (1e-9, 0.9, {"runs": 60, **UNKNOWN}, "explain DIR --all", ""),

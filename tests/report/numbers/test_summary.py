@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from fake_flight import write_campaign as write_fake
 from report.synthetic import build_page, write_campaign
@@ -14,6 +15,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.report.numbers.summary import read_summary, summarize
 from abhv_mc.topics.comparison.model import make_standings
+from abhv_mc.topics.formatting import percent
 from abhv_mc.topics.json_data import json_data
 from abhv_mc.topics.topic import Models
 
@@ -97,11 +99,15 @@ def test_missed_requirements_name_the_most_exceeded_for_few_controllers(tmp_path
 def test_the_first_record_answers_the_question(tmp_path, asks):
     controllers = ["tlc", "lqr", "lqr_retuned"]
     requirements = [REQUIRED.format(limit=1e-9, probability=0.9)]
-    lines, _ = judged(tmp_path / "c", requirements, controllers=controllers, asks=asks)
+    lines, models = judged(tmp_path / "c", requirements, controllers=controllers, asks=asks)
     first = {"drivers": "Drivers", "worst": "Worst flight"}.get(asks, "Misses")
     assert next(iter(lines)) == first
     compared = " ".join(lines.get("Better in", []) + lines.get("Not beaten", []))
     assert ("LQR:" in compared or "LQR 1" in compared) <= ("compare" not in asks)
+    flights = models.results.flights
+    tlc, lqr = (flights[name].metrics["speed_error_max_mps"] for name in ("tlc", "lqr_retuned"))
+    share = max(np.mean(tlc < lqr), np.mean(lqr < tlc))
+    assert f"on {percent(share, 2)} of flights" in compared or "compare" not in asks
 
 
 def pair_of(a, b, winner):
