@@ -26,9 +26,11 @@ from abhv_mc.kernel.laws import user
 from abhv_mc.kernel.laws.columns import SETTLED
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc.vehicle_simulator.keep_out import Zone
 from abhv_mc.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
 
 TICKS = 800
+SQUARE = ((0.0, 0.0), (0.1, 0.0), (0.1, 0.08), (0.0, 0.08))
 
 
 def repeat(metric):
@@ -276,3 +278,25 @@ def test_tables_name_everything_once_and_every_source_has_a_row():
     assert {limit.outcome for limit in LIMITS} == set(Outcome) - without_limit
     for entry in (*SOURCES.values(), *LIMITS):
         assert s.X <= find_row(entry.source) < Z_ROWS
+
+
+def test_distances_from_zones_are_those_of_the_recorded_positions(plan, parameters):
+    corners = [(f"{29.2 + y} deg", f"{x - 77.9} deg") for x, y in SQUARE]
+    zones = Zone(center=("29.25 deg", "-77.9 deg"), radius="3 km"), Zone(polygon=corners)
+    entries = {
+        f"zone_{i}": {"of": zone.expression(), "statistic": Statistic.MIN.word}
+        for i, zone in enumerate(zones)
+    }
+    block = fly(declare(plan, **entries), parameters[2:4], 1, keep_states=True)
+    names = {name: getattr(math, name) for name in ("sin", "cos", "sqrt")}
+    names |= {"min": min, "max": max}
+    for flight, states in enumerate(block.states):
+        positions = np.degrees(states[np.isfinite(states[:, 1]), 1:3])
+        for i, entry in enumerate(entries.values()):
+            code = compile(f"({entry['of']})", "zone", "eval")
+            distances = [
+                eval(code, {**names, "longitude_deg": x, "latitude_deg": y})  # noqa: S307
+                for x, y in positions
+            ]
+            found = block.metrics[flight, len(METRICS) + i]
+            assert found == pytest.approx(min(distances), abs=1e-5)

@@ -183,7 +183,7 @@ _TABLE: tuple[Parameter, ...] = (
     _error(
         "atmosphere.uniform_temperature_offset",
         "K",
-        "air temperature at every altitude, in hydrostatic balance at unchanged sea-level pressure",
+        "uniform offset of the air temperature in a column with the standard sea-level pressure",
     ),
     Parameter(
         "atmosphere.member",

@@ -14,7 +14,6 @@ from pydantic import Field, model_validator
 from abhv_mc.array_types import Floats
 from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.units import Angle, Length
-from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.vehicle_simulator.user_metrics import MetricEntry
 
 _RADIUS, _E2 = 6378137.0, 6.69437999014e-3  # WGS-84: equatorial radius, m; squared eccentricity
@@ -71,17 +70,20 @@ class Zone(StrictModel):
         scale = 1.0 + h / (6.0 * squared) * (1.0 + 0.45 * h / squared)
         return scale * x, scale * y
 
+    def _corners(self) -> Floats:
+        """Return latitude and longitude (rad) of the corners [corner, 2], counterclockwise."""
+        corners = np.array(self.polygon)
+        y, x = (corners - corners[0]).T
+        return corners[:: -1 if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0 else 1]
+
     def _edges(self) -> tuple[Floats, Floats, Floats]:
         """Return the first corner, direction and length of each edge, counterclockwise.
 
         Corners and directions are complex numbers: east + i north.
         """
-        x, y = self._project(*np.array(self.polygon).T)
+        x, y = self._project(*self._corners().T)
         corners = x + 1j * y
         following = np.roll(corners, -1)
-        if np.sum((corners.conj() * following).imag) < 0.0:
-            corners = corners[::-1]
-            following = np.roll(corners, -1)
         length = np.maximum(np.abs(following - corners), 1e-9)
         return corners, (following - corners) / length, length
 
@@ -119,10 +121,7 @@ class Zone(StrictModel):
         The last point is the first.
         """
         if self.polygon is not None:
-            x, y = self._project(*np.array(self.polygon).T)
-            order = -1 if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0 else 1
-            corners = np.degrees(self.polygon)[::order]
-            return np.vstack([corners, corners[:1]])
+            return np.degrees(self._corners()[[*range(len(self.polygon)), 0]])
         assert self.radius is not None  # noqa: S101
         angle = np.linspace(0.0, 2.0 * np.pi, _OUTLINE + 1)
         east, north = self.radius * np.cos(angle), self.radius * np.sin(angle)
@@ -135,9 +134,9 @@ class Zone(StrictModel):
 
     def metric(self, name: str) -> MetricEntry:
         """Return the metric of the smallest signed distance from the zone."""
-        return MetricEntry.model_construct(
+        return MetricEntry(
             of=self.expression(),
-            statistic=Statistic.MIN,
+            statistic="min",
             unit="m",
             bad="low",
             label=f"distance from {name.replace('_', ' ')}",
