@@ -65,8 +65,8 @@ def sample(
         gaps = ~np.isfinite(values)
         curve = np.full(times.size, np.nan)
         if not gaps.all():
-            known = unwrap(values[~gaps], periods.get(name, 0.0))
-            curve = np.interp(times, clock[~gaps], known, np.nan, np.nan)
+            valid = unwrap(values[~gaps], periods.get(name, 0.0))
+            curve = np.interp(times, clock[~gaps], valid, np.nan, np.nan)
             curve[np.interp(times, clock, gaps) > 0.0] = np.nan
         curves.append(curve)
     return np.column_stack(curves)
@@ -86,19 +86,21 @@ def read_records(
     parameters = {record.name: record.unit for record in experiment.parameters.records}
     outputs = (*experiment.metrics.values(), *experiment.channels)
     units = {TIME: "s", **{record.name: record.unit for record in outputs}}
-    known = parameters | {f"{name}{ERROR}": unit for name, unit in parameters.items()} | units
+    column_units = (
+        parameters | {f"{name}{ERROR}": unit for name, unit in parameters.items()} | units
+    )
     ignored: list[str] = []
 
     def read(path: Path) -> Iterator[FlightRecord]:
         table = read_foreign_table(path)
-        columns = table.find([*known, VEHICLE, HISTORY])
+        columns = table.find([*column_units, VEHICLE, HISTORY])
         used = [column.position for column in columns.values()]
         ignored.extend(head for i, head in enumerate(table.heads) if i not in used)
         vehicles, histories = (
             table.words(columns.pop(name).position) if name in columns else [""] * len(table)
             for name in (VEHICLE, HISTORY)
         )
-        factors = [table.factor(column, known[name]) for name, column in columns.items()]
+        factors = [table.factor(column, column_units[name]) for name, column in columns.items()]
         positions = [column.position for column in columns.values()]
         values = table.numbers(positions, finite=False) * factors
         is_history = TIME in columns
@@ -244,8 +246,8 @@ class Programme:
         for k, record in enumerate(self.records):
             own = [i for i, name in enumerate(space.names) if name in record.inputs]
             is_drawn[k, own] = False
-            known = np.array([space.marginals[i].cdf(rows[:, k, i]) for i in own])
-            targets = ndtri(np.clip(known, _TINY, 1.0 - _TINY)).reshape(len(own), sets).T
+            shares = np.array([space.marginals[i].cdf(rows[:, k, i]) for i in own])
+            targets = ndtri(np.clip(shares, _TINY, 1.0 - _TINY)).reshape(len(own), sets).T
             gain = np.linalg.solve(correlations[np.ix_(own, own)], correlations[own])
             points[:, k] += (targets - points[:, k, own]) @ gain
         for i, marginal in enumerate(space.marginals):

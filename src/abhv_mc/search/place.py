@@ -194,8 +194,8 @@ def _place(
     record, p_values, row = programme.records[k], result.columns[k], values[-1]
     leaves, covers = None, None
     if bands:
-        known = np.flatnonzero(np.isfinite(test).any(axis=1))
-        covers = float(programme.times[known[0]]), float(programme.times[known[-1]])
+        valid = np.flatnonzero(np.isfinite(test).any(axis=1))
+        covers = float(programme.times[valid[0]]), float(programme.times[valid[-1]])
         outside = bands[k].deviations(test) > factor
         if outside.any():
             first = int(np.argmax(outside.any(axis=1)))
