@@ -66,7 +66,7 @@ def test_version_and_help() -> None:
     }
     assert len(commands["First day"]) == 6
     listed = {name for names in commands.values() for name in names}
-    assert len(listed) <= 24
+    assert len(listed) <= 25
     for command in app.registered_commands:
         assert (command.name in listed) is not command.hidden
 

@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
-from fake_flight import DENSITY, ENGINE, LIFT, fly, make_plan, write_campaign
+from fake_flight import DENSITY, ENGINE, LIFT, fly, make_plan, run, write_campaign
 
 from abhv_mc.flight.metrics import METRICS
+from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.input_error import InputError
 from abhv_mc.plant.parameters import OURS
 from abhv_mc.search.flight_records import Programme
-from abhv_mc.search.place import place_flights
+from abhv_mc.search.place import find_band, place_flights
+from abhv_mc.topics.envelopes import ENVELOPES
+from abhv_mc.topics.topic import Models
 
 METRIC = "altitude_error_max_m"
 LAWS = "atmosphere.density: {distribution: uniform, half_width: 8 %}"
@@ -73,7 +76,7 @@ def test_correlated_parameters_follow_a_measured_one(tmp_path):
         dispersions=f"{{{LAWS}, aero.lift: {{distribution: normal, sigma: 5 %}}}}",
         correlations=pairs,
     )
-    assert not Programme(path, files, engine=ENGINE).by_vehicle.any()
+    assert not Programme(path, files, engine=ENGINE).by_vehicle
 
 
 def test_errors_of_the_sensors_are_added(tmp_path):
@@ -97,7 +100,7 @@ def test_errors_of_the_sensors_are_added(tmp_path):
     assert measured.mean(axis=0) == pytest.approx(true * [1.0, 1.5] + [100.0, 0.0], abs=3.0)
     assert measured.std(axis=0)[:, 1] == pytest.approx([20.0] * 3, rel=0.15)
     assert [*programme.sensor_errors("speed_mps", rows[0])] == ["scale", "noise"]
-    assert "sensor.speed_noise" in np.array(programme.space.names)[~programme.by_vehicle]
+    assert programme.by_vehicle == ("sensor.altitude_bias", "sensor.speed_scale")
 
 
 @pytest.mark.parametrize(
@@ -129,3 +132,17 @@ def test_noise_of_an_unknown_channel_or_unit_is_rejected(tmp_path, measured):
     path, files = write_table(tmp_path, CHANNELS, measured=measured)
     with pytest.raises(InputError, match=r"campaign.yaml:\d+:\d+: "):
         place_flights(path, files, engine=ENGINE)
+
+
+def test_the_report_draws_the_simultaneous_band(tmp_path):
+    keep = "{histories: {flights: all, channels: [altitude_m, speed_mps], rate: 2 Hz}}"
+    path = write_campaign(tmp_path, runs="60", controllers="{one: one.yaml}", keep=keep)
+    models = Models(read_flown(run(path, tmp_path / "out").folder))
+    (_, caption), *_ = [(figure, text) for text, figure in models.figures(ENVELOPES)]
+    assert "dotted lines" in caption.caption
+    _, band = find_band(models.results, "one", ["altitude_m", "mach"], np.array([0.0, 1.0]))
+    inside = [
+        band.deviations(history["altitude_m"][[0, 2], None]).max() <= band.factor
+        for history in read_histories(tmp_path / "out", "one").values()
+    ]
+    assert np.mean(inside) >= 0.95

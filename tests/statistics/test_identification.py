@@ -29,10 +29,10 @@ def test_a_linear_model_has_the_estimates_of_least_squares_with_priors():
     data[0, 5:9] = np.nan
     result = fit(slopes, data, sigma=sigma)
     for row, values, errors in zip(data, result.points, result.errors, strict=True):
-        known = np.isfinite(row)
-        own = slopes[:, known] / sigma[known]
+        valid = np.isfinite(row)
+        own = slopes[:, valid] / sigma[valid]
         covariance = np.linalg.inv(own @ own.T + np.diag([0.0, 0.0, 1.0]))
-        assert values == pytest.approx(covariance @ own @ (row[known] / sigma[known]), rel=1e-4)
+        assert values == pytest.approx(covariance @ own @ (row[valid] / sigma[valid]), rel=1e-4)
         assert errors == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-4)
     assert result.freedom == 76 - 4 and result.converged and not result.inseparable
 

@@ -52,8 +52,13 @@ def place(
     from abhv_mc.report.pages.place_page import make_place_answer
     from abhv_mc.search.place import place_flights
 
-    noise = _parse_noise(measured or [])
-    placement = place_flights(campaign, flights, controller, noise, announce=_announce)
+    placement = place_flights(
+        campaign,
+        flights,
+        controller,
+        _parse_noise(measured or []),
+        announce=lambda text: say(text, file=sys.stderr),
+    )
     page = make_place_answer(placement, campaign)
     show_result(
         {key: value for key, value in vars(placement).items() if key not in ("bands", "times")},
@@ -94,16 +99,12 @@ def identify(
 
     names = parse_names(parameters, "--parameters") or ()
     noise = _parse_noise(measured or [])
-    answer = identify(campaign, flights, names, controller, noise, output=out, announce=_announce)
+    answer = identify(campaign, flights, names, controller, noise, output=out)
     show_result(answer, json, lambda: print_section(make_identify_section(answer)))
     if out is not None:
         say(f"campaign  {out}", file=text_stream(json))
     if not answer.fits:
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _announce(text: str) -> None:
-    say(text, file=sys.stderr)
 
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:

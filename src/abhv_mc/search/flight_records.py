@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
@@ -20,7 +20,7 @@ from abhv_mc.execution.simulation import make_ready, simulate
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
+from abhv_mc.io.foreign_table import ForeignTable, NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.io.units import parse_in_any_unit, parse_unit
 from abhv_mc.search.search_flights import read_searched
@@ -44,7 +44,7 @@ class FlightRecord:
     vehicle: str
     inputs: Mapping[str, tuple[float, float]]  # measured parameters with standard errors
     values: Mapping[str, Floats]  # channels over "time", or metrics with one value each
-    table: NumberTable  # source of the values, for error messages
+    table: ForeignTable  # source of the values, for error messages
     offset: float = 0.0  # time by which the record's clock is ahead of the simulation, s
 
 
@@ -65,8 +65,8 @@ def sample(
         gaps = ~np.isfinite(values)
         curve = np.full(times.size, np.nan)
         if not gaps.all():
-            known = unwrap(values[~gaps], periods.get(name, 0.0))
-            curve = np.interp(times, clock[~gaps], known, np.nan, np.nan)
+            valid = unwrap(values[~gaps], periods.get(name, 0.0))
+            curve = np.interp(times, clock[~gaps], valid, np.nan, np.nan)
             curve[np.interp(times, clock, gaps) > 0.0] = np.nan
         curves.append(curve)
     return np.column_stack(curves)
@@ -86,25 +86,27 @@ def read_records(
     parameters = {record.name: record.unit for record in experiment.parameters.records}
     outputs = (*experiment.metrics.values(), *experiment.channels)
     units = {TIME: "s", **{record.name: record.unit for record in outputs}}
-    known = parameters | {f"{name}{ERROR}": unit for name, unit in parameters.items()} | units
+    column_units = (
+        parameters | {f"{name}{ERROR}": unit for name, unit in parameters.items()} | units
+    )
     ignored: list[str] = []
 
     def read(path: Path) -> Iterator[FlightRecord]:
         table = read_foreign_table(path)
-        columns = table.find([*known, VEHICLE, HISTORY])
+        columns = table.find([*column_units, VEHICLE, HISTORY])
         used = [column.position for column in columns.values()]
         ignored.extend(head for i, head in enumerate(table.heads) if i not in used)
         vehicles, histories = (
             table.words(columns.pop(name).position) if name in columns else [""] * len(table)
             for name in (VEHICLE, HISTORY)
         )
-        factors = [table.factor(column, known[name]) for name, column in columns.items()]
+        factors = [table.factor(column, column_units[name]) for name, column in columns.items()]
         positions = [column.position for column in columns.values()]
         values = table.numbers(positions, finite=False) * factors
-        numbers, is_history = NumberTable(table, columns, values), TIME in columns
+        is_history = TIME in columns
         if is_history:
             table.numbers([columns[TIME].position])  # Times must be finite.
-            numbers.check_rising(TIME, "s")
+            NumberTable(table, columns, values).check_rising(TIME, "s")
         for i, rows in enumerate([values] if is_history else values[:, np.newaxis]):
             own = dict(zip(columns, rows.T, strict=True))
             inputs = {
@@ -114,7 +116,7 @@ def read_records(
             }
             name = path.name if is_history else f"{path.name}:{table.lines[i]}"
             measured = {key: value for key, value in own.items() if key in units}
-            record = FlightRecord(name, name, {}, measured, numbers)
+            record = FlightRecord(name, name, {}, measured, table)
             if histories[i]:
                 (record,) = read(path.parent / histories[i])
             vehicle = vehicles[i] or record.vehicle
@@ -126,7 +128,7 @@ def read_records(
     for record in records:
         if (TIME in record.values) != is_history or not set(record.values) - {TIME}:
             expected = f"columns such as '{name}'" + f" and '{TIME}'" * is_history
-            raise record.table.table.error(None, None, "no column can be compared", expected)
+            raise record.table.error(None, None, "no column can be compared", expected)
     return records, tuple(dict.fromkeys(ignored))
 
 
@@ -187,8 +189,8 @@ class Programme:
         return [names.index(name) for name in names]
 
     @cached_property
-    def by_vehicle(self) -> Mask:
-        """Mask [dispersion] of the dispersions that all flights of a vehicle share.
+    def by_vehicle(self) -> tuple[str, ...]:
+        """Names of the dispersions that all flights of a vehicle share.
 
         Dispersions that were measured, or are correlated with one that varies by flight, vary by
         flight.
@@ -201,7 +203,8 @@ class Programme:
             for name in names
         ]
         correlated = self.space.copula.correlations(len(names)) != 0.0
-        return np.array(~correlated[:, np.flatnonzero(~np.array(is_shared))].any(axis=1))
+        by_flight = correlated[:, ~np.array(is_shared)].any(axis=1)
+        return tuple(np.array(names)[~by_flight].tolist())
 
     @cached_property
     def priors(self) -> tuple[Floats, Floats]:
@@ -234,7 +237,8 @@ class Programme:
         space, count, (center, scale) = self.space, len(self.space.names), self.priors
         generator = np.random.default_rng(self.experiment.seed)
         points = generator.standard_normal((sets, len(self.records), count))
-        points[:, :, self.by_vehicle] = points[:, self.vehicles][:, :, self.by_vehicle]
+        shared = np.isin(space.names, self.by_vehicle)
+        points[:, :, shared] = points[:, self.vehicles][:, :, shared]
         correlations = space.copula.correlations(count)
         points = points @ np.linalg.cholesky(correlations).T
         rows = center + scale * generator.standard_normal((*points.shape[:2], len(self.columns)))
@@ -242,8 +246,8 @@ class Programme:
         for k, record in enumerate(self.records):
             own = [i for i, name in enumerate(space.names) if name in record.inputs]
             is_drawn[k, own] = False
-            known = np.array([space.marginals[i].cdf(rows[:, k, i]) for i in own])
-            targets = ndtri(np.clip(known, _TINY, 1.0 - _TINY)).reshape(len(own), sets).T
+            shares = np.array([space.marginals[i].cdf(rows[:, k, i]) for i in own])
+            targets = ndtri(np.clip(shares, _TINY, 1.0 - _TINY)).reshape(len(own), sets).T
             gain = np.linalg.solve(correlations[np.ix_(own, own)], correlations[own])
             points[:, k] += (targets - points[:, k, own]) @ gain
         for i, marginal in enumerate(space.marginals):
@@ -331,7 +335,7 @@ class Programme:
             if not np.isfinite(test + simulated).any():
                 expected = "times that overlap with those of the simulated flights"
                 problem = "no value can be compared with the simulated flights"
-                raise record.table.table.error(0, 0, problem, expected)
+                raise record.table.error(0, 0, problem, expected)
             if not spans:
                 return test
             steps, is_offset = find_offset(simulated, test, spans.pop(0), len(self.space.names))

@@ -1,6 +1,6 @@
 """Identification of dispersions from the records of test flights."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,6 @@ def identify(
     noise: Mapping[str, float] | None = None,
     *,
     output: Path | None = None,
-    announce: Callable[[str], None] = lambda text: None,
     engine: Engine | None = None,
 ) -> Identification:
     """Estimate parameters from test flights, and write a campaign with renewed dispersions.
@@ -83,10 +82,9 @@ def identify(
     center, scale = (prior[:, np.newaxis] for prior in programme.priors)
     moving = np.flatnonzero(scale.any(axis=(0, 1)))
     columns = [programme.columns[i] for i in moving]
-    by_vehicle = np.array(programme.space.names)[programme.by_vehicle]
-    shared = np.isin(columns, by_vehicle)
+    shared = np.isin(columns, programme.by_vehicle)
     choices = [name for name in columns if name not in programme.measured]
-    chosen = parameters or [name for name in choices if name in by_vehicle] or choices
+    chosen = parameters or [name for name in choices if name in programme.by_vehicle] or choices
     for name in chosen:
         if name not in choices:
             raise InputError("--parameters", f"'{name}' cannot be estimated", one_of(choices, name))
@@ -96,7 +94,6 @@ def identify(
     correlations = programme.space.copula.correlations(len(programme.space.names))
     mix = np.eye(len(columns))
     mix[np.ix_(own, own)] = np.linalg.cholesky(correlations[np.ix_(places, places)])
-    announce(f"simulating {_SETS * len(records)} flights to align the records")
     with programme.open() as simulate:
         tests = programme.align(simulate(programme.draw(_SETS), True))
 

@@ -76,7 +76,6 @@ class Placement:
     simulated: int  # number of simulated sets
     vehicles: int
     by_vehicle: tuple[str, ...]  # dispersions that the flights of a vehicle share
-    by_flight: tuple[str, ...]
     measured: tuple[str, ...]  # measured parameters, which condition the simulated flights
     noise: Mapping[str, float]  # standard deviations of the declared measurement errors
     sensed: tuple[str, ...]  # channels to which errors of the campaign's sensors were added
@@ -127,13 +126,11 @@ def place_flights(
     if scores is not None:
         rank = ceil(CONFIDENCE * (sets + 1))
         factor = float(np.sort(np.append(scores[:-1].max(axis=1), np.inf))[rank - 1])
-    dispersions = np.array(programme.space.names)
     return Placement(
         controller=programme.controller,
         simulated=sets,
         vehicles=len({*programme.vehicles}),
-        by_vehicle=tuple(dispersions[programme.by_vehicle].tolist()),
-        by_flight=tuple(dispersions[~programme.by_vehicle].tolist()),
+        by_vehicle=programme.by_vehicle,
         measured=programme.measured,
         noise=programme.noise,
         sensed=tuple(name for name in names if programme.sensor_errors(name, rows[0])),
@@ -197,8 +194,8 @@ def _place(
     record, p_values, row = programme.records[k], result.columns[k], values[-1]
     leaves, covers = None, None
     if bands:
-        known = np.flatnonzero(np.isfinite(test).any(axis=1))
-        covers = float(programme.times[known[0]]), float(programme.times[known[-1]])
+        valid = np.flatnonzero(np.isfinite(test).any(axis=1))
+        covers = float(programme.times[valid[0]]), float(programme.times[valid[-1]])
         outside = bands[k].deviations(test) > factor
         if outside.any():
             first = int(np.argmax(outside.any(axis=1)))

@@ -87,8 +87,8 @@ def estimate(
             inseparable = list(_separate(slopes, listed))
         change, freedom = 0.0, int(np.isfinite(residuals).sum())
         chi_square = float(np.nansum(residuals**2))
-        known = np.nan_to_num(residuals)
-        for rows, index, matrix, vector in _normal_equations(slopes, known, vehicles, shared):
+        valid = np.nan_to_num(residuals)
+        for rows, index, matrix, vector in _normal_equations(slopes, valid, vehicles, shared):
             current, precision = np.zeros((2, len(vector)))
             current[index], precision[index] = points[rows], np.where(listed, _FLAT, 1.0)
             covariance = np.linalg.inv(matrix + np.diag(precision))

@@ -31,9 +31,9 @@ def find_offset(simulated: Floats, record: Floats, span: float, modes: int) -> t
     for row, shift in enumerate(shifts.tolist()):
         own = slice(max(0, -shift), len(record) - max(0, shift))
         moved = flights[:, own.start + shift : own.stop + shift]
-        known = np.isfinite(moved[-1]) & np.isfinite(middle[own])
-        values = np.nan_to_num((moved - middle[own]) / spread[own])[:, known]
-        basis, _ = np.linalg.qr(directions[:, own][:, known].T)
+        valid = np.isfinite(moved[-1]) & np.isfinite(middle[own])
+        values = np.nan_to_num((moved - middle[own]) / spread[own])[:, valid]
+        basis, _ = np.linalg.qr(directions[:, own][:, valid].T)
         losses[row] = np.mean((values - values @ basis @ basis.T) ** 2, axis=1)
     gains = losses[len(shifts) // 2] - losses.min(axis=0)
     best = int(np.clip(losses[:, -1].argmin(), 1, len(shifts) - 2))
@@ -42,5 +42,5 @@ def find_offset(simulated: Floats, record: Floats, span: float, modes: int) -> t
     steps = 0.5 * (left - right) / curvature if curvature > 0.0 else 0.0
     step = float(shifts[best + 1] - shifts[best - 1]) / 2.0
     offset = float(shifts[best] + np.clip(steps, -1.0, 1.0) * step)
-    noise = _SIGNIFICANT / known.sum() * losses[:, -1].min()
+    noise = _SIGNIFICANT / valid.sum() * losses[:, -1].min()
     return offset, bool(gains[-1] > max(noise, gains[:-1].max()))

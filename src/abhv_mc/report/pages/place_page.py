@@ -71,7 +71,6 @@ def _texts(placement: Placement) -> Iterator[tuple[str, str]]:
     vehicles = counted(placement.vehicles, "vehicle")
     yield "Test flights", f"{counted(len(placement.flights), 'flight')} of {vehicles}"
     yield "Vary by vehicle", ", ".join(placement.by_vehicle)
-    yield "Vary by flight", ", ".join(placement.by_flight)
     yield "Measured inputs", ", ".join(placement.measured)
     yield "Not covered if", f"p <= {percent(risk)}, corrected for the number of flights"
     yield "Sensor errors added", ", ".join(placement.sensed)
