@@ -60,7 +60,7 @@ delays of 0 to 40 ms. At the 128 corners of the wide box and in 200 new flights 
 early or oscillates by more than 5 deg. The errors in altitude, speed and heading are at most 1.5 times (in the new flights, twice) the larger of the errors with Table 1 and with the paper's LQR weights.
 
 `studies/fronts.py` ran CMA-ES for each limit ({effort}), and `studies/fronts_results.py` simulates the resulting \
-designs with new seeds. The search preceded a change in the vehicles' [damping](paper-vehicles.md#pitch-and-yaw-damping), which changed no error by more than 1 % and reduced no margin below its limit.
+designs with new seeds.
 
 ## Printed and shipped designs
 
@@ -71,7 +71,7 @@ terminations and oscillations in the 328 flights of the wide box.
 
 ## Coupling of thrust and lift
 
-The paper's reason for joint control is the coupling of thrust with lift and pitching moment. The table shows `abhv` with other inclinations of the thrust line, the printed gains and weights, and 100 flights under the paper's dispersions each: the ratio TLC / LQR of the median rms errors over the whole flight and, in brackets, outside the transients.
+The paper's reason for joint control is the coupling of thrust with lift and pitching moment. The table gives the ratio TLC / LQR of the median rms errors over the whole flight (outside the transients) for `abhv` with other inclinations of the thrust line, printed gains and weights, and 100 dispersed flights each.
 
 {inclination}
 
@@ -79,7 +79,7 @@ The paper's reason for joint control is the coupling of thrust with lift and pit
 
 ## Number of parameters and time of the trim
 
-The paper's second conclusion is that TLC has fewer parameters to tune and computes its trim in real time. Without limits, `tlc.yaml` has {tlc_numbers} numbers (dampings, bandwidths and differentiators), and `lqr.yaml` has {lqr_numbers} weights, of which {lqr_free} are free because only ratios count in each of the three regulators. TLC thus does not have fewer parameters. A trim of equation (12) takes {warm_us} µs of processor time from the solution of the previous tick and {cold_us} µs without it (`python -m benchmarks.trim_time`), which is at most {share} % of a control period of 10 ms.
+The paper's second conclusion is that TLC has fewer parameters to tune and computes its trim in real time. Without limits, `tlc.yaml` has {tlc_numbers} numbers and `lqr.yaml` has {lqr_numbers} weights ({lqr_free} ratios): TLC does not have fewer parameters. A trim of equation (12) takes {warm_us} µs of processor time from the solution of the previous tick and {cold_us} µs without it (`python -m benchmarks.trim_time`), which is at most {share} % of a control period of 10 ms.
 """
 
 

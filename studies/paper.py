@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from experiment import ROOT, wrapped
 from paper_figures import plot_axis, plot_track
-from paper_vehicle import LEVELS, STRICT, broken_limits, select_members
+from paper_vehicle import STRICT, broken_limits, select_members
 from paper_vehicle_box import BASE, MACH
 from paper_vehicle_claim import fly_law, judge
 from paper_vehicle_envelope import ENVELOPE, measure_envelope
@@ -65,7 +65,6 @@ TABLE_1 = {
     "rates.yaw_rate": (3.4, 1.5),
 }
 ABHV = "abhv"
-REDUCED = 7  # number of vehicles whose pitch damping the rules of paper_vehicle.py reduced
 SEARCHES = 60  # approximate number of searches behind studies/paper_vehicle_starts.json
 NEAR = 0.1  # of an axis, largest error of a predicted figure
 IMAGES = {
@@ -98,7 +97,7 @@ Zhu and Shen (2014) publish neither their vehicle's tables nor the formula of th
 ## Figure by figure
 
 The vehicle is `configs/vehicle/abhv.yaml`, with `configs/mission/paper_s.yaml`. The last column is the largest distance by which {flights} flights under the
-paper's dispersions (10, 10 and 15 % in density, lift and drag) exceed the axis, in percent of the axis width. The flight in the paper may be dispersed.
+paper's dispersions (10, 10 and 15 % in density, lift and drag) exceed the axis, in percent of the axis width.
 
 [FIGURES]
 
@@ -112,8 +111,7 @@ In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 {insets}
 
-The earlier vehicles are the largest set among the candidates of about {searches} searches in which any two differ by a factor of 1.5 or more, or in sign, in at least three of eight traits; at least 18 of their extremes are within 2 % of an axis of their intervals. {spread} `studies/paper_vehicle.json` contains the traits. `python studies/paper_vehicle.py` selects these vehicles from stored search results, with
-[rules](paper-vehicles.md#pitch-and-yaw-damping) for pitch and yaw damping.
+The earlier vehicles are the largest set among the candidates of about {searches} searches in which any two differ by a factor of 1.5 or more, or in sign, in at least three of eight traits (`studies/paper_vehicle.py`); at least 18 of their extremes are within 2 % of an axis of their intervals. {spread}
 
 ## The claim, with the printed gains
 
@@ -130,9 +128,7 @@ For the bank angle, the result depends on the time window. During a ramp, the fa
 the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with Table 1 and sqrt(2.28e5 / 3.28e3) = 8.3 rad/s with the
 printed weights. Outside the transients, the static error is decisive.
 
-The page on [the claim](claim.md) compares controllers that were tuned within the same limits, and shows the influence of the thrust line. On a vehicle
-that does not reproduce the figures (`campaigns/harder_vehicle.yaml`, with GHAME's coefficients and bank
-steps), LQR with the printed weights is unstable, and TLC with the gains of Table 1 saturates the surfaces.
+The page on [the claim](claim.md) compares controllers that were tuned within the same limits, and shows the influence of the thrust line.
 
 ## Prediction of one figure from the others
 
@@ -175,18 +171,7 @@ The thrust of `abhv` is inclined, so that it adds to the lift and, with its offs
 
 ## Pitch and yaw damping
 
-The figures do not determine the damping. The eight searches that led to the earlier vehicles (stored results: `studies/paper_vehicle_starts.json`) had
-no limit on the radius of pitch damping or on the yaw damping of the rudder. The command `OPENBLAS_NUM_THREADS=1 python
-studies/paper_vehicle.py` applies these limits by three rules, simulates each vehicle again and selects the largest set
-of sufficiently different vehicles:
-
-- A radius of pitch damping of more than 4.3 m is reduced to 4.2 m.
-- Variants of each vehicle have less pitch damping, at levels that decrease from that of `seed-2` by factors of {level:.2f}. A variant is selected only if the original vehicle is too similar to others.
-- If the rudder alone damps yaw more than the vehicle, the magnitude of Cn_r is increased by whole percents until the
-  rudder's share is at most 0.99.
-
-The rules reduced the magnitude of Cm_q on {reduced} vehicles and increased the magnitude of
-Cn_r by 4 % on `seed-16` and by 13 % on `seed-23`. The changes in damping moved no extreme of the curves by more than 5 % of the axis range.
+The figures do not determine the damping. `python studies/paper_vehicle.py` limits that of the earlier vehicles by rules, which reduced the magnitude of Cm_q on 7 of them and increased that of Cn_r on two, and moved no extreme of the curves by more than 5 % of the axis range.
 
 ## Control powers
 
@@ -200,8 +185,7 @@ elevator produces only {elevator_ratio:.1f} times the lift of GHAME's elevator. 
 separate all-moving surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), could, with at least
 {aileron_area:.0f} % of the reference area at the wing tips for the aileron, and {rudder_area:.0f} % for the
 rudder. The flights use about 1 deg of aileron and 0.4 deg of rudder; at full aileron (20 deg), the steady roll rate would be
-p b/2V = {roll:.2f}, or {roll_rate:.0f} rad/s, which no structure would withstand. All vehicles with Figure 8's deflections have such rates: the aileron of the figure, not the search, fixes them. The figures do not show whether the paper's vehicle had such powerful surfaces, whether its tables were not
-those of an aircraft, or whether its size, wing loading and inertias differ from those chosen here.
+p b/2V = {roll:.2f}, or {roll_rate:.0f} rad/s, which no structure would withstand. All vehicles with the deflections of Figure 8 have such rates. The figures do not show whether the paper's vehicle had such powerful surfaces or other inertias.
 """
 
 
@@ -379,8 +363,6 @@ def plausibility(members: list[dict[str, Any]]) -> str:
         "ghame_best_alpha": np.rad2deg(alphas[lift_to_drag.argmax()]),
         "roll": roll,
         "roll_rate": roll * 2.0 * SPEED / BASE.constants.span,
-        "reduced": REDUCED,
-        "level": LEVELS[0],
     }
     earlier = [member["name"] for member in members]
     tables = {

@@ -7,8 +7,10 @@ Zhu and Shen (2014) print neither their tables nor the formula of their S manoeu
 look for vehicles of the class (paper_vehicle_box.py, paper_vehicle_sides.py) with which Table 1 and
 the printed LQR weights reproduce Figures 3 to 11 (paper_vehicle_flights.py). All candidates of a
 search that may be members are stored. The ensemble is the largest set of these that includes the
-shipped vehicle and in which any two differ in three traits. Each search (paper_vehicle_search.py)
-aims at a vehicle that would enlarge the set.
+vehicle `seed-2` and in which any two differ in three traits. Each search (paper_vehicle_search.py)
+aims at a vehicle that would enlarge the set. Searches count ends within 2 % of an axis and have no
+limits of the box. The members that the page accepts are selected from these vehicles and abhv by
+strict counts, both insets of Figure 7 and all limits (`select_members`); the command prints them.
 
 About sixty such searches ran without limits on damping. The results of eight, whose vehicles form
 the largest set, are stored (paper_vehicle_starts.json). The figures do not determine pitch damping
@@ -49,6 +51,7 @@ from paper_vehicle_sides import SIDES
 
 STARTS = ROOT / "studies/paper_vehicle_starts.json"  # results of eight earlier searches
 STORED = ROOT / "studies/paper_vehicle.json"
+JUDGED = ROOT / "studies/paper_vehicle_claim.json"  # assessments by paper.py
 FIRST = "seed-2"  # vehicle that every ensemble contains
 STRICT = 19  # least number of the 20 ends of a member in their intervals, without tolerance
 FIGURES = (4, 5, 6, 7, 8, 9, 10, 11)
@@ -351,6 +354,10 @@ def main() -> None:
     members = [describe(name.split()[0], vehicle.values) for name, vehicle in vehicles.items()]
     for member in members:
         print(f"{member['name']}: {member['ends_in']} ends inside, largest miss {member['worst']}")
+    judged = json.loads(JUDGED.read_text(encoding="utf-8"))
+    for name, vehicle_result in judged.items():
+        print(f"{name}: {strict_ends(vehicle_result['ends'])} ends inside without tolerance")
+    print(f"selected: {', '.join(select_members(judged))}")
     file = arguments.state / STORED.name if arguments.fresh else STORED
     stored = json.loads(STORED.read_text(encoding="utf-8"))
     result = {"ensemble": members, "without": [] if arguments.fresh else stored["without"]}

@@ -37,6 +37,26 @@ def _ended(plan: FlightPlan):
     return block, Outcome(int(block.outcome[0])), last
 
 
+@pytest.mark.parametrize(
+    ("limits", "outcome", "warned"),
+    [
+        ({"limits.mach": [4.8, 6.0]}, Outcome.MACH_LIMIT, "mach"),
+        ({"limits.altitude": ["18 km", "19.99 km"]}, Outcome.ALTITUDE_LIMIT, "altitude"),
+        ({"limits.altitude": ["18 km", "24 km"], "limits.mach": [4, 6]}, Outcome.OK, ""),
+        ({"surfaces.limits": {"rudder": "0.3 deg"}}, Outcome.OK, ""),
+    ],
+)
+def test_a_vehicle_limits_altitude_mach_and_single_surfaces(limits, outcome, warned):
+    plan = make_flight_plan("turn", {"base": "ghame_x", **limits})
+    block, ended, _ = _ended(plan)
+    assert ended == outcome
+    assert any(warned in text for text in plan.warnings) if warned else not plan.warnings.size
+    metrics = dict(zip(METRIC_INDEX, block.metrics[0], strict=False))
+    limited = "surfaces.limits" in limits
+    assert (metrics["surface_saturation_s"] > 0.0) == limited
+    assert (metrics["rudder_max_deg"] <= 0.3) == limited or ended != Outcome.OK
+
+
 def test_no_limit_changes_no_bit(plan: FlightPlan) -> None:
     free, limited = (
         fly(p, nominal_parameters()) for p in (plan, _limited(plan, load_factor=1e6, bank=3.2))

@@ -209,10 +209,6 @@ def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name
             assert distance >= np.log(search.DIFFERENT) - 1e-3
 
 
-def test_the_ensemble_has_eight_members() -> None:
-    assert len(ENSEMBLE) >= 8
-
-
 STARTS = json.loads(ensemble.STARTS.read_text(encoding="utf-8"))
 
 
@@ -236,18 +232,6 @@ def test_the_stored_searches_give_the_stored_members() -> None:
             assert member.pop(traits) == pytest.approx(stored[traits], rel=1e-3)
         assert member.pop("worst") == pytest.approx(stored["worst"], abs=2e-4)
         assert member.items() <= stored.items()
-
-
-def test_the_largest_set_has_different_vehicles_with_the_best_ranks() -> None:
-    """In a ring of five, neighbours differ, so that sets have two vehicles; 1 and 2 are best."""
-    is_different = np.zeros((5, 5), dtype=bool)
-    for i in range(5):
-        is_different[i, (i + 1) % 5] = is_different[(i + 1) % 5, i] = True
-    ranks = np.array([9.0, 1.0, 2.0, 5.0, 4.0])
-    chosen = ensemble.largest_set(
-        is_different, np.ones(5, dtype=bool), ranks, np.random.default_rng(1), 100
-    )
-    assert sorted(chosen) == [1, 2]
 
 
 def test_a_search_aims_where_a_vehicle_would_enlarge_the_ensemble() -> None:

@@ -17,6 +17,7 @@ from abhv_mc.kernel.plant.actuator_step import (
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.state import MAX_AXES, MAX_TABLE_ROWS
 from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc.vehicle.effectors import axis_limits
 from abhv_mc.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
 from abhv_mc.vehicle.file import pack_vehicle, read_mass_points, read_vehicle_file
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
@@ -85,6 +86,15 @@ def test_everything_becomes_si_and_radians(write):
     assert vehicle.actuators[:3, RATE_LIMIT] == pytest.approx(np.radians(400.0))
     assert c.angle_of_attack_min == pytest.approx(np.radians(-3.0))
     assert vehicle.effector_mix.tolist() == [[0.5, 0.0, 2.0]]
+
+
+def test_single_axes_have_their_own_smaller_limits(write):
+    own = "surfaces: {limits: {rudder: 6 deg}, "
+    packed = load_vehicle(write(SMALL.replace("surfaces: {", own)))
+    ends = np.deg2rad([-20.0, 20.0, -6.0, 6.0, -20.0, 20.0])
+    np.testing.assert_allclose(axis_limits(packed), ends)
+    with pytest.raises(InputError, match="rudder"):
+        load_vehicle(write(SMALL.replace("surfaces: {", own.replace("6 deg", "21 deg"))))
 
 
 def test_an_effector_has_what_it_does_not_say_from_the_surfaces(write):

@@ -106,6 +106,11 @@ def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
     assert qualities.dutch_roll_damping == pytest.approx(
         -dutch_roll.real / abs(dutch_roll), rel=1e-3
     )
+    unit, roll, yaw = pressure_area * c.span / jz, turn[0, 0], turn[1, 0]
+    assert qualities.cn_beta_dyn * unit == pytest.approx(yaw * cosine - roll * sine, rel=1e-6)
+    by_aileron = derivative("aileron")
+    rolled, yawed = inverse @ [by_aileron["Cl"], by_aileron["Cn"]]
+    assert qualities.lcdp * unit == pytest.approx(yaw - roll * yawed / rolled, rel=1e-5)
     power = pressure_area * c.chord * derivative("elevator")["Cm"] / jy
     assert qualities.elevator_power == pytest.approx(power, rel=1e-6)
 
@@ -116,4 +121,7 @@ def test_an_unstable_vehicle_has_a_time_to_double_and_no_short_period() -> None:
     assert qualities.static_margin < 0.0
     assert math.isnan(qualities.short_period_frequency)
     assert math.isnan(qualities.short_period_damping)
+    # The oscillation of its lateral motion is not a Dutch roll.
+    assert qualities.cn_beta_dyn < 0.0 and qualities.lcdp < 0.0
+    assert math.isnan(qualities.dutch_roll_frequency) and math.isnan(qualities.dutch_roll_damping)
     assert 0.1 < qualities.pitch_time_to_double < 10.0

@@ -331,9 +331,8 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
                 M[rows.end_rate, lane] = 0.0
             continue
         fastest = actuators[i, RATE_LIMIT]
-        if i == first or i >= AXES:  # All axes have the same limits.
-            for lane in range(width):
-                low[lane], high[lane] = limits_of(Z, lane, actuators, i)
+        for lane in range(width):
+            low[lane], high[lane] = limits_of(Z, lane, actuators, i)
         if i == ENGINE:
             for lane in range(width):
                 rate_limit[lane] = fastest * Z[s.K_ENGINE_RATE, lane]
