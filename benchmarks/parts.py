@@ -22,7 +22,8 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.arguments import make_kernel_plan, make_results
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.blocks import Recording
 from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.flight.fly_lanes import evaluate, find_active, observe_tick, start_lanes
 from abhv_mc.kernel.flight.interface import LANES

@@ -7,11 +7,11 @@ import tempfile
 import time
 from pathlib import Path
 
+from abhv_mc.custom_code.child import allow_here
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.prepare import prepare
+from abhv_mc.flights.metrics import pack_metrics
 from abhv_mc.io.documents import Document
-from abhv_mc.user_code.child import allow_here
 from abhv_mc.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
 
 ROOT = Path(__file__).parents[1]

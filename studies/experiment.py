@@ -12,8 +12,9 @@ from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 

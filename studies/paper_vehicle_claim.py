@@ -17,8 +17,8 @@ from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.control.design.reference import SETTLING
 from abhv_mc.control.mission import Mission
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.plant.actuator_step import HIGH
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.stability.analysis import margins_of_flights

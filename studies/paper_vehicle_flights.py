@@ -27,9 +27,10 @@ from abhv_mc.control.design.trim_tables import make_trim_tables
 from abhv_mc.control.mission import Mission
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_initial_state, make_plan
+from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.trim_search import GuidancePoints
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle

@@ -13,9 +13,9 @@ from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_gains, m
 from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
 from abhv_mc.control.mission import Level, Mission, read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle

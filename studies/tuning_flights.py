@@ -12,7 +12,7 @@ from abhv_mc.control.controller_file import TlcController
 from abhv_mc.control.design.profile import ramp_times
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 
 INNER = tuple(f"attitude.{name}" for name in ("angle_of_attack", "sideslip", "bank")) + tuple(

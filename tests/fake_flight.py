@@ -14,13 +14,16 @@ import numpy as np
 
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
-from abhv_mc.flight.metrics import METRICS, NO_METRICS
-from abhv_mc.flight.outcome import Limits, Outcome
-from abhv_mc.flight.plan import NO_SOURCES, FlightBlock, FlightPlan, Recording, make_recording
+from abhv_mc.flight.metrics import METRICS
+from abhv_mc.flight.outcome import Limits
+from abhv_mc.flight.plan import NO_SOURCES, FlightPlan
+from abhv_mc.flights.blocks import FlightBlock, Recording, make_recording
+from abhv_mc.flights.metrics import NO_METRICS
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.statistic import Statistic
+from abhv_mc.flights.timing import Timing
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.flight.counting import Statistic
-from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc.kernel.plant.air_data import no_profile
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX

@@ -5,9 +5,11 @@ from collections.abc import Iterable
 from tables import code, table
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES, Signal
-from abhv_mc.flight.metrics import MARGIN_VALUES, METRICS
-from abhv_mc.flight.outcome import SENTENCES, Outcome
+from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES
+from abhv_mc.flight.metrics import METRICS
+from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.outcomes import SENTENCES, Outcome
+from abhv_mc.flights.signals import Signal
 from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.plant.parameters import PARAMETERS
 

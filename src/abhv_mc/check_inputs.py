@@ -14,12 +14,12 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.profile import make_profile
 from abhv_mc.control.law_file import UserController
 from abhv_mc.control.mission import read_mission
+from abhv_mc.custom_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.entry_points import BLOCKS, find_entry_points
 from abhv_mc.flight.prepare import prepare
 from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
 from abhv_mc.user_code.law_source import law_place, read_law_source
-from abhv_mc.user_code.trust import is_in_a_folder, is_trusted
 from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc.vehicle.warnings import find_vehicle_warnings
 

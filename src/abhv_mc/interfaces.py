@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import Outcome, Outcomes, simulator_outcomes
-from abhv_mc.flight.plan import FlightBlock, Recording
+from abhv_mc.custom_code.source import UserSource
+from abhv_mc.flights.blocks import FlightBlock, Recording
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.outcomes import Outcome, Outcomes, simulator_outcomes
+from abhv_mc.flights.signals import Signal
+from abhv_mc.flights.timing import Timing
 from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.flight.interface import Timing
-from abhv_mc.user_code.source import UserSource
 
 Recorded = Recording | int | None  # an int is the number of control ticks between samples
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc import extend
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import fold
@@ -30,7 +31,6 @@ from abhv_mc.user_code.module_text import (
     number,
     sequence,
 )
-from abhv_mc.user_code.source import UserSource
 from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, TAKEN
 from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.look_ups import LookUp

@@ -15,7 +15,8 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from abhv_mc.analysis.replay import EQUAL_BITS, replay_flight
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.custom_code.child import run_in_thread
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.csv_table import csv_text
@@ -25,7 +26,6 @@ from abhv_mc.report.pages.channel_curves import band_names, channel_curves
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
 from abhv_mc.report.pages.page import make_environment
 from abhv_mc.topics.json_data import json_data
-from abhv_mc.user_code.child import run_in_thread
 from abhv_mc_explore.counts import (
     FlightTable,
     count_flights,

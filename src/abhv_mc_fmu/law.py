@@ -17,14 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.child import check_may_run
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_any, parse_unit, unit_of
 from abhv_mc.kernel.laws.user import MAX_MEMORY
-from abhv_mc.user_code.child import check_may_run
 from abhv_mc.user_code.effector_commands import effector_rows, find_commanded
 from abhv_mc.user_code.law_interface import find_unit
 from abhv_mc.user_code.native_loop import LawBackend, OpenLaw
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import filled_once, unpack
 from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from abhv_mc import extend
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.xml_reader import Node, fold, read_xml
 from abhv_mc.user_code.module import run_module
 from abhv_mc.user_code.module_text import (
@@ -27,7 +28,6 @@ from abhv_mc.user_code.module_text import (
     number,
     write_unless_edited,
 )
-from abhv_mc.user_code.source import UserSource
 from abhv_mc_jsbsim.aerodynamics import Aerodynamics
 from abhv_mc_jsbsim.expressions import FROM_MATH
 from abhv_mc_jsbsim.mass import Mass, quantity, read_mass, reference_point, to_body

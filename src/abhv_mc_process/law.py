@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.external_simulators.process import LostFlightError, Process
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc.kernel.plant import state as s
@@ -22,7 +23,6 @@ from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured,
 from abhv_mc.user_code.module import describe_exception
 from abhv_mc.user_code.native_loop import LawBackend, OpenLaw
 from abhv_mc.user_code.plain_law import SOCKET, failures
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 
 # Position of each input: 0 is time, followed by the reference and the rows of lane memory.

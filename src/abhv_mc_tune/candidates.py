@@ -13,8 +13,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import NAMING_KEYS
-from abhv_mc.flight.metrics import MARGIN_NAMES
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.margins import MARGIN_NAMES
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
 from abhv_mc.stability.analysis import margins_of_flights

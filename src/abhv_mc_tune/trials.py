@@ -16,8 +16,9 @@ from abhv_mc.campaign.sampling.samples import drawn_samples
 from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.execution.simulation import simulate
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.margins import MARGIN_NAMES, MARGIN_VALUES
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.search.space import Space
 from abhv_mc.statistics.estimates import severity, sorted_quantile

@@ -10,8 +10,8 @@ from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.prepare import make_plan
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.world.earth import WGS84
 from abhv_mc.plant.trim import FlightPoint, trim

@@ -12,10 +12,10 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.outcome import Limits
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.timing import Timing
 from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.phrases import quoted
-from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.laws.columns import RECORDED_GAINS, REFERENCE
 from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc.kernel.plant import state as s

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import RATE_LIMIT
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX

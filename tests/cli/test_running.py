@@ -18,7 +18,7 @@ from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_camp
 
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.manifest import (
     ControllerCount,
     Manifest,

@@ -10,7 +10,7 @@ from own_simulators import shown_text, write_study
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.plan import make_recording
+from abhv_mc.flights.blocks import make_recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.channel_curves import channel_curves

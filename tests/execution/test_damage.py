@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, fly, interrupted_after, run, write_campaign
 
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError

@@ -15,7 +15,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.external_simulators.process_pool import end_processes
-from abhv_mc.flight.repeatability import Repeatability
+from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import run_query
 from abhv_mc.io.input_error import InputError
@@ -255,7 +255,7 @@ def test_undeclared_open_files_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The files of the test are hardly older than its run, which starts after some 13 ms.
-    monkeypatch.setattr("abhv_mc.user_code.read_guard._CLOCK_STEP", 0.0)
+    monkeypatch.setattr("abhv_mc.custom_code.read_guard._CLOCK_STEP", 0.0)
     program = """#!/bin/sh
 exec 5<"{model}" 6<./gains.txt
 while read -r line; do echo '{{"total": 1}}'; done

@@ -10,7 +10,7 @@ from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_camp
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.completion import Completion
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.topics.verdicts.model import compute_verdicts

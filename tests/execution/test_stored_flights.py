@@ -8,7 +8,7 @@ from own_simulators import write_study
 
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.flight.repeatability import Repeatability
+from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.manifest import Manifest
 
 PROGRAM = """#!/bin/sh

@@ -21,7 +21,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.execution.table_import import import_tables
-from abhv_mc.flight.outcome import OUTCOMES
+from abhv_mc.flights.outcomes import OUTCOMES
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.input_table import write_inputs
 from abhv_mc.folder.samples import SampleReader

@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.plan import Recording
+from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import InputError, read_document
 from abhv_mc.report.numbers.pass_chances import plan_campaign

@@ -20,7 +20,7 @@ from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.io.documents import InputError, InputErrors

@@ -18,6 +18,7 @@ from fake_flight import ENGINE, fly, make_plan, run, write_campaign
 
 import abhv_mc
 from abhv_mc.campaign.file.config import PROCESSES
+from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
 from abhv_mc.execution.retry import time_limit
@@ -25,7 +26,6 @@ from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
-from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.vehicle_cli import flying
 
 PACKAGE = Path(abhv_mc.__file__).parent

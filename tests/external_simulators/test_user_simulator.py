@@ -26,8 +26,8 @@ from abhv_mc.external_simulators import (
     working_folder,
 )
 from abhv_mc.external_simulators.process_pool import end_processes
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputErrors
 
 LOST = int(Outcome.FAILED_TO_RUN)

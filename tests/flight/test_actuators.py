@@ -12,7 +12,7 @@ from short_flights import rows_of, short_plan, write_law
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.actuator_step import BANDWIDTH as BAND

@@ -14,11 +14,13 @@ from short_flights import short_plan
 from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS, SOURCES, SURFACES
 from abhv_mc.flight.compile_metrics import compile_metrics, source_rows
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.metrics import METRIC_INDEX, METRICS, TAKES_LIMIT, pack_metrics, unpack_metrics
-from abhv_mc.flight.outcome import LAW_LOST, LIMITS, SENTENCES, Outcome
+from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
+from abhv_mc.flight.outcome import LIMITS
 from abhv_mc.flight.plan import NO_SOURCES
+from abhv_mc.flights.metrics import TAKES_LIMIT, pack_metrics, unpack_metrics
+from abhv_mc.flights.outcomes import LAW_LOST, SENTENCES, Outcome
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.io.documents import Document
-from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.flight.observe import find_row

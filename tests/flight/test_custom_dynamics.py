@@ -15,10 +15,10 @@ from short_flights import change_vehicle
 
 from abhv_mc.flight import user_law
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.vehicle_parameters import vehicle_parameters
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.timing import Timing
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.flight.interface import Timing
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import variable_row
 from abhv_mc.kernel.world.atmosphere import atmosphere

@@ -9,8 +9,8 @@ from short_flights import short_plan
 
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import Recording
+from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX

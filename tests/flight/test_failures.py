@@ -10,9 +10,9 @@ import pytest
 from short_flights import rows_of, short_plan
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.failure_case import failure_cases, failure_times, is_failure_time
 from abhv_mc.flight.fly import fly
 from abhv_mc.flight.metrics import METRIC_INDEX
+from abhv_mc.flights.failure_cases import failure_cases, failure_times, is_failure_time
 from abhv_mc.kernel.plant import failures
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import FAILURE_TIMES, NEVER, PARAMETER_NAMES

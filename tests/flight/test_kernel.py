@@ -18,8 +18,8 @@ from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight import fly as flying
 from abhv_mc.flight.arguments import make_kernel_plan
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import Recording
+from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.kernel.flight.fly_lanes import COMPACTION, make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import TOGETHER

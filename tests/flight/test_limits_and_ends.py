@@ -15,8 +15,9 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.outcome import EndBounds, Outcome
+from abhv_mc.flight.outcome import EndBounds
 from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.plant.vehicle import LoadBounds
 from abhv_mc.one_flight.given import make_flight_plan, write_inputs

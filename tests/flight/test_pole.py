@@ -7,9 +7,9 @@ import pytest
 from verification.independent import FT, World, fly_sphere
 
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
 from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.timing import Timing
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import shipped_configs

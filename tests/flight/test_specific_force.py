@@ -8,7 +8,7 @@ from short_flights import change_vehicle, rows_of, short_plan, write_law
 
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly
-from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.flights.timing import Timing
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
 

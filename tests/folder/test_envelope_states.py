@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.folder.envelope_states import Cells, Collector
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from jsbsim_models.peer import FOOT, deflect, load, model
 
-from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.flights.timing import Timing
 from abhv_mc.kernel.numerics.quaternion import from_euler
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.user_code.vehicle_functions import load_vehicle

@@ -19,6 +19,7 @@ import numba
 import numpy as np
 import pytest
 
+from abhv_mc import cache_root
 from abhv_mc.kernel import cache, jit
 from abhv_mc.kernel.compiler_target import code_folder, find_features
 
@@ -133,7 +134,7 @@ def bare(monkeypatch, tmp_path):
         monkeypatch.setenv(name, NO_FOLDER)
     monkeypatch.setattr(pwd, "getpwuid", refuse)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    cache._find_root.cache_clear()
+    cache_root._find_root.cache_clear()
     return tmp_path / f"abhv-mc-{os.getuid()}"
 
 
@@ -145,7 +146,7 @@ def test_the_cache_is_in_the_first_writable_folder(monkeypatch, tmp_path, bare, 
     for other in names[names.index(name) :]:
         monkeypatch.setenv(other, str(tmp_path / other))
     expected = tmp_path / name / ("" if name != "HOME" else ".cache") / "abhv-mc"
-    assert cache.cache_root() == expected and expected.is_dir()
+    assert cache_root.cache_root() == expected and expected.is_dir()
 
 
 @pytest.mark.parametrize("home", [None, NO_FOLDER])
@@ -153,9 +154,9 @@ def test_without_a_home_the_cache_is_a_private_temporary_folder(monkeypatch, bar
     if home:
         monkeypatch.setenv("HOME", home)
     with pytest.warns(RuntimeWarning, match="Set XDG_CACHE_HOME") as warned:
-        root = cache.cache_root()
+        root = cache_root.cache_root()
     assert root.parent == bare and bare.stat().st_mode & 0o777 == 0o700
-    assert cache.cache_root() == root and len(warned) == 1  # in child processes, too
+    assert cache_root.cache_root() == root and len(warned) == 1  # in child processes, too
     assert Path(os.environ["XDG_CACHE_HOME"]) == bare
 
 
@@ -174,7 +175,7 @@ def test_a_temporary_folder_of_another_user_is_not_used(monkeypatch, bare, kind)
         cache.atexit, "register", lambda *call, **options: ends.append((call, options))
     )
     with pytest.warns(RuntimeWarning, match="XDG_CACHE_HOME") as warned:
-        root = cache.cache_root()
+        root = cache_root.cache_root()
     assert str(root.parent) in str(warned[0].message)
     assert root.parent.parent == bare.parent and root.parent != bare
     for (function, *arguments), options in ends:
@@ -205,7 +206,7 @@ def test_a_folder_that_others_can_fill_is_not_used(
     monkeypatch.setenv(variable, str(tmp_path / variable))
     monkeypatch.setattr(os, "getuid", lambda: 1)
     with contextlib.nullcontext() if is_used else pytest.warns(RuntimeWarning, match=str(folder)):
-        assert (cache.cache_root() == folder) == is_used
+        assert (cache_root.cache_root() == folder) == is_used
 
 
 def test_a_group_shares_what_its_members_can_write(monkeypatch, tmp_path):

@@ -12,7 +12,7 @@ from report.synthetic import build_page, write_campaign
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError

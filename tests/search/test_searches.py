@@ -18,7 +18,7 @@ from search.known_flights import LIMIT, LINE, METRIC, fly_line, write_line
 from search.methods.known_probabilities import paraboloid
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine

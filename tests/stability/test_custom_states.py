@@ -7,7 +7,7 @@ import pytest
 
 from abhv_mc.flight.fly import fly_until
 from abhv_mc.flight.vehicle_parameters import vehicle_parameters
-from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.flights.timing import Timing
 from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.stability.linearize import closed_loop, linearize
 from abhv_mc.stability.plant_inputs import plant_states

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import abhv_mc
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.cli.app import app
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import report_schema

@@ -8,7 +8,7 @@ from search.known_flights import BLOCK, CONTROLLER, TUNED, fly_tuned, prepare_tu
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.control.controller_file import read_controller
-from abhv_mc.flight.metrics import MARGIN_NAMES
+from abhv_mc.flights.margins import MARGIN_NAMES
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError

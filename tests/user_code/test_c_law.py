@@ -13,7 +13,7 @@ from user_code.test_user_law import CASCADE
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.kernel.numerics.angles import clamp, wrap
 from abhv_mc.kernel.numerics.lane_math import sincos

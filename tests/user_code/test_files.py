@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.control.controller_file import read_controller
+from abhv_mc.custom_code.source import UserSource, find_package_versions
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.memory import Z_ROWS
 from abhv_mc.kernel.laws.columns import REFERENCE
@@ -17,7 +18,6 @@ from abhv_mc.user_code import compiled, watch
 from abhv_mc.user_code.compiled import compile_law
 from abhv_mc.user_code.law_source import read_law_source
 from abhv_mc.user_code.module import _run_watched, check_closure
-from abhv_mc.user_code.source import UserSource, find_package_versions
 from abhv_mc.user_code.unpack import unpack
 
 HEAD = (

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 import abhv_mc
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError
 from abhv_mc.one_flight.given import make_document
 from abhv_mc.user_code.from_function import make_law_text
 from abhv_mc.user_code.load_law import load_law
-from abhv_mc.user_code.source import UserSource
 
 CELLS = """
 import math

@@ -14,7 +14,7 @@ from abhv_mc.control.mission import read_mission
 from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.plan_file import read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.flight.fly_lanes import COMPACTION

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as MatplotlibPath
 
-from abhv_mc.flight.compile_metrics import compile_expression, source_rows
+from abhv_mc.flight.compile_metrics import source_rows
+from abhv_mc.flights.expressions import compile_expression
+from abhv_mc.flights.statistic import MAX_REGISTERS
 from abhv_mc.io.documents import Document, InputError, validate
-from abhv_mc.kernel.flight.counting import MAX_REGISTERS
 from abhv_mc.vehicle_simulator.keep_out import Zone
 from abhv_mc.vehicle_simulator.user_metrics import pack_sources
 

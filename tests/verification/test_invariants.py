@@ -7,7 +7,7 @@ from verification.shown import check
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.flights.timing import Timing
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.kernel.plant.vehicle import Vehicle

@@ -27,7 +27,7 @@ from abhv_mc.control.design.design_model import body_rate_rates
 from abhv_mc.control.design.tlc_design import make_tlc_gains, pd_spectrum
 from abhv_mc.control.design.trim_tables import trim_elevator
 from abhv_mc.flight.fly import fly_until, nominal_parameters
-from abhv_mc.kernel.flight.interface import Timing
+from abhv_mc.flights.timing import Timing
 from abhv_mc.kernel.laws.columns import REFERENCE, TLC_K1, TLC_K2
 from abhv_mc.kernel.laws.tlc_loops import (
     Inertia,

@@ -16,16 +16,16 @@ from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.execution.flown_experiment import open_flown
 from abhv_mc.execution.simulation import make_ready, simulate
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.metrics import MARGIN_NAMES
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.parameters import Parameters
+from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.plant.parameters import Parameters
 
 _MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a sampled value is
 

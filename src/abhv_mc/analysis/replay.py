@@ -8,10 +8,10 @@ import numpy as np
 
 from abhv_mc.execution.flown_experiment import open_flown
 from abhv_mc.execution.simulation import simulate
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.outcome import OUTCOMES, Outcomes
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.repeatability import ROUNDING, Repeatability, relative_difference
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.outcomes import OUTCOMES, Outcomes
+from abhv_mc.flights.repeatability import ROUNDING, Repeatability, relative_difference
+from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder

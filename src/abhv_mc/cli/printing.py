@@ -301,7 +301,7 @@ def _postpone_tools() -> None:
 @contextmanager
 def _tell(function: Any, by_other_process: bool) -> Iterator[None]:
     """Announce that a kernel is being compiled by this or another process."""
-    from abhv_mc.kernel.cache import cache_root
+    from abhv_mc.cache_root import cache_root
 
     group = function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0]
     kernel = _KERNELS.get(group, "a kernel")

@@ -10,9 +10,9 @@ from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import Controller, Folder, Json, TrustCode, metric_option
 from abhv_mc.cli.outputs import output, output_file
 from abhv_mc.cli.printing import announce_compiling, print_section_table, say, show_result
+from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.child import run_in_thread
 
 
 def replay(
@@ -31,7 +31,7 @@ def replay(
     The exit code is 1 if any metric differs.
     """
     from abhv_mc.analysis.replay import EQUAL_BITS, replay_flight
-    from abhv_mc.flight.repeatability import ROUNDING, Repeatability
+    from abhv_mc.flights.repeatability import ROUNDING, Repeatability
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import read_folder_campaign
 

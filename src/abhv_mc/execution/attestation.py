@@ -10,7 +10,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import UnusableError
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.identity import Flyer, this_flyer
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.

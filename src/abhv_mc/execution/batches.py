@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.plan import FlightBlock, join_blocks
+from abhv_mc.flights.blocks import FlightBlock, join_blocks
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Fly, Recorded

@@ -12,12 +12,12 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.execution.retry import time_limit
 from abhv_mc.execution.simulation import simulate
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.user_code.child import run_in_thread
 
 _ROWS = 3  # number of trials for each dispersion
 _DEFAULT_LIMIT = 600.0  # default time limit in s for 16 flights

@@ -20,7 +20,7 @@ from abhv_mc.execution.attestation import Attestation, Check, sign
 from abhv_mc.execution.batches import fly_in_batches
 from abhv_mc.execution.blocks import choose_batch
 from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
-from abhv_mc.flight.plan import FlightBlock, join_blocks
+from abhv_mc.flights.blocks import FlightBlock, join_blocks
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Recorded
 from abhv_mc.io.input_error import InputError, one_of

@@ -24,9 +24,9 @@ from abhv_mc.execution.flight_differences import (
 )
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import simulate, with_proofs
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.repeatability import ROUNDING, Repeatability
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.repeatability import ROUNDING, Repeatability
 
 _LONG = 1.0  # duration of a flight in s above which each process repeats only one flight
 _CHECKED = 8  # number of rows of inputs that are checked

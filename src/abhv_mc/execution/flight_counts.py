@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.metrics import MARGIN_VALUES
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.flights import END_TIME, Digest, FlightRows
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict
 from abhv_mc.statistics.verdicts import Verdict, verdict_words

@@ -7,8 +7,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.repeatability import relative_difference
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.repeatability import relative_difference
 
 ESTIMATES = "requirements get estimates instead of verdicts"  # last clause of warnings
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.io.foreign_table import Column, ForeignTable, read_foreign_table
 from abhv_mc.io.input_error import InputError, one_of

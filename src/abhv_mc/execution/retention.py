@@ -16,8 +16,8 @@ from abhv_mc.execution.backpressure import work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import simulate
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import read_worst
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.histories import write_histories

@@ -15,13 +15,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import (
-    FlightBlock,
-    join_blocks,
-    make_failed_block,
-    make_recording,
-)
+from abhv_mc.flights.blocks import FlightBlock, join_blocks, make_failed_block, make_recording
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.phrases import counted
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.

@@ -31,10 +31,10 @@ from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
 from abhv_mc.execution.simulation import check_source, simulate, with_proofs
 from abhv_mc.execution.stored_flights import StoredFlights
-from abhv_mc.flight.metrics import MARGIN_VALUES
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock
-from abhv_mc.flight.repeatability import ROUNDING, Repeatability, weakest
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.repeatability import ROUNDING, Repeatability, weakest
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
 from abhv_mc.folder.flights import Digest, FlightRows, flights_schema, write_block

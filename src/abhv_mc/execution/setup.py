@@ -15,6 +15,9 @@ from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.requirement_set import JUDGING, find_requirement_changes
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
+from abhv_mc.custom_code.child import called_beside
+from abhv_mc.custom_code.source import find_package_versions
+from abhv_mc.custom_code.trust import trust
 from abhv_mc.execution.executor import find_isolation
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.simulation import check_source, make_ready
@@ -47,9 +50,6 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.requests import Request
-from abhv_mc.user_code.child import called_beside
-from abhv_mc.user_code.source import find_package_versions
-from abhv_mc.user_code.trust import trust
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, System
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.interfaces import Fly, Plan, Recorded, Simulator

@@ -22,7 +22,7 @@ from abhv_mc.execution.flight_differences import (
 )
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import simulate, with_proofs
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly

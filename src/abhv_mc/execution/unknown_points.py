@@ -15,8 +15,8 @@ from abhv_mc.campaign.sampling.designs import make_generator
 from abhv_mc.execution.executor import FlightRunner, open_executor
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import make_ready, simulate
-from abhv_mc.flight.metrics import MARGIN_VALUES
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Plan
 from abhv_mc.io.phrases import counted
 from abhv_mc.statistics.unknowns import (

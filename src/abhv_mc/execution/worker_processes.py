@@ -20,11 +20,11 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.child import describe_exit
 from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.execution.worker import serve, usual_limit
-from abhv_mc.flight.plan import FlightBlock
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.interfaces import Fly, Recorded
-from abhv_mc.user_code.child import describe_exit
 
 # Give up after 20 + workers consecutive failed starts; a crash counts as four failed starts.
 _FAILED_STARTS = 20

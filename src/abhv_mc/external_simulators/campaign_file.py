@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from abhv_mc.campaign.file.config import Execution
 from abhv_mc.campaign.file.systems import Contents, SystemsCampaign, read_systems
+from abhv_mc.custom_code.read_guard import is_regular
 from abhv_mc.io.documents import (
     CommaKeys,
     Document,
@@ -20,7 +21,6 @@ from abhv_mc.io.documents import (
 )
 from abhv_mc.io.input_files import expand
 from abhv_mc.io.units import Time
-from abhv_mc.user_code.read_guard import is_regular
 
 
 class Simulator(StrictModel):

@@ -5,8 +5,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from abhv_mc.custom_code.read_guard import is_regular, simulator_guard
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.user_code.read_guard import is_regular, simulator_guard
 
 _PACKAGES = {"site-packages", "dist-packages"}
 

@@ -16,10 +16,10 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from abhv_mc.custom_code.child import describe_exit
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.external_simulators.working_folder import make_working_folder
-from abhv_mc.user_code.child import describe_exit
 
 _AHEAD = 64  # maximum number of requests sent ahead of replies
 _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe

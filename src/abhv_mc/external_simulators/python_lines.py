@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-_GUARD = Path(__file__).parents[1] / "user_code" / "read_guard.py"
+_GUARD = Path(__file__).parents[1] / "custom_code" / "read_guard.py"
 
 
 def main(python: str, source: str, campaign: str, *declared: str) -> None:

@@ -14,6 +14,8 @@ from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.systems import SYSTEMS, Registered
 from abhv_mc.campaign.file.user_code import check_user_code
+from abhv_mc.custom_code.source import UserSource
+from abhv_mc.custom_code.trust import check_trusted
 from abhv_mc.external_simulators.campaign_file import (
     Simulator,
     SimulatorCampaign,
@@ -26,12 +28,10 @@ from abhv_mc.external_simulators.process import LostFlightError, Process
 from abhv_mc.external_simulators.process_pool import current_pool, end_processes
 from abhv_mc.external_simulators.user_flights import fly_user_simulator, seconds_of_a_flight
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Capabilities, Engine, Recorded, StoredPlans
 from abhv_mc.io.input_error import InputErrors
 from abhv_mc.io.input_files import read_input
-from abhv_mc.user_code.source import UserSource
-from abhv_mc.user_code.trust import check_trusted
 
 _BY_ORDER = (
     "replies of the program are matched to requests in the order of arrival, unless each reply "

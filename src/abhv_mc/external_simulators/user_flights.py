@@ -18,8 +18,8 @@ from abhv_mc.external_simulators.answers import find_extremes, read_answer, samp
 from abhv_mc.external_simulators.process import LostFlightError, OutOfStepError, Process
 from abhv_mc.external_simulators.process_pool import StoppedError, current_pool
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightBlock, Recording
+from abhv_mc.flights.blocks import FlightBlock, Recording
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import is_exhausted
 
 _AHEAD = 1e-3  # computing time of a flight in s below which requests are sent ahead of replies

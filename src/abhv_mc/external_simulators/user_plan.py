@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.metrics import Metric
-from abhv_mc.user_code.read_guard import is_regular
-from abhv_mc.user_code.source import UserSource
+from abhv_mc.custom_code.read_guard import is_regular
+from abhv_mc.custom_code.source import UserSource
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.signals import Signal
 
 _PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")))
 

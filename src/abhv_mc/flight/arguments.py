@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.control.law_file import USER_LAWS
-from abhv_mc.flight.compile_metrics import SourceRow, compile_metrics, source_rows
-from abhv_mc.flight.outcome import LIMITS, Outcome
-from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.flight.compile_metrics import compile_metrics, source_rows
+from abhv_mc.flight.outcome import LIMITS
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import dispersable_settings
-from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.expressions import SourceRow
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.kernel.flight.interface import (
     LQR,
     PYTHON,

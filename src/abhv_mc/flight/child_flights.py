@@ -15,19 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.child import LostError, in_child, may_run_here
 from abhv_mc.flight.arguments import SavedFlights
-from abhv_mc.flight.plan import (
-    FlightBlock,
-    FlightPlan,
-    Recording,
-    join_blocks,
-    make_failed_block,
-)
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.blocks import FlightBlock, Recording, join_blocks, make_failed_block
 from abhv_mc.kernel.flight import observe
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import O_ROWS, Z_ROWS, Memory, make_memory
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.child import LostError, in_child, may_run_here
 from abhv_mc.user_code.law_interface import Measured, find_unit
 from abhv_mc.user_code.unpack import laws_folder
 

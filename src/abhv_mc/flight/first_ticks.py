@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.control.law_file import PYTHON
+from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.outcome import LAW_LOST, Outcome
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import load_plan_law, plan_source
+from abhv_mc.flights.outcomes import LAW_LOST, Outcome
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.user_code.plain_law import failures
 
 _LAST = 1  # The second tick reads the memory that the control law returned at the first tick.

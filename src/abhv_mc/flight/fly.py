@@ -8,25 +8,19 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats, Singles
+from abhv_mc.custom_code.child import in_child
 from abhv_mc.flight.arguments import SavedFlights, make_kernel_plan, make_results
 from abhv_mc.flight.child_flights import fly_in_child, open_memory
-from abhv_mc.flight.plan import (
-    NOT_LEAN,
-    FlightBlock,
-    FlightPlan,
-    Recording,
-    join_blocks,
-    make_recording,
-)
+from abhv_mc.flight.plan import NOT_LEAN, FlightPlan
 from abhv_mc.flight.user_law import PROCESS, open_law
-from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.flights.blocks import FlightBlock, Recording, join_blocks, make_recording
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.kernel.flight.fly_lanes import make_fly_lanes
 from abhv_mc.kernel.flight.interface import LANES, KernelResults
 from abhv_mc.kernel.flight.memory import Memory, make_memory
 from abhv_mc.kernel.jit import is_cached
 from abhv_mc.kernel.plant.state import N_PARAMETERS
 from abhv_mc.plant.parameters import PARAMETERS
-from abhv_mc.user_code.child import in_child
 
 _SAMPLED = 512  # number of flights per call if quantiles need all ticks; limits memory use
 _LONGEST = 600.0  # time limit for fly_until with native code, s

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.child import LostError, in_child
 from abhv_mc.flight.child_flights import describe_last_tick
 from abhv_mc.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import hidden_memory_error, plan_source
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.user_code.child import LostError, in_child
 from abhv_mc.user_code.unpack import laws_folder
 
 _TICKS = 50

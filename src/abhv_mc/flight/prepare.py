@@ -34,15 +34,18 @@ from abhv_mc.control.law_file import (
     UserController,
 )
 from abhv_mc.control.mission import Mission, read_mission
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.flight.dynamics_start import start_custom
 from abhv_mc.flight.first_ticks import check_first_ticks
-from abhv_mc.flight.metrics import effector_metrics, pack_metrics
+from abhv_mc.flight.metrics import effector_metrics
 from abhv_mc.flight.native_check import check_native
 from abhv_mc.flight.outcome import EndBounds, Limits
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import check_native_law, open_law, plan_source
+from abhv_mc.flights.metrics import pack_metrics
+from abhv_mc.flights.timing import Timing
 from abhv_mc.io.documents import InputError
-from abhv_mc.kernel.flight.interface import LANES, Timing
+from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.start import multiply
 from abhv_mc.kernel.laws.columns import (
     ALTITUDE,
@@ -67,7 +70,6 @@ from abhv_mc.user_code.law_source import check_wiring, read_trusted_law
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import check_closure
 from abhv_mc.user_code.settings import NO_COMMANDS, CommandSteps, make_commands, make_user_settings
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.vehicle_functions import check_finite, find_code, load_vehicle
 from abhv_mc.vehicle.effectors import name_effectors
 from abhv_mc.vehicle.evaluate import make_variables

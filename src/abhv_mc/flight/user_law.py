@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from abhv_mc.control.law_file import NATIVE, PYTHON, USER_LAWS
+from abhv_mc.custom_code.child import in_child
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.io.documents import Document
@@ -16,7 +18,6 @@ from abhv_mc.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.parameter_names import ACCELERATIONS
 from abhv_mc.user_code.c_law import find_c_memory, open_c_law
-from abhv_mc.user_code.child import in_child
 from abhv_mc.user_code.compiled import compile_filter, compile_law
 from abhv_mc.user_code.effector_commands import commands_effectors
 from abhv_mc.user_code.law_interface import Measured
@@ -24,7 +25,6 @@ from abhv_mc.user_code.load_law import is_number, load_law
 from abhv_mc.user_code.module import Law
 from abhv_mc.user_code.native_loop import LawBackend
 from abhv_mc.user_code.plain_law import PlainLaw
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.user_channels import compile_channels
 from abhv_mc.user_code.vehicle_functions import Functions, compile_functions
 from abhv_mc.vehicle.effectors import name_effectors

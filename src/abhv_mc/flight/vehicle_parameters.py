@@ -7,10 +7,11 @@ from pathlib import Path
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import PythonController
+from abhv_mc.custom_code.source import compile_text, read_source
+from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.units import parse_any, si_unit_of, unit_of
-from abhv_mc.plant.parameters import OURS, PARAMETERS, Parameter, Parameters
-from abhv_mc.user_code.source import compile_text, read_source
+from abhv_mc.plant.parameters import OURS, PARAMETERS
 from abhv_mc.vehicle.file import read_vehicle_file
 from abhv_mc.vehicle.vehicle_code import VehicleCode, name_states
 

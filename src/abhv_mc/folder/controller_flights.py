@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.outcomes import OUTCOMES, Outcome, Outcomes
 from abhv_mc.folder.file_columns import SpooledColumns, missing_file, read_pieces
 from abhv_mc.folder.flights import END_TIME, INPUT, REASON
 from abhv_mc.folder.layout import CampaignFolder

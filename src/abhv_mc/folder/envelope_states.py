@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask, Singles
-from abhv_mc.flight.plan import FlightBlock, Recording
+from abhv_mc.flights.blocks import FlightBlock, Recording
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.histories import EnvelopeTable

@@ -18,14 +18,14 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.failure_case import ENGINE_FAILED, NO_FAILURE, failure_cases
-from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import OUTCOMES, Outcome, Outcomes
+from abhv_mc.flights.failure_cases import ENGINE_FAILED, NO_FAILURE, failure_cases
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.outcomes import OUTCOMES, Outcome, Outcomes
+from abhv_mc.flights.parameters import Parameter, Parameters
+from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.io.input_error import is_exhausted
 from abhv_mc.io.parquet_columns import column_values, number_column, text_column
-from abhv_mc.plant.parameters import Parameter, Parameters
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")
 CASE = "failure.case"
@@ -119,7 +119,7 @@ class FlightRows:
 
     @property
     def cases(self) -> list[str]:
-        """Failure case of each flight; see :mod:`abhv_mc.flight.failure_case`."""
+        """Failure case of each flight; see :mod:`abhv_mc.flights.failure_cases`."""
         if ENGINE_FAILED not in self.columns:  # Custom simulators do not have this metric.
             return [NO_FAILURE] * len(self.outcome)
         ends = np.full(len(self.outcome), self.duration)

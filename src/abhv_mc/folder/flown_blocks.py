@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import (
     DamagedFileError,
     Digest,

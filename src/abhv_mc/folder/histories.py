@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.flight.channels import Signal
+from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.flights import make_field, write_parquet
 from abhv_mc.io.parquet_columns import number_column, text_column
 from abhv_mc.statistics.bands import QUANTILES

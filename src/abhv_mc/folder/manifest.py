@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.flight.repeatability import Repeatability
+from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
 from abhv_mc.io.input_error import InputError

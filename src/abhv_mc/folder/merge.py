@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
-from abhv_mc.flight.repeatability import weakest
+from abhv_mc.flights.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
 from abhv_mc.folder.hashes import (
     FileHashes,

@@ -11,7 +11,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
-from abhv_mc.flight.repeatability import weakest
+from abhv_mc.flights.repeatability import weakest
 from abhv_mc.folder.flights import read_pieces, write_block
 from abhv_mc.folder.hashes import damage_error, find_damage
 from abhv_mc.folder.inputs import FolderInputs, read_folder_inputs

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import make_field, make_input_field, write_pieces
 from abhv_mc.io.parquet_columns import column_values, number_column
-from abhv_mc.plant.parameters import Parameters
 
 POINT = "point"
 ROW_GROUP = 65536  # number of flights that are drawn, written and read together

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 import pyarrow.parquet as pq
 
+from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes_after
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.csv_table import write_batches
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.child import run_in_thread
 
 if TYPE_CHECKING:
     import pyarrow as pa

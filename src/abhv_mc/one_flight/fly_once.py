@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.phrases import quoted
 from abhv_mc.one_flight.given import Input, Quantity, make_flight_plan, make_parameters
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from abhv_mc.array_types import Floats
-    from abhv_mc.flight.plan import FlightBlock, FlightPlan
+    from abhv_mc.flight.plan import FlightPlan
+    from abhv_mc.flights.blocks import FlightBlock
 
 
 class OneFlight(NamedTuple):

@@ -16,9 +16,10 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flight.arguments import make_kernel_plan, make_results
 from abhv_mc.flight.fly import choose_flight, fly_until
-from abhv_mc.flight.outcome import Outcome
-from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import open_law
+from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import Z_ROWS, make_memory

@@ -10,12 +10,12 @@ from abhv_mc.array_types import Floats
 from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.sampling.marginals import find_atoms
-from abhv_mc.flight.metrics import Metric
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.phrases import counted, grouped_digits, quoted
-from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.evaluation import LANES, make_generator
 from abhv_mc.search.methods.rare import (

@@ -22,11 +22,13 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.campaign.file.user_code import check_user_code
+from abhv_mc.custom_code.trust import trust
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import check_source, make_ready, simulate
-from abhv_mc.flight.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
+from abhv_mc.flights.margins import MARGIN_NAMES, MARGIN_VALUES
+from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.flights import (
     END_TIME,
     DamagedFileError,
@@ -56,7 +58,6 @@ from abhv_mc.io.input_files import reading_once
 from abhv_mc.requests import Paths, SearchRequest
 from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
-from abhv_mc.user_code.trust import trust
 
 _DRAWN = 3  # number of worst flights whose time histories a page shows
 # minimum distance between the plotted flights, as a share of the simulated range (rms over

@@ -17,9 +17,9 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.campaign.sampling.samples import draw_seeds, full_rows
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted
-from abhv_mc.plant.parameters import Parameters
 
 _SMALLEST = 2.0**-53
 # number of random flights that are tried, and minimum number of flights that must be in the box

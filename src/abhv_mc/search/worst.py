@@ -16,12 +16,13 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.flight.metrics import MARGIN_NAMES, Metric
+from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine, TrimMargins
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted, grouped_digits
-from abhv_mc.plant.parameters import Parameters
 from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (

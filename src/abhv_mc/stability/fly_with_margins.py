@@ -7,9 +7,10 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flight.fly import fly
-from abhv_mc.flight.metrics import MARGIN_VALUES
-from abhv_mc.flight.outcome import LAW_LOST, Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan, Recording
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.blocks import FlightBlock, Recording
+from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.outcomes import LAW_LOST, Outcome
 
 if TYPE_CHECKING:
     from abhv_mc.stability.analysis import Time

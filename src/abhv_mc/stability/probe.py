@@ -14,16 +14,18 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.control.law_file import USER_LAWS
+from abhv_mc.custom_code.child import in_child
 from abhv_mc.flight.arguments import SavedFlights, make_kernel_plan
 from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flight.native_check import check_states
-from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.user_law import (
     law_memory,
     measured_count,
     open_law,
     open_vehicle,
 )
+from abhv_mc.flights.blocks import Recording
 from abhv_mc.kernel.flight.interface import LANES, KernelPlan
 from abhv_mc.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
 from abhv_mc.kernel.jit import is_cached
@@ -41,7 +43,6 @@ from abhv_mc.kernel.stability.probes import (
     make_probe_plant,
 )
 from abhv_mc.stability.plant_inputs import from_axes, mixes, moving_of
-from abhv_mc.user_code.child import in_child
 
 # memory rows of the built-in controllers, including the previous commands if a controller uses them
 _INTEGRALS = (

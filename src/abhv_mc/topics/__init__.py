@@ -6,7 +6,7 @@ Custom topics import the public names of this package.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from abhv_mc.kernel.cache import cache_root
+from abhv_mc.cache_root import cache_root
 
 # Without a home folder, matplotlib needs a configuration folder when it is imported.
 cache_root()

@@ -7,8 +7,8 @@ import numpy as np
 
 from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, read_map
 from abhv_mc.array_types import Floats, Mask
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.failure_rules import (
     FALSE_DISCOVERY_RATE,
     FEWEST_FAILURES,

@@ -2,8 +2,8 @@
 
 import math
 
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.io.phrases import THIN, grouped_digits
-from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.estimates import Interval
 
 MINUS = "\N{MINUS SIGN}"

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.flight.metrics import Metric
+from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 

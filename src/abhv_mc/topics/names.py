@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.flight.metrics import Metric
+from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.inputs import content_of
 from abhv_mc.shipped import shipped_files

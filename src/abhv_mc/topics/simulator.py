@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from abhv_mc.flight.repeatability import Repeatability
+from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names

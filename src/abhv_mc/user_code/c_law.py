@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.child import check_may_run
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.phrases import counted
 from abhv_mc.kernel.jit_pointer import address_of
@@ -24,11 +26,9 @@ from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.state import aligned_zeros
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc.user_code.c_source import describe_layout, interface
-from abhv_mc.user_code.child import check_may_run
 from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, lane_of
 from abhv_mc.user_code.effector_commands import effector_rows
 from abhv_mc.user_code.native_loop import OpenLaw, build_native
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import BUILT, unpack
 
 _SYSTEM = (

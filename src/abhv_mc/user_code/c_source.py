@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.control.law_file import CController, Layout
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.kernel.numerics.lane_math import COS, HALF_PI, SIN
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, Onboard, onboard_fields
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import laws_folder, unpack
 
 _HEADER = Path(__file__).with_name("abhv_law.h")

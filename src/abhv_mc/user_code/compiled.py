@@ -10,6 +10,7 @@ from collections import namedtuple
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.cache import compilation_lock
@@ -35,7 +36,6 @@ from abhv_mc.user_code.law_interface import (
 )
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import MODULE, Law, Module, code_hash, refuse_in_words
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.table import LookUp
 from abhv_mc.user_code.unpack import laws_folder, unpack
 

@@ -14,16 +14,16 @@ from abhv_mc.control.controller_file import LqrController
 from abhv_mc.control.design.design_model import attitude_rates, body_rate_rates, slope, wrench_at
 from abhv_mc.control.design.lqr_design import Nominal, make_lqr_gains, make_nominal
 from abhv_mc.control.mission import Mission
+from abhv_mc.custom_code.child import in_child
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
 from abhv_mc.io.input_error import InputError
 from abhv_mc.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc.kernel.world.earth import Earth
-from abhv_mc.user_code.child import in_child
 from abhv_mc.user_code.law_interface import Reference
 from abhv_mc.user_code.load_law import load_law
 from abhv_mc.user_code.module import refuse_in_words, run_module
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import in_its_folder, unpack
 from abhv_mc.user_code.vehicle_functions import find_code, load_functions
 from abhv_mc.user_code.watch import watching

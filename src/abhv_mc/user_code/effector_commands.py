@@ -12,12 +12,12 @@ from typing import Any
 
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.law_file import UserController
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import Vehicle
 from abhv_mc.user_code.law_source import read_law_source
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.vehicle.effectors import drive, name_effectors
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 

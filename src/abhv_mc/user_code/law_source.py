@@ -12,6 +12,8 @@ from abhv_mc.control.law_file import (
     UserController,
     find_files,
 )
+from abhv_mc.custom_code.source import UserSource, read_source
+from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.io.documents import Document
 from abhv_mc.io.input_error import InputErrors, one_of
 from abhv_mc.io.input_files import read_input
@@ -19,8 +21,6 @@ from abhv_mc.io.phrases import quoted
 from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.user_code.c_source import describe_platform, find_compiler, interface, with_library
 from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
-from abhv_mc.user_code.source import UserSource, read_source
-from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 
 _NEEDED = COMMAND_FIELDS[:4]
 _ALL_INPUTS = ("time", *(f"measured.{name}" for name in Measured._fields))

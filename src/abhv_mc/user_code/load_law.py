@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import parse_unit
@@ -28,7 +29,6 @@ from abhv_mc.user_code.module import (
     run_module,
     texts_of,
 )
-from abhv_mc.user_code.source import UserSource
 
 _REFUSED: dict[str, tuple[type[ast.AST], ...]] = {
     "lists": (ast.List, ast.ListComp, ast.GeneratorExp),

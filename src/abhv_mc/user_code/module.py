@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from abhv_mc.custom_code.child import LostError, in_child
+from abhv_mc.custom_code.source import UserSource, compile_text
 from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.user_code.child import LostError, in_child
-from abhv_mc.user_code.source import UserSource, compile_text
 from abhv_mc.user_code.unpack import in_its_folder, laws_folder, unpack
 from abhv_mc.user_code.watch import watching
 

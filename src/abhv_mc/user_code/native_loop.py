@@ -5,11 +5,11 @@ from textwrap import indent
 from typing import Any, NamedTuple
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.kernel.jit_pointer import call_c, floats_at
 from abhv_mc.kernel.laws.user import FAULT, MEMORY
 from abhv_mc.user_code.compiled import LAW_FAILED, build_loop, lane_of
 from abhv_mc.user_code.law_interface import NOT_GIVEN
-from abhv_mc.user_code.source import UserSource
 
 
 class OpenLaw(NamedTuple):

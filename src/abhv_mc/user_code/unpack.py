@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
-from abhv_mc.user_code.source import UserSource
 
 BUILT = "abhv_built_law.so"  # file name of the library built from a law's sources
 _modules: dict[

@@ -4,6 +4,7 @@ import functools
 from collections import namedtuple
 from typing import Any
 
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.phrases import counted
 from abhv_mc.kernel.laws.user import CHANNEL, MAX_CHANNELS, MEMORY
@@ -23,7 +24,6 @@ from abhv_mc.user_code.law_interface import Measured, MixedCommand, Reference
 from abhv_mc.user_code.load_law import check_fields, check_functions
 from abhv_mc.user_code.module import CHANNEL as MARK
 from abhv_mc.user_code.module import refuse_in_words, run_module
-from abhv_mc.user_code.source import UserSource
 
 # Measurements available in every flight, regardless of what the law requests.
 _NAMES = Measured._fields[: s.N_MEASURED]

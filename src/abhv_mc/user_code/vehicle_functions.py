@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.source import UserSource
+from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.phrases import counted
@@ -30,8 +32,6 @@ from abhv_mc.user_code.load_law import (
     is_number,
 )
 from abhv_mc.user_code.module import DYNAMICS, Module, refuse_in_words, run_module
-from abhv_mc.user_code.source import UserSource
-from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import pack_vehicle, read_vehicle_file
 from abhv_mc.vehicle.vehicle_code import (
     N_THRUST,

@@ -14,13 +14,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from abhv_mc.cache_root import cache_root
+from abhv_mc.custom_code.read_guard import EVENTS, ReadGuard, package_folders
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.cache import cache_root
 from abhv_mc.kernel.compiler_target import code_folder
 from abhv_mc.kernel.jit import compiler
 from abhv_mc.shipped import PACKAGES
-from abhv_mc.user_code.read_guard import EVENTS, ReadGuard, package_folders
-from abhv_mc.user_code.source import UserSource
 from abhv_mc.user_code.unpack import unpack
 from abhv_mc.version import ROOT
 

@@ -16,9 +16,9 @@ from abhv_mc.cli.printing import (
     show_result,
     text_stream,
 )
+from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
-from abhv_mc.user_code.child import run_in_thread
 from abhv_mc.vehicle_cli.announce import announce_compiling
 from abhv_mc.vehicle_cli.options import (
     ControllerFiles,

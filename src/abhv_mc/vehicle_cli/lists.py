@@ -72,7 +72,8 @@ def metrics(
     definition states the source or expression, statistic, limit and window that would declare the
     same metric in a campaign file.
     """
-    from abhv_mc.flight.metrics import BUILT_IN, MARGINS
+    from abhv_mc.flight.metrics import BUILT_IN
+    from abhv_mc.flights.margins import MARGINS
 
     records = list(BUILT_IN.values())
     if campaign is not None:

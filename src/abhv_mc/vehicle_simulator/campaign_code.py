@@ -5,10 +5,10 @@ from typing import Any
 
 from abhv_mc.control.controller_file import Controller, read_controller
 from abhv_mc.control.law_file import USER_LAWS, UserController
+from abhv_mc.custom_code.source import UserSource, read_source
+from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.io.documents import read_document
 from abhv_mc.user_code.law_source import law_place, read_law_source
-from abhv_mc.user_code.source import UserSource, read_source
-from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.vehicle.file import read_vehicle_file
 
 

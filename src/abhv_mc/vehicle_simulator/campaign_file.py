@@ -16,12 +16,14 @@ from abhv_mc.flight.channels import (
     CHANNEL_INDEX,
     CHANNELS,
     STANDARD_CHANNELS,
-    Channel,
     effector_channels,
     state_channels,
 )
-from abhv_mc.flight.metrics import MARGIN_NAMES, MARGINS, METRICS, Metric, effector_metrics
+from abhv_mc.flight.metrics import METRICS, effector_metrics
 from abhv_mc.flight.vehicle_parameters import read_vehicle_parameters
+from abhv_mc.flights.margins import MARGIN_NAMES, MARGINS
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.signals import Channel
 from abhv_mc.io.documents import (
     Document,
     File,

@@ -3,15 +3,16 @@
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.custom_code.child import in_child
 from abhv_mc.flight.arguments import make_results
 from abhv_mc.flight.channels import CHANNELS
 from abhv_mc.flight.fly import fly_in_memory
-from abhv_mc.flight.outcome import SENTENCES, Outcome
-from abhv_mc.flight.plan import FlightPlan, Recording
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.outcomes import SENTENCES, Outcome
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.flight.memory import make_memory
 from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.child import in_child
 
 _NEVER = "stagnation_heat_flux_w_m2"  # channel that is NaN if the vehicle has no nose radius
 _ORDER = sorted(

@@ -13,18 +13,18 @@ from abhv_mc.campaign.file.feasibility import refuse_input, values_of
 from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.control.design.reference import COLUMN_INDEX
 from abhv_mc.control.law_file import USER_LAWS
+from abhv_mc.custom_code.source import read_source
 from abhv_mc.flight.channels import REFERENCE_CHANNELS
 from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.metrics import pack_metrics
 from abhv_mc.flight.plan import SENSOR_TIMES, FlightPlan, find_invalid_sensor_time
 from abhv_mc.flight.user_law import compile_plan_channels
+from abhv_mc.flights.metrics import pack_metrics
 from abhv_mc.io.documents import InputError
 from abhv_mc.kernel.flight.interface import LANES
 from abhv_mc.kernel.plant.parameter_names import AXES, MEMBER, PARAMETER_INDEX
 from abhv_mc.plant.parameters import DISTURBANCES
 from abhv_mc.user_code.effector_commands import find_driven
 from abhv_mc.user_code.module import check_closure
-from abhv_mc.user_code.source import read_source
 from abhv_mc.vehicle.effectors import axis_limits, drive, name_effectors
 from abhv_mc.vehicle.shared_keys import IN_WIND, STILL_AIR, describe_sensing, oscillation_conflict
 from abhv_mc.vehicle_simulator.user_metrics import pack_sources

@@ -5,7 +5,8 @@ from typing import Any
 from abhv_mc.campaign.file.systems import Registered
 from abhv_mc.compiling import tell
 from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.metrics import BUILT_IN, MARGIN_NAMES, METRIC_INDEX
+from abhv_mc.flight.metrics import BUILT_IN, METRIC_INDEX
+from abhv_mc.flights.margins import MARGIN_NAMES
 from abhv_mc.kernel.compiler_target import choose_interface, find_level
 from abhv_mc.kernel.jit import set_compile_listener
 from abhv_mc.plant.parameters import PARAMETERS

@@ -9,15 +9,12 @@ from typing import Any
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import (
-    CHANNELS,
-    REFERENCE_CHANNELS,
-    Signal,
-    effector_channels,
-    state_channels,
-)
-from abhv_mc.flight.outcome import OUTCOMES, Outcome
-from abhv_mc.flight.plan import FlightBlock, FlightPlan
+from abhv_mc.custom_code.source import UserSource
+from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, effector_channels, state_channels
+from abhv_mc.flight.plan import FlightPlan
+from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.flights.outcomes import OUTCOMES, Outcome
+from abhv_mc.flights.signals import Signal
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import (
     FEW_FLIGHTS,
@@ -29,7 +26,6 @@ from abhv_mc.interfaces import (
 )
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.source import UserSource
 
 _EXCHANGE = 1e-4  # assumed time in s of a control tick of a law in a program
 

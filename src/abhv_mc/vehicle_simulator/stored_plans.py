@@ -11,6 +11,8 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.control.controller_file import read_controller
 from abhv_mc.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc.control.law_file import UserController
+from abhv_mc.custom_code.source import UserSource, read_source
+from abhv_mc.custom_code.trust import check_trusted
 from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flight.plan_arrays import flatten, is_stored, rebuild
 from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
@@ -23,8 +25,6 @@ from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.stability.fly_with_margins import MarginPlan
 from abhv_mc.user_code.c_source import with_library
 from abhv_mc.user_code.law_source import read_law_source
-from abhv_mc.user_code.source import UserSource, read_source
-from abhv_mc.user_code.trust import check_trusted
 from abhv_mc.user_code.vehicle_functions import check_vehicle_trusted, find_code, load_vehicle
 from abhv_mc.vehicle_simulator.make_plans import declare_metrics
 

@@ -11,27 +11,23 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, RootModel, model_validator
 
 from abhv_mc.campaign.file.config import MetricName
+from abhv_mc.custom_code.source import compile_text, read_source
 from abhv_mc.flight.channels import SOURCES
-from abhv_mc.flight.compile_metrics import (
-    FUNCTIONS,
-    MOST_CHANNELS,
-    SourceRow,
-    compile_expression,
-    source_rows,
-)
-from abhv_mc.flight.metrics import (
-    BUILT_IN,
-    MARGIN_FAULTS,
+from abhv_mc.flight.compile_metrics import MOST_CHANNELS, source_rows
+from abhv_mc.flight.metrics import BUILT_IN, effector_metrics
+from abhv_mc.flights.expressions import FUNCTIONS, SourceRow, compile_expression
+from abhv_mc.flights.margins import MARGIN_FAULTS
+from abhv_mc.flights.metrics import (
     NEEDS_LIMIT,
     TAKES_LIMIT,
     Bad,
     Metric,
     default_bad,
-    effector_metrics,
     is_never_negative,
     label_of,
     name_end,
 )
+from abhv_mc.flights.statistic import MAX_DECLARED, Statistic
 from abhv_mc.io.documents import (
     Document,
     InputError,
@@ -44,8 +40,6 @@ from abhv_mc.io.documents import (
 )
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import Fraction, Time
-from abhv_mc.kernel.flight.counting import MAX_DECLARED, Statistic
-from abhv_mc.user_code.source import compile_text, read_source
 
 STATISTICS = tuple(statistic.word for statistic in Statistic)
 _TAKEN = {

@@ -34,6 +34,7 @@ from abhv_mc.campaign.sampling.designs import (
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import (
     Document,
@@ -46,7 +47,6 @@ from abhv_mc.io.documents import (
 )
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import parse_in_any_unit
-from abhv_mc.plant.parameters import Parameters
 
 _SAME = 1e-9  # relative tolerance within which nominal values count as equal
 

@@ -26,14 +26,14 @@ from abhv_mc.campaign.sampling.samples import (
     samples_at_points,
     seeded_samples,
 )
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import Outcomes
-from abhv_mc.flight.repeatability import Repeatability
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.outcomes import Outcomes
+from abhv_mc.flights.parameters import Parameters
+from abhv_mc.flights.repeatability import Repeatability
+from abhv_mc.flights.signals import Signal
 from abhv_mc.interfaces import Engine, Plan, Simulator
 from abhv_mc.io.documents import Document, InputError, one_of
 from abhv_mc.io.phrases import quoted
-from abhv_mc.plant.parameters import Parameters
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED, Verdict, judge

@@ -10,15 +10,16 @@ from pydantic import Field, model_validator
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import Campaign, MetricName, Name
 from abhv_mc.entry_points import SIMULATORS, find_entry_points, load_entry_point
-from abhv_mc.flight.channels import Signal
-from abhv_mc.flight.metrics import MARGIN_NAMES, Bad, Metric, label_of
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import Bad, Metric, label_of
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.parameters import Parameter, Parameters
+from abhv_mc.flights.signals import Signal
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.interfaces import Simulator
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, YesNo, one_of
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import check_angle, parse_in_any_unit
-from abhv_mc.kernel.flight.counting import Statistic
-from abhv_mc.plant.parameters import Parameter, Parameters
 
 SYSTEMS = "systems"
 _TAKEN = {

@@ -10,9 +10,9 @@ from pydantic import Field
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
+from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
 from abhv_mc.io.phrases import counted, grouped_digits, joined, quoted
-from abhv_mc.plant.parameters import Parameter, Parameters
 from abhv_mc.statistics.unknowns import (
     MOST_UNKNOWNS,
     SEARCH_FLIGHTS,

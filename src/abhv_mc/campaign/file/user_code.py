@@ -1,8 +1,8 @@
 """Permission check for the custom code of a campaign."""
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.user_code.source import UserSource
-from abhv_mc.user_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.custom_code.source import UserSource
+from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
 
 
 def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSource]:

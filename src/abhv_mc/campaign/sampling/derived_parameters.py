@@ -14,10 +14,10 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.sines import sine
-from abhv_mc.flight.compile_metrics import SourceRow, compile_expression
+from abhv_mc.flights.expressions import SourceRow, compile_expression
+from abhv_mc.flights.parameters import Parameters
+from abhv_mc.flights.statistic import Operation
 from abhv_mc.io.input_error import Refusal
-from abhv_mc.kernel.flight.counting import Operation
-from abhv_mc.plant.parameters import Parameters
 
 DOTTED = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)+")  # matches parameter names but not numbers
 _DOT = "__"  # replacement for dots, which identifiers cannot contain

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.correlations import nearest_valid
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.io.documents import Refusal
-from abhv_mc.plant.parameters import Parameters
 
 INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
 EXTENSIBLE = frozenset(

@@ -20,10 +20,10 @@ from abhv_mc.campaign.sampling.marginals import (
     MixtureMarginal,
     SometimesMarginal,
 )
+from abhv_mc.flights.parameters import Parameter
 from abhv_mc.io.documents import Refusal, StrictModel, one_of
 from abhv_mc.io.phrases import counted, quoted
 from abhv_mc.io.units import Fraction
-from abhv_mc.plant.parameters import Parameter
 
 Value = float | str  # a number, or a string with a unit
 

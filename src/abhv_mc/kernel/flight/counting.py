@@ -8,10 +8,10 @@ while metrics are updated.
 """
 
 import math
-from enum import IntEnum
 from typing import NamedTuple
 
 from abhv_mc.array_types import Floats, Ints
+from abhv_mc.flights.statistic import MAX_DECLARED, Operation, Statistic
 from abhv_mc.kernel.jit import lanes
 from abhv_mc.kernel.laws import columns as ref
 from abhv_mc.kernel.numerics.angles import larger, smaller
@@ -20,53 +20,8 @@ from abhv_mc.kernel.numerics.tables import natural
 from abhv_mc.kernel.plant import state as s
 from abhv_mc.kernel.plant.vehicle import MAX_ACTUATORS
 
-MAX_DECLARED = 48  # maximum number of metrics declared in a campaign
 MAX_LEAN = 42 + 3 * MAX_ACTUATORS  # maximum number of built-in metrics
 MAX_PROGRAMS = MAX_DECLARED + MAX_ACTUATORS
-MAX_REGISTERS = 16
-
-
-class Statistic(IntEnum):
-    """Statistic of a metric's value over the control ticks of its window."""
-
-    MIN = 0
-    MAX = 1
-    MAX_ABS = 2
-    MEAN = 3
-    RMS = 4
-    FINAL = 5
-    INTEGRAL = 6  # trapezoidal integral over time
-    PEAK_TO_PEAK = 7
-    TRAVEL = 8  # sum of absolute changes
-    TIME_OUTSIDE = 9  # time for which the magnitude exceeds the limit, s
-    LAST_OUTSIDE = 10  # last time outside the limit, s; start of the window if never outside
-    # first time outside the limit, s; end of the window or the flight if never outside
-    FIRST_OUTSIDE = 11
-    REVERSALS = 12  # number of reversals larger than the limit
-    SUM = 13  # sum over the control ticks
-    QUANTILE = 14  # quantile over the control ticks, of the values in KernelResults.samples
-
-    @property
-    def word(self) -> str:
-        """Name of the statistic in campaign files."""
-        return self.name.lower()
-
-
-class Operation(IntEnum):
-    """Operation performed by an instruction of a metric's program."""
-
-    LOAD = 0  # constant times the value in a row of the lane memory
-    CONSTANT = 1
-    ADD = 2
-    SUBTRACT = 3
-    MULTIPLY = 4
-    DIVIDE = 5
-    MINIMUM = 6
-    MAXIMUM = 7
-    ABSOLUTE = 8
-    ROOT = 9
-    SINE = 10
-    COSINE = 11
 
 
 class Lean(NamedTuple):

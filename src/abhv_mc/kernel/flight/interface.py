@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Ints
+from abhv_mc.flights.timing import Timing
 from abhv_mc.kernel.flight.counting import Counted
 from abhv_mc.kernel.plant.slopes import Effectiveness
 from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
@@ -15,24 +16,6 @@ LANES = 32  # number of flights in a group
 
 # kinds of control laws
 TLC, LQR, RECORDED, PYTHON = range(4)
-
-
-class Timing(NamedTuple):
-    """Timing of a flight with control ticks 0..ticks and RK4 steps between them."""
-
-    step: float  # integration step, s
-    steps_per_tick: int
-    ticks: int
-
-    @property
-    def tick(self) -> float:
-        """Control period, s."""
-        return self.step * self.steps_per_tick
-
-    @property
-    def duration(self) -> float:
-        """Duration of the flight, s."""
-        return self.tick * self.ticks
 
 
 class Observed(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flight.channels import Signal
+from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.flown_campaign import BANDS, FlownCampaign
 from abhv_mc.topics.figure_bands import bands_off
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
-from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.pages.channel_curves import channel_curves, describe_channel
 from abhv_mc.topics.flights.model import channel_of, limit_sides, listed_worst, moments_of
 from abhv_mc.topics.formatting import axis_unit, fixed, is_factor, shown_value, spoken_name

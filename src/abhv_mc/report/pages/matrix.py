@@ -5,7 +5,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from abhv_mc.campaign.file.config import TRACED
-from abhv_mc.flight.metrics import Metric
+from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.manifest import RequirementVerdict
 from abhv_mc.io.csv_table import csv_text
 from abhv_mc.topics.json_data import json_data

@@ -8,9 +8,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.flight.metrics import Metric
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
-from abhv_mc.plant.parameters import Parameters
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.page import make_table
 from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights

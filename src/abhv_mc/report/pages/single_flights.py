@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.analysis.explain import Explanation
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.topics.formatting import shown_value

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from abhv_mc.kernel.flight.counting import Statistic
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.topics.comparison.model import (
     ComparedMetric,
     Comparison,

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Requirement
-from abhv_mc.flight.metrics import Metric
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.folder.controller_flights import (
     ControllerFlights,
     common_rows,
@@ -17,7 +18,6 @@ from abhv_mc.folder.controller_flights import (
     metric_sign,
 )
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences
 from abhv_mc.statistics.paired import (
     PairedFailures,

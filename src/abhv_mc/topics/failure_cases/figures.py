@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.failure_case import NO_FAILURE
+from abhv_mc.flights.failure_cases import NO_FAILURE
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.statistics.circular import align_flights, unwrap
 from abhv_mc.topics.failure_cases import FailureCases, cases_by_frequency, drawn_cases

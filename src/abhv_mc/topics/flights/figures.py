@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.metrics import Metric, name_end
+from abhv_mc.flights.metrics import Metric, name_end
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.envelopes import Curve, curves_of
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.marginals import find_moments
-from abhv_mc.flight.metrics import Metric
-from abhv_mc.flight.outcome import Outcome
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign, flights_with_history
-from abhv_mc.kernel.flight.counting import Statistic
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures

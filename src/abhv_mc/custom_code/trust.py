@@ -6,8 +6,8 @@ The list is needed because a results folder may contain code of unknown origin.
 import os
 from pathlib import Path
 
+from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError
-from abhv_mc.user_code.source import UserSource
 
 _SIGNS = ("manifest.json", "campaign.yaml")  # files by which a results folder is recognized
 _trusted_now: set[str] = set()  # hashes trusted explicitly in this process

@@ -21,7 +21,7 @@ from abhv_mc.version import ROOT
 
 T = TypeVar("T")
 _START = (
-    "import sys; sys.path.append(sys.argv[2]); from abhv_mc.user_code.child import serve; "
+    "import sys; sys.path.append(sys.argv[2]); from abhv_mc.custom_code.child import serve; "
     "serve(int(sys.argv[1]))"
 )
 _may_run = False  # whether this process may run code that can crash it

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from abhv_mc.custom_code.read_guard import ReadGuard
 from abhv_mc.external_simulators import python_lines
-from abhv_mc.user_code.read_guard import ReadGuard
 
 HEAD = """
 import ctypes, importlib.util, io, mmap, os, pathlib, pickle, runpy, sqlite3, subprocess, sys

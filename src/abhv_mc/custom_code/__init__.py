@@ -1,0 +1,1 @@
+"""Custom code of users: its text, trust in it, the files that it may read, child processes."""

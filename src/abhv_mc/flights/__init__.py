@@ -1,0 +1,1 @@
+"""Records of flights: signals, metrics, outcomes, parameters and blocks of results."""
