@@ -21,9 +21,9 @@ FLIGHT = """
 import hashlib, warnings
 warnings.simplefilter("always")
 from dataclasses import replace
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import prepare
-from abhv_mc.kernel.jit import compiler
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.prepare import prepare
+from abhv_mc_vehicle.kernel.jit import compiler
 from abhv_mc.shipped import shipped_configs
 configs = shipped_configs()
 plan = prepare(configs / "vehicle/ghame_x.yaml", configs / "mission/level.yaml", \

@@ -2,7 +2,7 @@
 
 Only the levels that this processor has are compiled.
 
-    python .ci/prebuild.py SOURCE       writes SOURCE/src/abhv_mc/prebuilt
+    python .ci/prebuild.py SOURCE       writes SOURCE/src/abhv_mc_vehicle/prebuilt
 
 The kernels are those of this interpreter, numba and llvmlite. Other processors and interpreters
 compile on first use.
@@ -22,9 +22,9 @@ def main(source: Path) -> None:
     sys.path.insert(0, str(source / "src"))
     import llvmlite.binding as llvm
 
-    from abhv_mc.kernel.prebuilt import LEVELS, pack
+    from abhv_mc_vehicle.kernel.prebuilt import LEVELS, pack
 
-    into = source / "src/abhv_mc/prebuilt"
+    into = source / "src/abhv_mc_vehicle/prebuilt"
     into.mkdir(exist_ok=True)
     for level in LEVELS:
         if lacks := level.lacks(llvm.get_host_cpu_features()):

@@ -28,11 +28,11 @@ SPREADS = {
 
 
 def _prepare(controller):
-    from abhv_mc.control.controller_file import read_controller
-    from abhv_mc.control.mission import read_mission
     from abhv_mc.shipped import find_input, shipped_configs
-    from abhv_mc.stability.steady import make_steady_plan
-    from abhv_mc.user_code.vehicle_functions import load_vehicle
+    from abhv_mc_vehicle.control.controller_file import read_controller
+    from abhv_mc_vehicle.control.mission import read_mission
+    from abhv_mc_vehicle.stability.steady import make_steady_plan
+    from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
     configs = shipped_configs()
     law = read_controller(find_input(controller, "control"))
@@ -43,9 +43,9 @@ def _prepare(controller):
 
 
 def _work(controller, flights, seed, ready, go, results):
-    from abhv_mc.flight.fly import nominal_parameters
-    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-    from abhv_mc.stability.analysis import margins_of_flights
+    from abhv_mc_vehicle.flight.fly import nominal_parameters
+    from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+    from abhv_mc_vehicle.stability.analysis import margins_of_flights
 
     plan = _prepare(controller)
     parameters = nominal_parameters(flights)

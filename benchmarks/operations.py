@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_verification.bench.speed import OPERATIONS_FILE, make_work
 from benchmarks.document import write_json
 
@@ -54,7 +54,7 @@ def count_operations(plans: dict[str, FlightPlan]) -> dict[str, dict[str, int]]:
 
 def _count(plan: FlightPlan, ticks: int) -> dict[str, int]:
     """Return the operations of the first ``ticks`` ticks of a flight."""
-    from abhv_mc.flight.fly import fly, nominal_parameters
+    from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
     from benchmarks.counted import COUNTS
 
     COUNTS.clear()
@@ -76,9 +76,9 @@ def _count_flight(plan: FlightPlan) -> dict[str, float]:
 
 def _use_counted_floats() -> None:
     """Make the flight allocate counted arrays, and count square roots and assembled floats."""
-    from abhv_mc.flight import arguments, child_flights
-    from abhv_mc.kernel.flight import memory
-    from abhv_mc.kernel.numerics import float_bits, lane_math
+    from abhv_mc_vehicle.flight import arguments, child_flights
+    from abhv_mc_vehicle.kernel.flight import memory
+    from abhv_mc_vehicle.kernel.numerics import float_bits, lane_math
     from benchmarks.counted import Counted, counted_sqrt, make_counted
 
     def count_in(value: Any) -> Any:
@@ -105,8 +105,8 @@ def _main(paths: list[str]) -> None:
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
     from abhv_mc.folder.plan_file import read_plan
     from abhv_mc.shipped import find_input
-    from abhv_mc.user_code.vehicle_functions import load_vehicle
-    from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
+    from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+    from abhv_mc_vehicle.vehicle_simulator.stored_plans import rebuild_plan
 
     rebuild = partial(rebuild_plan, vehicle=load_vehicle(find_input("ghame_x", "vehicle")))
     plans = {Path(path).stem: read_plan(Path(path), rebuild) for path in paths}

@@ -30,7 +30,7 @@ from abhv_mc.execution import runner
 from abhv_mc.execution.attestation import sign
 from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.requests import Request
-from abhv_mc.vehicle_simulator.simulator import make_engine
+from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"
 WORKERS = (1, 2, 8, 32, 64)

@@ -20,34 +20,38 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.arguments import make_kernel_plan, make_results
-from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flights.blocks import Recording
-from abhv_mc.kernel.flight import observe
-from abhv_mc.kernel.flight.fly_lanes import evaluate, find_active, observe_tick, start_lanes
-from abhv_mc.kernel.flight.interface import LANES
-from abhv_mc.kernel.flight.memory import has_width, make_memory
-from abhv_mc.kernel.flight.navigation import navigate
-from abhv_mc.kernel.flight.sensors import add_biases, sense
-from abhv_mc.kernel.jit import kernel
-from abhv_mc.kernel.laws.lqr import lqr_tick
-from abhv_mc.kernel.laws.tlc import (
+from abhv_mc_vehicle.flight.arguments import make_kernel_plan, make_results
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.kernel.flight import observe
+from abhv_mc_vehicle.kernel.flight.fly_lanes import evaluate, find_active, observe_tick, start_lanes
+from abhv_mc_vehicle.kernel.flight.interface import LANES
+from abhv_mc_vehicle.kernel.flight.memory import has_width, make_memory
+from abhv_mc_vehicle.kernel.flight.navigation import navigate
+from abhv_mc_vehicle.kernel.flight.sensors import add_biases, sense
+from abhv_mc_vehicle.kernel.jit import kernel
+from abhv_mc_vehicle.kernel.laws.lqr import lqr_tick
+from abhv_mc_vehicle.kernel.laws.tlc import (
     T_LIFT,
     nominal_variables,
     nominal_vehicle,
     tlc_attitude,
     tlc_guidance,
 )
-from abhv_mc.kernel.laws.trim_lookup import look_up_trim
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuator_step import FIRST_EFFECTOR
-from abhv_mc.kernel.plant.actuators import run_actuators, set_actuators
-from abhv_mc.kernel.plant.aerodynamics import build_up, find_cells, interpolate_groups
-from abhv_mc.kernel.plant.air_data import air_data, deflections
-from abhv_mc.kernel.plant.disturbance import calm, disturb
-from abhv_mc.kernel.plant.effectors import place_effectors
-from abhv_mc.kernel.plant.equations import equations_of_motion, finish_step, runge_kutta_stage
+from abhv_mc_vehicle.kernel.laws.trim_lookup import look_up_trim
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.actuator_step import FIRST_EFFECTOR
+from abhv_mc_vehicle.kernel.plant.actuators import run_actuators, set_actuators
+from abhv_mc_vehicle.kernel.plant.aerodynamics import build_up, find_cells, interpolate_groups
+from abhv_mc_vehicle.kernel.plant.air_data import air_data, deflections
+from abhv_mc_vehicle.kernel.plant.disturbance import calm, disturb
+from abhv_mc_vehicle.kernel.plant.effectors import place_effectors
+from abhv_mc_vehicle.kernel.plant.equations import (
+    equations_of_motion,
+    finish_step,
+    runge_kutta_stage,
+)
 from abhv_mc_verification.bench.speed import make_work, read_operations
 from benchmarks.document import replace_part, write_json
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat

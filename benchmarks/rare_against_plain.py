@@ -21,7 +21,6 @@ import numpy as np
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
-from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.topics.figure_style import (
@@ -34,6 +33,7 @@ from abhv_mc.topics.figure_style import (
     styled,
     write_png,
 )
+from abhv_mc_vehicle.flight.metrics import BUILT_IN
 
 _TOO_FAR = 2.58
 

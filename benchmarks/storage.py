@@ -20,10 +20,10 @@ from statistics import median
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.flight.fly import fly
-from abhv_mc.plant.parameters import OURS
 from abhv_mc.requests import Request
-from abhv_mc.vehicle_simulator.simulator import make_engine
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.plant.parameters import OURS
+from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 from abhv_mc_verification.bench.speed import measure_peak
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.control.design.design_model import make_environment
-from abhv_mc.control.design.guidance_trim import trim_along
-from abhv_mc.control.design.profile import make_profile
-from abhv_mc.control.design.reference import make_mission_trim_tables
-from abhv_mc.control.mission import read_mission
-from abhv_mc.kernel.laws.trim_search import GuidancePoints
 from abhv_mc.shipped import find_input
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.design.design_model import make_environment
+from abhv_mc_vehicle.control.design.guidance_trim import trim_along
+from abhv_mc_vehicle.control.design.profile import make_profile
+from abhv_mc_vehicle.control.design.reference import make_mission_trim_tables
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.kernel.laws.trim_search import GuidancePoints
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from benchmarks.timing import measure_time
 
 RESULTS = Path(__file__).parent / "results/trim_time.json"

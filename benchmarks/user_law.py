@@ -8,11 +8,11 @@ import time
 from pathlib import Path
 
 from abhv_mc.custom_code.child import allow_here
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.flights.metrics import pack_metrics
 from abhv_mc.io.documents import Document
-from abhv_mc.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.prepare import prepare
+from abhv_mc_vehicle.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
 
 ROOT = Path(__file__).parents[1]
 FLIGHTS, ROUNDS = 128, 9

@@ -29,9 +29,9 @@ FLIGHT = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import prepare
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.prepare import prepare
+from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
 configs, law = Path(sys.argv[1]), sys.argv[2]
 names = f"{law}.yaml", f"{law}_ghame_x.yaml"  # older versions have no name of the vehicle

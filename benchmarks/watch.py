@@ -11,9 +11,9 @@ import dataclasses
 import sys
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.kernel.flight.interface import LANES
 from abhv_mc_verification.bench.speed import find_simd, make_work
 from benchmarks.timing import measure_ratio
 
@@ -50,7 +50,8 @@ def main() -> int:
         slow += [name] if gain < limit else []
     if slow:
         print(
-            f"too slow: {', '.join(slow)}; see the rules in abhv_mc/kernel/jit.py", file=sys.stderr
+            f"too slow: {', '.join(slow)}; see the rules in abhv_mc_vehicle/kernel/jit.py",
+            file=sys.stderr,
         )
     return 1 if slow else 0
 

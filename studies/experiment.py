@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.control.controller_file import Controller, TlcController, read_controller
-from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flights.blocks import FlightBlock
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.controller_file import Controller, TlcController, read_controller
+from abhv_mc_vehicle.control.design.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 ROOT = Path(__file__).parents[1]
 Floats = NDArray[np.float64]

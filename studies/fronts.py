@@ -34,15 +34,15 @@ from experiment import ERRORS, FOLLOWING, ROOT, Floats, random_parameters
 from robust import FREE
 from robust_flights import NOMINAL, RIPPLE, Duel, Flown, box_b
 
-from abhv_mc.control.controller_file import Controller, read_controller
-from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
 from abhv_mc.shipped import find_input
-from abhv_mc.stability.analysis import margins_of_flights
-from abhv_mc.vehicle_simulator.tuning import Free
 from abhv_mc_tune.candidates import ControllerNumbers
 from abhv_mc_tune.constrained_search import Scores, pareto_front, tune
+from abhv_mc_vehicle.control.controller_file import Controller, read_controller
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.stability.analysis import margins_of_flights
+from abhv_mc_vehicle.vehicle_simulator.tuning import Free
 
 VEHICLES = (
     "seed-2",

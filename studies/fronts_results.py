@@ -21,12 +21,12 @@ from experiment import ERRORS, ROOT, USAGE, Floats, columns, random_parameters
 from fronts import ANGLES, BUDGETS, LAWS, PATHS, SEARCHES, VEHICLES, Archive, Trials, Tried
 from robust_flights import CORNER, NOMINAL, Flown, random_flights, search_flights
 
-from abhv_mc.control.controller_file import Controller, read_controller
-from abhv_mc.flight.fly import fly
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.shipped import find_input
-from abhv_mc.stability.steady import make_steady_plan
 from abhv_mc.statistics.estimates import Interval, quantile
+from abhv_mc_vehicle.control.controller_file import Controller, read_controller
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.stability.steady import make_steady_plan
 
 PAPER_SEED, WIDE_SEED = 3014, 3015
 FLIGHTS, WIDE = 400, 200

@@ -17,7 +17,7 @@ from paper_vehicle_flights import LAWS
 from paper_vehicle_sides import find_trim
 from robust_flights import read_case
 
-from abhv_mc.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 
 RESULTS = ROOT / "studies/inclination.json"
 INCLINATIONS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)  # deg

@@ -23,10 +23,16 @@ from typing import Any
 import numpy as np
 from experiment import ROOT, Floats
 
-from abhv_mc.control.mission import Mission, read_mission
-from abhv_mc.kernel.plant.vehicle import COEFFICIENTS, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
-from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import make_variables, table_rows
+from abhv_mc_vehicle.control.mission import Mission, read_mission
+from abhv_mc_vehicle.kernel.plant.vehicle import (
+    COEFFICIENTS,
+    FIXED_TABLE_ROWS,
+    VARIABLES,
+    Tables,
+    Vehicle,
+)
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.vehicle.evaluate import make_variables, table_rows
 
 MACH, ALPHA = 4.744, 3.5  # of the S (deg), for ratios of coefficients
 TABLES = {  # table of the vehicle file -> coefficient, and variable that it multiplies

@@ -13,16 +13,16 @@ from paper_vehicle_envelope import measure_envelope
 from paper_vehicle_flights import AXES, CONTROLLERS, LAWS, PERIOD, RECORDED, SHOWN, look_together
 from paper_vehicle_sides import find_trim, measure
 
-from abhv_mc.control.design.profile import ramp_times
-from abhv_mc.control.design.reference import SETTLING
-from abhv_mc.control.mission import Mission
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.kernel.plant.actuator_step import HIGH
-from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.stability.analysis import margins_of_flights
-from abhv_mc.stability.steady import make_steady_plan
+from abhv_mc_vehicle.control.design.profile import ramp_times
+from abhv_mc_vehicle.control.design.reference import SETTLING
+from abhv_mc_vehicle.control.mission import Mission
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.kernel.plant.actuator_step import HIGH
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.stability.analysis import margins_of_flights
+from abhv_mc_vehicle.stability.steady import make_steady_plan
 
 ERRORS = {  # angle of the paper's claim -> channel and its command
     "angle_of_attack": ("angle_of_attack_deg", "angle_of_attack_command_deg"),

@@ -13,30 +13,30 @@ from experiment import ROOT, Floats
 from paper_vehicle_box import BASE, BASE_MISSION, make_mission, make_vehicle
 from paper_vehicle_sides import excesses, measure
 
-from abhv_mc.control.controller_file import LqrController, TlcController, read_controller
-from abhv_mc.control.design.design_model import (
+from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc_vehicle.control.controller_file import LqrController, TlcController, read_controller
+from abhv_mc_vehicle.control.design.design_model import (
     guidance_rates,
     make_environment,
     make_environment_points,
 )
-from abhv_mc.control.design.guidance_trim import trim_along
-from abhv_mc.control.design.lqr_design import Nominal, attitude_model_rates
-from abhv_mc.control.design.profile import make_profile, ramp_times
-from abhv_mc.control.design.tlc_design import make_tlc_gains
-from abhv_mc.control.design.trim_tables import make_trim_tables
-from abhv_mc.control.mission import Mission
-from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import make_initial_state, make_plan
-from abhv_mc.flights.blocks import Recording
-from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.trim_search import GuidancePoints
-from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.plant.effectiveness import make_effectiveness
-from abhv_mc.plant.trim import TrimPoint
-from abhv_mc.vehicle.evaluate import make_variables, table_rows
+from abhv_mc_vehicle.control.design.guidance_trim import trim_along
+from abhv_mc_vehicle.control.design.lqr_design import Nominal, attitude_model_rates
+from abhv_mc_vehicle.control.design.profile import make_profile, ramp_times
+from abhv_mc_vehicle.control.design.tlc_design import make_tlc_gains
+from abhv_mc_vehicle.control.design.trim_tables import make_trim_tables
+from abhv_mc_vehicle.control.mission import Mission
+from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import make_initial_state, make_plan
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
+from abhv_mc_vehicle.kernel.laws.trim_search import GuidancePoints
+from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
+from abhv_mc_vehicle.plant.trim import TrimPoint
+from abhv_mc_vehicle.vehicle.evaluate import make_variables, table_rows
 
 LAWS = ("tlc", "lqr")
 READING = 0.02  # of an axis, up to which an end counts as inside in a search

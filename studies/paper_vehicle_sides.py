@@ -19,14 +19,14 @@ import numpy as np
 from experiment import ROOT, Floats
 from paper_vehicle_box import BASE, MACH, make_vehicle
 
-from abhv_mc.control.design.design_model import Environment, make_environment, wrench_at
-from abhv_mc.control.design.lqr_design import Nominal, attitude_slopes
-from abhv_mc.control.mission import read_mission
-from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.plant.trim import GRAVITY, FlightPoint, trim
-from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables, table_rows
-from abhv_mc.vehicle.pack import nodes_of
+from abhv_mc_vehicle.control.design.design_model import Environment, make_environment, wrench_at
+from abhv_mc_vehicle.control.design.lqr_design import Nominal, attitude_slopes
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.plant.trim import GRAVITY, FlightPoint, trim
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, make_variables, table_rows
+from abhv_mc_vehicle.vehicle.pack import nodes_of
 
 INFINITY = float("inf")
 MOST_EXCESS = 2.0  # upper limit of an excess, units

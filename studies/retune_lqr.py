@@ -36,16 +36,16 @@ from experiment import ALLOWED, ERRORS, ROOT, USAGE, Floats, columns, corner_par
 from scipy.optimize import differential_evolution, minimize
 from scipy.stats.qmc import Sobol
 
-from abhv_mc.control.controller_file import LqrController, read_controller
-from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_models
-from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.documents import write_document
-from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.controller_file import LqrController, read_controller
+from abhv_mc_vehicle.control.design.lqr_design import gains_of_models, make_lqr_models
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 # Varied weights: regulator, states or inputs, name. One input per regulator has the paper's weight.
 VARIED = (

@@ -39,13 +39,13 @@ import numpy as np
 from experiment import ERRORS, ROOT, USAGE, Floats
 from robust_flights import RIPPLE, Duel, random_flights
 
-from abhv_mc.control.controller_file import Controller, read_controller
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.io.documents import read_document
-from abhv_mc.stability.steady import make_steady_plan
-from abhv_mc.vehicle_simulator.tuning import Free
 from abhv_mc_tune.candidates import ControllerNumbers
 from abhv_mc_tune.constrained_search import Scores, tune
+from abhv_mc_vehicle.control.controller_file import Controller, read_controller
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.stability.steady import make_steady_plan
+from abhv_mc_vehicle.vehicle_simulator.tuning import Free
 
 FAR = 0.6  # relative excess of a margin limit from which no flights are run
 FRESH_SEED = 2015

@@ -8,20 +8,24 @@ import numpy as np
 from experiment import ALLOWED, DISPERSIONS, ERRORS, ROOT, USAGE, Floats, columns
 from paper_vehicle_box import make_mission, make_vehicle
 
-from abhv_mc.control.controller_file import Controller, TlcController, read_controller
-from abhv_mc.control.design.lqr_design import gains_of_models, make_lqr_gains, make_lqr_models
-from abhv_mc.control.design.tlc_design import make_tlc_gains, make_tlc_settings
-from abhv_mc.control.mission import Level, Mission, read_mission
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.kernel.laws import columns as ref
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.stability.analysis import margins_of_flights
-from abhv_mc.stability.steady import make_steady_plan
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.controller_file import Controller, TlcController, read_controller
+from abhv_mc_vehicle.control.design.lqr_design import (
+    gains_of_models,
+    make_lqr_gains,
+    make_lqr_models,
+)
+from abhv_mc_vehicle.control.design.tlc_design import make_tlc_gains, make_tlc_settings
+from abhv_mc_vehicle.control.mission import Level, Mission, read_mission
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.kernel.laws import columns as ref
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.stability.analysis import margins_of_flights
+from abhv_mc_vehicle.stability.steady import make_steady_plan
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 NOMINAL = (6.0, 35.0, 40.0)  # dB, deg, ms: the least of every loop
 CORNER = (4.5, 30.0, 30.0)

@@ -37,8 +37,8 @@ from tuning_flights import (
 )
 
 from abhv_mc.io.phrases import joined
-from abhv_mc.kernel.plant.actuator_step import BANDWIDTH
 from abhv_mc.topics.figure_style import write_png
+from abhv_mc_vehicle.kernel.plant.actuator_step import BANDWIDTH
 
 ORDERED = (  # outer, inner
     ("altitude", "velocity.flight_path_angle"),

@@ -26,7 +26,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 # start clusters, servers or browsers, kill at random, or look at pages and benchmarks.
 _THOROUGH = (
     "benchmarks",
-    "control/design/test_shipped_designs.py",
+    "vehicle/control/design/test_shipped_designs.py",
     "docs",
     "remote/test_cluster.py",
     "execution/test_faults.py",
@@ -55,13 +55,14 @@ def repository() -> Path:
 
 @pytest.fixture
 def source(tmp_path):
-    """Return a copy of the package's source."""
+    """Return a copy of the core's source, beside a copy of the vehicle's."""
     import abhv_mc
 
     skip = shutil.ignore_patterns("__pycache__", "shipped_files")
-    return shutil.copytree(
-        Path(abhv_mc.__file__).parent, tmp_path / "source" / "abhv_mc", ignore=skip
-    )
+    package = Path(abhv_mc.__file__).parent
+    for name in ("abhv_mc_vehicle", "abhv_mc"):
+        copy = shutil.copytree(package.with_name(name), tmp_path / "source" / name, ignore=skip)
+    return copy
 
 
 @pytest.fixture(scope="session")
@@ -69,7 +70,7 @@ def engine():
     """Return the engine of the compiled flight; plans of shipped inputs are made once."""
     from plans_once import prepare_once
 
-    from abhv_mc.vehicle_simulator.simulator import make_engine
+    from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 
     return replace(make_engine(), prepare=prepare_once)
 
@@ -94,7 +95,7 @@ def fake_engine(monkeypatch, tmp_path):
     """Let commands run fake flights in an empty folder."""
     from fake_flight import ENGINE
 
-    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     monkeypatch.chdir(tmp_path)
 
 
@@ -128,7 +129,7 @@ def failing_numbers(failing):
 @pytest.fixture(scope="session", autouse=True)
 def _fork_server():
     """Start one fork server for all engines, so that workers need not import for seconds."""
-    ours = [f"abhv_mc.{name}" for name in ("execution.worker", "execution.runner", "flight.fly")]
+    ours = ["abhv_mc.execution.worker", "abhv_mc.execution.runner", "abhv_mc_vehicle.flight.fly"]
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["fake_flight", *ours, "scipy.stats", "joblib"])
     forkserver.ensure_running()

@@ -12,11 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abhv_mc.control.design.trim_tables import rebuild_trim_tables
-from abhv_mc.flight.channels import CHANNEL_INDEX, CHANNELS
-from abhv_mc.flight.metrics import METRICS
-from abhv_mc.flight.outcome import Limits
-from abhv_mc.flight.plan import NO_SOURCES, FlightPlan
 from abhv_mc.flights.blocks import FlightBlock, Recording, make_recording
 from abhv_mc.flights.metrics import NO_METRICS
 from abhv_mc.flights.outcomes import Outcome
@@ -24,14 +19,19 @@ from abhv_mc.flights.statistic import Statistic
 from abhv_mc.flights.timing import Timing
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.laws.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
-from abhv_mc.kernel.plant.air_data import no_profile
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.plant.state import N_STATES
-from abhv_mc.kernel.plant.vehicle import CHUNK, Vehicle
-from abhv_mc.plant.effectiveness import make_effectiveness
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.design.trim_tables import rebuild_trim_tables
+from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX, CHANNELS
+from abhv_mc_vehicle.flight.metrics import METRICS
+from abhv_mc_vehicle.flight.outcome import Limits
+from abhv_mc_vehicle.flight.plan import NO_SOURCES, FlightPlan
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
+from abhv_mc_vehicle.kernel.plant.air_data import no_profile
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.state import N_STATES
+from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, Vehicle
+from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult

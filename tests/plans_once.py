@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from abhv_mc.flight.prepare import prepare
+from abhv_mc_vehicle.flight.prepare import prepare
 
 
 @cache

@@ -9,7 +9,7 @@ from report.synthetic import write_campaign
 
 import abhv_mc
 import abhv_mc.extend
-from abhv_mc.kernel.jit import scalar
+from abhv_mc_vehicle.kernel.jit import scalar
 
 NAMES = [
     (module, name)

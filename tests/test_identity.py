@@ -9,9 +9,14 @@ import pytest
 
 import abhv_mc
 from abhv_mc import identity
+from abhv_mc.entry_points import find_packages
 
 PACKAGE = Path(abhv_mc.__file__).parent
-PACKAGES = sorted(folder.name for folder in PACKAGE.iterdir() if (folder / "__init__.py").is_file())
+PACKAGES = sorted(
+    f"{init.parents[1].name}/{init.parent.name}"
+    for package in (PACKAGE, PACKAGE.with_name("abhv_mc_vehicle"))
+    for init in package.glob("*/__init__.py")
+)
 SHOWN = {"cli", "report", "topics"}
 
 WORKER = """
@@ -47,7 +52,11 @@ def edit(package):
 
 
 def hash_now(source):
-    return identity._join_hashes(tuple(identity.hash_source(source).items()))
+    hashes = {}
+    for name in ("abhv_mc", *find_packages()):
+        folder = source.with_name(name)
+        hashes |= identity.hash_source(folder if folder.exists() else PACKAGE.with_name(name))
+    return identity._join_hashes(tuple(hashes.items()))
 
 
 def test_an_edit_of_each_package_is_another_identity_and_not_that_of_a_worker_left_alive(
@@ -57,16 +66,16 @@ def test_an_edit_of_each_package_is_another_identity_and_not_that_of_a_worker_le
     assert begun == identity.code_hash()  # the place does not matter
     for name in PACKAGES:
         before = hash_now(source)
-        edit(source / name)
-        assert (hash_now(source) == before) == (name in SHOWN), name
+        edit(source.parent / name)
+        assert (hash_now(source) == before) == (name.partition("/")[2] in SHOWN), name
         assert worker("abhv_mc.io") == begun
 
 
 def test_a_worker_that_imports_edited_source_later_is_nobody_else(source, worker):
     begun = worker("abhv_mc.io")
-    edit(source / "kernel" / "world")
-    assert worker("abhv_mc.kernel.numerics") == begun
-    mixed = worker("abhv_mc.kernel.world")
+    edit(source.with_name("abhv_mc_vehicle") / "kernel" / "world")
+    assert worker("abhv_mc_vehicle.kernel.numerics") == begun
+    mixed = worker("abhv_mc_vehicle.kernel.world")
     assert mixed not in (begun, hash_now(source))
 
 

@@ -17,8 +17,8 @@ import abhv_mc
 FLY = """
 import sys
 import numpy as np
-from abhv_mc.kernel import jit
-from abhv_mc.flight.fly import fly
+from abhv_mc_vehicle.kernel import jit
+from abhv_mc_vehicle.flight.fly import fly
 from short_flights import disperse, short_plan
 parts = {}
 for law in ("tlc", "lqr"):

@@ -17,21 +17,21 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_results, pair_campaigns
 from abhv_mc.topics.json_data import json_data
-from abhv_mc.vehicle_simulator.keep_out import Zone
+from abhv_mc_vehicle.vehicle_simulator.keep_out import Zone
 
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("notebook")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
+        patch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
         campaign = abhv_mc.Campaign.read(write_campaign(folder / "f"))
         return campaign, campaign.run(output=folder / "out", runs=200, workers=2)
 
 
 @pytest.fixture
 def fake(monkeypatch):
-    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
 
 
 def test_help_lists_what_is_public_and_no_more(repository):
@@ -159,7 +159,7 @@ def test_another_working_folder_changes_no_meaning_of_a_path(tmp_path, monkeypat
     campaign, results = abhv_mc.Campaign.read("f/campaign.yaml"), abhv_mc.open_results("out")
     monkeypatch.chdir(tmp_path / "there")
     assert len(results.flights) == 400
-    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     assert campaign.run("again", runs=20).folder == tmp_path / "there" / "again"
 
 

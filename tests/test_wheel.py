@@ -108,7 +108,7 @@ def test_kernels_that_come_with_it_are_used_and_give_the_same_bits(repository, t
     shutil.copytree(repository, source, ignore=leave)
     prebuild = [sys.executable, str(repository / ".ci/prebuild.py"), str(source)]
     subprocess.run(prebuild, check=True, capture_output=True)
-    if not list((source / "src/abhv_mc/prebuilt").glob("*.zip")):
+    if not list((source / "src/abhv_mc_vehicle/prebuilt").glob("*.zip")):
         pytest.skip("no level of x86-64 that kernels travel for")
     (tmp_path / "wheel").mkdir()
     bin_folder = install(source, tmp_path / "wheel")

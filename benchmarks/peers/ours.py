@@ -1,7 +1,7 @@
 """Time of abhv-mc: both controllers, batched and one at a time, including metrics."""
 
-from abhv_mc.flight.fly import fly
-from abhv_mc.kernel.flight.interface import LANES
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.kernel.flight.interface import LANES
 from abhv_mc_verification.bench.speed import measure_peak
 from benchmarks.peers.peer import measure, read_work, write_result
 

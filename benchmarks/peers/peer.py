@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan import FlightPlan
 
 
 class Work(NamedTuple):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan import FlightPlan
 from benchmarks.peers.peer import read_work, write_result
 
 SOURCE = Path(__file__).parent / "twin"
@@ -21,18 +21,18 @@ FLAGS = ("-std=c++17", "-O3", "-march=native")
 
 def write_names(path: Path) -> None:
     """Write a header with the position of every name in the arrays."""
-    from abhv_mc.kernel.laws.columns import (
+    from abhv_mc_vehicle.kernel.laws.columns import (
         LQR_ELEVATOR,
         LQR_GAINS,
         LQR_GUIDANCE,
         LQR_LATERAL,
         REFERENCE,
     )
-    from abhv_mc.kernel.plant.actuator_step import COLUMNS, SUBSTEPS
-    from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-    from abhv_mc.kernel.plant.state import STATES
-    from abhv_mc.kernel.plant.vehicle import FIXED_TABLE_ROWS, VARIABLES, Constants
-    from abhv_mc.kernel.world.earth import Earth
+    from abhv_mc_vehicle.kernel.plant.actuator_step import COLUMNS, SUBSTEPS
+    from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+    from abhv_mc_vehicle.kernel.plant.state import STATES
+    from abhv_mc_vehicle.kernel.plant.vehicle import FIXED_TABLE_ROWS, VARIABLES, Constants
+    from abhv_mc_vehicle.kernel.world.earth import Earth
 
     groups: dict[str, tuple[str, ...]] = {
         "constants": Constants._fields,
@@ -110,7 +110,7 @@ def fly_twin(
     Stored flights must reach their end. Raise ValueError if a flight has a dispersion that the
     twin does not support.
     """
-    from abhv_mc.plant.parameters import PARAMETERS
+    from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
     for i, parameter in enumerate(PARAMETERS):
         unknown = parameter.name.startswith(UNKNOWN) or parameter.name.endswith("_noise")

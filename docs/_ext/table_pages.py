@@ -5,13 +5,13 @@ from collections.abc import Iterable
 from tables import code, table
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES
-from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flights.margins import MARGIN_VALUES
 from abhv_mc.flights.outcomes import SENTENCES, Outcome
 from abhv_mc.flights.signals import Signal
 from abhv_mc.io.units import DIMENSIONS
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc_vehicle.flight.channels import CHANNELS, REFERENCE_CHANNELS, SOURCES
+from abhv_mc_vehicle.flight.metrics import METRICS
+from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
 _EXIT_CODES = {
     ExitCode.DONE: "done",

@@ -11,8 +11,8 @@ from shutil import copy, rmtree
 from subprocess import run
 
 import abhv_mc
-from abhv_mc.new_campaign import write_new_campaign
 from abhv_mc_jsbsim.import_vehicle import import_jsbsim
+from abhv_mc_vehicle.new_campaign import write_new_campaign
 
 RUNS = 200
 PROGRAM = Path(abhv_mc.__file__).parent

@@ -32,14 +32,20 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from abhv_mc.one_flight.fly_once import fly
-    from abhv_mc.one_flight.linear_models import LinearModel, StateSpace, fly_on, linearize, margins
-    from abhv_mc.one_flight.plant import Plant, PlantState
-    from abhv_mc.one_flight.trim_table import trim
     from abhv_mc.report.pages.compare_page import Comparison
     from abhv_mc.search.identify import Identification
     from abhv_mc.search.rare import RareFound
     from abhv_mc.search.worst import WorstFound
+    from abhv_mc_vehicle.one_flight.fly_once import fly
+    from abhv_mc_vehicle.one_flight.linear_models import (
+        LinearModel,
+        StateSpace,
+        fly_on,
+        linearize,
+        margins,
+    )
+    from abhv_mc_vehicle.one_flight.plant import Plant, PlantState
+    from abhv_mc_vehicle.one_flight.trim_table import trim
 
 __all__ = [
     "Campaign",
@@ -79,7 +85,7 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     with needs_vehicle(f"abhv_mc.{name}"):
-        return getattr(import_module(f"abhv_mc.one_flight.{_OF_VEHICLE[name]}"), name)
+        return getattr(import_module(f"abhv_mc_vehicle.one_flight.{_OF_VEHICLE[name]}"), name)
 
 
 class Campaign:

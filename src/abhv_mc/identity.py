@@ -1,11 +1,11 @@
 """Origin of results: hash of the imported source and compilers, commit and machine.
 
 The hash covers the subpackages of abhv_mc, except those that only present results (``_SHOWN``). It
-also covers the packages that register executors, stores, control laws or blocks
+also covers the packages that register simulators, executors, stores, control laws or blocks
 (:mod:`abhv_mc.entry_points`). If the source is edited while a process runs, the process still
 executes the old code. The hash is therefore computed when this module is imported, and the source
 of modules that are imported later is compared with it. The cache of compiled code uses a different
-hash (:mod:`abhv_mc.kernel.cache`).
+hash (:mod:`abhv_mc_vehicle.kernel.cache`).
 """
 
 import functools
@@ -24,7 +24,7 @@ from abhv_mc.entry_points import find_packages
 from abhv_mc.version import ROOT, __version__
 
 _PACKAGE = ROOT / "abhv_mc"
-_SHOWN = ("cli", "report", "topics", "vehicle_cli", "vehicle_topics")
+_SHOWN = ("cli", "report", "topics")
 _COMPILERS = ("numba", "llvmlite")
 _LIBRARIES = ("numpy", *_COMPILERS, "scipy", "pyarrow", "joblib")
 

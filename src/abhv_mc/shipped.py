@@ -16,6 +16,7 @@ PACKAGES = (
     "abhv_mc_process",
     "abhv_mc_remote",
     "abhv_mc_tune",
+    "abhv_mc_vehicle",
     "abhv_mc_verification",
 )
 DEFAULT_VEHICLE = "abhv"  # default vehicle of flights, trims and margins

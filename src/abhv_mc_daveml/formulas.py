@@ -13,7 +13,7 @@ from abhv_mc import extend
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.phrases import counted
 from abhv_mc.io.xml_reader import Node
-from abhv_mc.user_code.module_text import number
+from abhv_mc_vehicle.user_code.module_text import number
 
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 OUTPUTS, MODEL = "Outputs", "model"

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.xml_reader import Node, read_xml
-from abhv_mc.user_code.module_text import free_name
 from abhv_mc_daveml.formulas import TAKEN, read_formula
 from abhv_mc_daveml.look_ups import LookUp, read_look_ups
 from abhv_mc_daveml.s119_units import parse_s119_unit
+from abhv_mc_vehicle.user_code.module_text import free_name
 
 _WITHOUT_TOLERANCE = 1e-6  # default tolerance of check values
 

@@ -12,7 +12,6 @@ from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, Refusal, found_value, one_of
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import fold
-from abhv_mc.user_code.module_text import Line, write_text, write_unless_edited
 from abhv_mc_daveml.adapters import (
     Answer,
     command_inputs,
@@ -31,6 +30,7 @@ from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc_daveml.uncertainties import write_dispersions
 from abhv_mc_daveml.writer import make_function, run_shots, write_module
+from abhv_mc_vehicle.user_code.module_text import Line, write_text, write_unless_edited
 
 ANSWERS, EFFECTORS = "import.yaml", "effectors"
 Answers = dict[str, dict[str, Answer]]  # answers by file name and varID

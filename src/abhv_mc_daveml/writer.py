@@ -16,8 +16,11 @@ from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import fold
-from abhv_mc.user_code.module import run_module
-from abhv_mc.user_code.module_text import (
+from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, TAKEN
+from abhv_mc_daveml.graph import Model, Variable
+from abhv_mc_daveml.look_ups import LookUp
+from abhv_mc_vehicle.user_code.module import run_module
+from abhv_mc_vehicle.user_code.module_text import (
     INDENT,
     WIDTH,
     Line,
@@ -31,9 +34,6 @@ from abhv_mc.user_code.module_text import (
     number,
     sequence,
 )
-from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, TAKEN
-from abhv_mc_daveml.graph import Model, Variable
-from abhv_mc_daveml.look_ups import LookUp
 
 
 def write_module(model: Model, extra: Sequence[Line] = ()) -> str:

@@ -21,12 +21,12 @@ from abhv_mc.custom_code.child import check_may_run
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_any, parse_unit, unit_of
-from abhv_mc.kernel.laws.user import MAX_MEMORY
-from abhv_mc.user_code.effector_commands import effector_rows, find_commanded
-from abhv_mc.user_code.law_interface import find_unit
-from abhv_mc.user_code.native_loop import LawBackend, OpenLaw
-from abhv_mc.user_code.unpack import filled_once, unpack
 from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
+from abhv_mc_vehicle.kernel.laws.user import MAX_MEMORY
+from abhv_mc_vehicle.user_code.effector_commands import effector_rows, find_commanded
+from abhv_mc_vehicle.user_code.law_interface import find_unit
+from abhv_mc_vehicle.user_code.native_loop import LawBackend, OpenLaw
+from abhv_mc_vehicle.user_code.unpack import filled_once, unpack
 
 # functions, by FMI version, that set up a flight, compute a tick, and create and free an instance
 _FUNCTIONS = {

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import MEMORY
-from abhv_mc.kernel.numerics.float_bits import bits_float, float_bits
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, indent, lane_of
-from abhv_mc.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
-from abhv_mc.user_code.native_loop import build_native
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
+from abhv_mc_vehicle.kernel.laws.user import MEMORY
+from abhv_mc_vehicle.kernel.numerics.float_bits import bits_float, float_bits
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, indent, lane_of
+from abhv_mc_vehicle.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
+from abhv_mc_vehicle.user_code.native_loop import build_native
 
 FLAGS = 8  # array elements reserved for the flags that a step returns in FMI 3.0
 

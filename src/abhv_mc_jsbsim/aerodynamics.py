@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import Node
-from abhv_mc.user_code.module_text import INDENT, WIDTH, Line, free_name, number
 from abhv_mc_jsbsim.expressions import Expressions, factors_of, operand_of, property_of
 from abhv_mc_jsbsim.properties import (
     AREA,
@@ -26,6 +25,7 @@ from abhv_mc_jsbsim.properties import (
     SPAN,
     UNKNOWN_RATES,
 )
+from abhv_mc_vehicle.user_code.module_text import INDENT, WIDTH, Line, free_name, number
 
 # Frame, and sign and coefficient of each axis, by the names of force axes.
 _FRAMES = {

@@ -14,7 +14,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.io.xml_reader import Node
-from abhv_mc.user_code.module_text import Line, call, free_name, number, sequence
+from abhv_mc_vehicle.user_code.module_text import Line, call, free_name, number, sequence
 
 _PROPERTY, _VALUE, _TABLE = ("property", "p"), ("value", "v"), ("table", "t")
 _WORDS = ("description", "documentation", "title")

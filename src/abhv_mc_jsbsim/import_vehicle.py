@@ -15,8 +15,12 @@ from abhv_mc import extend
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.xml_reader import Node, fold, read_xml
-from abhv_mc.user_code.module import run_module
-from abhv_mc.user_code.module_text import (
+from abhv_mc_jsbsim.aerodynamics import Aerodynamics
+from abhv_mc_jsbsim.expressions import FROM_MATH
+from abhv_mc_jsbsim.mass import Mass, quantity, read_mass, reference_point, to_body
+from abhv_mc_jsbsim.properties import AREA, CHORD, CONSTANTS, FOOT, POUND, SLUG, SPAN, SQUARE_FOOT
+from abhv_mc_vehicle.user_code.module import run_module
+from abhv_mc_vehicle.user_code.module_text import (
     WIDTH,
     Line,
     declare,
@@ -28,10 +32,6 @@ from abhv_mc.user_code.module_text import (
     number,
     write_unless_edited,
 )
-from abhv_mc_jsbsim.aerodynamics import Aerodynamics
-from abhv_mc_jsbsim.expressions import FROM_MATH
-from abhv_mc_jsbsim.mass import Mass, quantity, read_mass, reference_point, to_body
-from abhv_mc_jsbsim.properties import AREA, CHORD, CONSTANTS, FOOT, POUND, SLUG, SPAN, SQUARE_FOOT
 
 _MODULE, _VEHICLE = "aerodynamics.py", "vehicle.yaml"
 _LIMIT = 30.0  # assumed deflection limit, deg; the limits in the model are not read

@@ -14,16 +14,21 @@ from abhv_mc.custom_code.source import UserSource
 from abhv_mc.external_simulators.process import LostFlightError, Process
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS
-from abhv_mc.user_code.effector_commands import effector_rows, find_commanded
-from abhv_mc.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN, Measured, onboard_fields
-from abhv_mc.user_code.module import describe_exception
-from abhv_mc.user_code.native_loop import LawBackend, OpenLaw
-from abhv_mc.user_code.plain_law import SOCKET, failures
-from abhv_mc.user_code.unpack import unpack
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
+from abhv_mc_vehicle.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS
+from abhv_mc_vehicle.user_code.effector_commands import effector_rows, find_commanded
+from abhv_mc_vehicle.user_code.law_interface import (
+    COMMAND_FIELDS,
+    NOT_GIVEN,
+    Measured,
+    onboard_fields,
+)
+from abhv_mc_vehicle.user_code.module import describe_exception
+from abhv_mc_vehicle.user_code.native_loop import LawBackend, OpenLaw
+from abhv_mc_vehicle.user_code.plain_law import SOCKET, failures
+from abhv_mc_vehicle.user_code.unpack import unpack
 
 # Position of each input: 0 is time, followed by the reference and the rows of lane memory.
 _LANE = 1 + len(REFERENCE)

@@ -28,15 +28,15 @@ from abhv_mc.execution.retry import (
     time_limit,
 )
 from abhv_mc.external_simulators.user_flights import note_surplus, with_surplus
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.plan_arrays import flatten
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Engine, Fly, OpenExecutor, Recorded
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.jit import set_compile_listener
-from abhv_mc.user_code.c_source import refuse_platform
-from abhv_mc.vehicle_simulator.stored_plans import Code, code_of, rebuild_sent
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan_arrays import flatten
+from abhv_mc_vehicle.kernel.jit import set_compile_listener
+from abhv_mc_vehicle.user_code.c_source import refuse_platform
+from abhv_mc_vehicle.vehicle_simulator.stored_plans import Code, code_of, rebuild_sent
 
 if TYPE_CHECKING:
     from distributed import Client, Future

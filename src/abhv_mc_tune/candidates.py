@@ -11,17 +11,17 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.control.controller_file import read_controller
-from abhv_mc.control.law_file import NAMING_KEYS
-from abhv_mc.flight.plan import FlightPlan
 from abhv_mc.flights.margins import MARGIN_NAMES
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
-from abhv_mc.stability.analysis import margins_of_flights
-from abhv_mc.stability.fly_with_margins import add_margins
-from abhv_mc.vehicle_simulator.make_plans import declare
-from abhv_mc.vehicle_simulator.margin_plans import make_steady
-from abhv_mc.vehicle_simulator.tuning import Free
+from abhv_mc_vehicle.control.controller_file import read_controller
+from abhv_mc_vehicle.control.law_file import NAMING_KEYS
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.stability.analysis import margins_of_flights
+from abhv_mc_vehicle.stability.fly_with_margins import add_margins
+from abhv_mc_vehicle.vehicle_simulator.make_plans import declare
+from abhv_mc_vehicle.vehicle_simulator.margin_plans import make_steady
+from abhv_mc_vehicle.vehicle_simulator.tuning import Free
 
 _NUMBER = re.compile(
     r"\s*(\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$"

@@ -15,17 +15,17 @@ from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import drawn_samples
 from abhv_mc.execution.executor import FlightRunner
 from abhv_mc.execution.simulation import simulate
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flights.margins import MARGIN_NAMES, MARGIN_VALUES
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.search.space import Space
 from abhv_mc.statistics.estimates import severity, sorted_quantile
-from abhv_mc.vehicle_simulator.corner_margins import make_corners
-from abhv_mc.vehicle_simulator.tuning import Aim, Limit, Tune
 from abhv_mc_tune.candidates import Candidate, Candidates, Time
 from abhv_mc_tune.constrained_search import Scores
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.vehicle_simulator.corner_margins import make_corners
+from abhv_mc_vehicle.vehicle_simulator.tuning import Aim, Limit, Tune
 
 _BLOCK = 128  # number of flights per call
 

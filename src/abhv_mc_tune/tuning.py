@@ -31,8 +31,6 @@ from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
-from abhv_mc.vehicle_simulator.simulator import make_engine
-from abhv_mc.vehicle_simulator.tuning import Aim, Limit, Tune
 from abhv_mc_tune.candidates import Candidates, ControllerNumbers, read_controller_numbers
 from abhv_mc_tune.constrained_search import Scores, Tuning, tune
 from abhv_mc_tune.request import TuneRequest
@@ -46,6 +44,8 @@ from abhv_mc_tune.trials import (
     value_of,
     vehicles_of,
 )
+from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
+from abhv_mc_vehicle.vehicle_simulator.tuning import Aim, Limit, Tune
 
 # Suffixes of the candidates' folder, the page and the file of a rejected candidate.
 _CANDIDATES, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"

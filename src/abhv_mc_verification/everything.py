@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.control.controller_file import read_controller
-from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.metrics import METRIC_INDEX
-from abhv_mc.flight.prepare import make_plan
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.world.earth import WGS84
-from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.controller_file import read_controller
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.kernel.world.earth import WGS84
+from abhv_mc_vehicle.plant.trim import FlightPoint, trim
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.check_rows import Row
 from abhv_mc_verification.ghame6 import verify_ghame6
 from abhv_mc_verification.nesc import verify_nesc

@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flights.timing import Timing
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.kernel.world.atmosphere import atmosphere
-from abhv_mc.kernel.world.earth import Earth
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
+from abhv_mc_vehicle.kernel.world.earth import Earth
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.check_rows import Row
 from abhv_mc_verification.fly_recording import (
     check_times,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from abhv_mc.kernel.world.earth import Earth
+from abhv_mc_vehicle.kernel.world.earth import Earth
 
 FOOT = 0.3048  # length of a foot in m
 _DEG = math.pi / 180.0

@@ -9,25 +9,25 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.source import read_source
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import local_frame_rate
 from abhv_mc.flights.timing import Timing
 from abhv_mc.io.documents import StrictModel, read_document, validate
 from abhv_mc.io.units import Angle, Length, Speed, Time, parse_in_unit
-from abhv_mc.kernel.laws import columns as ref
-from abhv_mc.kernel.laws.columns import REFERENCE
-from abhv_mc.kernel.numerics.quaternion import from_euler, rotate_to_body
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.kernel.world.atmosphere import atmosphere
-from abhv_mc.plant.trim import FlightPoint, trim
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.law_interface import Measured
-from abhv_mc.user_code.load_law import load_law
-from abhv_mc.user_code.module import Law
-from abhv_mc.user_code.settings import CommandSteps
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import local_frame_rate
+from abhv_mc_vehicle.kernel.laws import columns as ref
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
+from abhv_mc_vehicle.kernel.numerics.quaternion import from_euler, rotate_to_body
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
+from abhv_mc_vehicle.plant.trim import FlightPoint, trim
+from abhv_mc_vehicle.user_code.law_interface import Measured
+from abhv_mc_vehicle.user_code.load_law import load_law
+from abhv_mc_vehicle.user_code.module import Law
+from abhv_mc_vehicle.user_code.settings import CommandSteps
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.fly_recording import make_replay_plan, replay
 from abhv_mc_verification.nesc_cases import ELLIPSOID
 

@@ -13,7 +13,6 @@ from report.synthetic import build_page
 
 from abhv_mc.analysis.explain import explain_flight, mildest_first
 from abhv_mc.analysis.failure_map import MOST_FLIGHTS, map_failures, read_map, write_map
-from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
@@ -21,6 +20,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.flights.model import rank_failed
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 
 LIMIT = 4.9
 

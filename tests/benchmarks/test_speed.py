@@ -8,13 +8,13 @@ import shutil
 import numpy as np
 import pytest
 
-from abhv_mc.flight.fly import fly, nominal_parameters
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.actuator_step import RATE_LIMIT
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.one_flight.given import make_flight_plan
-from abhv_mc.plant.parameters import PARAMETERS
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.actuator_step import RATE_LIMIT
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.plant.parameters import PARAMETERS
 from abhv_mc_verification.bench.__main__ import bench
 from abhv_mc_verification.bench.speed import (
     _peak_memory,

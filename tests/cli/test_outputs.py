@@ -157,7 +157,7 @@ def test_a_campaign_in_place_of_a_mission_is_named(abhv_mc):
 
 
 def test_only_json_is_printed_to_standard_output(abhv_mc, tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     campaign = write_campaign(tmp_path / "f", runs="8")
     code, out, _ = abhv_mc("run", campaign, "-o", tmp_path / "out", "--no-report", "--json", "-")
     assert code == 0 and json.loads(out)["runs_done"] == 8

@@ -71,7 +71,7 @@ def test_the_recommended_next_command_works(abhv_mc, tmp_path, probability, met)
 def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_path, monkeypatch):
     stopped, campaign = interrupted_after(5), write_campaign(tmp_path / "files")
     with monkeypatch.context() as patched:
-        patched.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: stopped)
+        patched.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: stopped)
         code, out, err = abhv_mc("run", campaign)
     assert code == 3 and "interrupted" in out and "resume" in err
     assert not (tmp_path / "reports/fake/report.html").exists()
@@ -122,7 +122,8 @@ def test_replay_lists_differing_metrics(abhv_mc, flown, monkeypatch):
         return block
 
     monkeypatch.setattr(
-        "abhv_mc.vehicle_simulator.simulator.make_engine", lambda: replace(ENGINE, fly=other)
+        "abhv_mc_vehicle.vehicle_simulator.simulator.make_engine",
+        lambda: replace(ENGINE, fly=other),
     )
     code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
@@ -228,7 +229,7 @@ def test_a_campaign_in_which_all_flights_failed_to_run_is_incomplete(
         )
 
     engine = replace(ENGINE, fly=none)
-    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: engine)
+    monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: engine)
     keep = "{histories: {flights: none}, envelopes: {rate: 5 Hz}}"
     campaign = write_campaign(tmp_path / "files", runs="6", keep=keep, controllers=controllers)
     code, out, err = abhv_mc("run", campaign)

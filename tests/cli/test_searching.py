@@ -13,7 +13,7 @@ from search.known_flights import LINE, METRIC, TUNED, fly_line, write_line, writ
 @pytest.fixture(autouse=True)
 def fake_engine(monkeypatch, tmp_path):
     """Use fast flights and a temporary folder."""
-    for module in ("abhv_mc_tune.tuning", "abhv_mc.vehicle_simulator.simulator"):
+    for module in ("abhv_mc_tune.tuning", "abhv_mc_vehicle.vehicle_simulator.simulator"):
         monkeypatch.setattr(f"{module}.make_engine", lambda: LINE)
     monkeypatch.chdir(tmp_path)
 
@@ -32,7 +32,7 @@ def campaign(tmp_path):
 
 
 def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campaign, monkeypatch):
-    monkeypatch.setattr("abhv_mc.flight.fly.fly", fly_line)
+    monkeypatch.setattr("abhv_mc_vehicle.flight.fly.fly", fly_line)
     code, out, _ = abhv_mc(
         "worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "worst.json"
     )

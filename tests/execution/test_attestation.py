@@ -10,9 +10,9 @@ from abhv_mc.campaign.file.config import Execution
 from abhv_mc.execution.attestation import Attestation, sign
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.retry import FlightLostError, UnusableError
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.folder.manifest import join_flyers, note_flyers
 from abhv_mc.identity import code_hash, this_flyer
+from abhv_mc_vehicle.flight.fly import nominal_parameters
 
 CHECKED = replace(ENGINE, source=code_hash(), checked=True)
 ROWS = nominal_parameters(3)

@@ -9,7 +9,6 @@ from fake_flight import run as run_flights
 from own_simulators import shown_text, write_study
 
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.flight.channels import CHANNEL_INDEX
 from abhv_mc.flights.blocks import make_recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.report.pages.build import build_report
@@ -17,6 +16,7 @@ from abhv_mc.report.pages.channel_curves import channel_curves
 from abhv_mc.requests import Request
 from abhv_mc.search.place import find_band, place_flights
 from abhv_mc.topics.envelopes import NO_BAND
+from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 
 HEADING = CHANNEL_INDEX["heading_deg"]
 

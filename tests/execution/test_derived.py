@@ -9,12 +9,12 @@ from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.requests import Request
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 
 ENTRIES = {
     "dispersions": "{atmosphere.density: {distribution: mixture, parts: [{distribution: "

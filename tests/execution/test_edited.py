@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from fake_flight import ENGINE, fly, prepare, run, write_campaign
 
-from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_files import read_input
 from abhv_mc.requests import WorstRequest
 from abhv_mc.search.worst import find_worst
+from abhv_mc_vehicle.flight.metrics import METRICS
 
 FILES = ("vehicle.yaml", "tables/cl.csv", "mission.yaml", "one.yaml")
 

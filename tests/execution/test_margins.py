@@ -16,12 +16,12 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.margins import MARGIN_NAMES
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.stability import fly_with_margins
 from abhv_mc.topics.topic import Models
-from abhv_mc.vehicle_simulator import corner_margins
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.stability import fly_with_margins
+from abhv_mc_vehicle.vehicle_simulator import corner_margins
 
 CAMPAIGN = """\
 name: margins

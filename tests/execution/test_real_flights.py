@@ -10,22 +10,22 @@ from fake_flight import interrupted_after, run
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.plan_arrays import flatten
 from abhv_mc.folder.plan_file import read_plan
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.plant.parameter_names import (
+from abhv_mc.shipped import shipped_campaigns
+from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan_arrays import flatten
+from abhv_mc_vehicle.kernel.plant.parameter_names import (
     ACCELERATIONS,
     MORE_SENSORS,
     PARAMETER_INDEX,
     SCALED_SENSORS,
 )
-from abhv_mc.plant.parameters import OURS, PARAMETERS
-from abhv_mc.shipped import shipped_campaigns
-from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle_simulator.stored_plans import rebuild_plan
+from abhv_mc_vehicle.plant.parameters import OURS, PARAMETERS
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.vehicle_simulator.stored_plans import rebuild_plan
 
 CAMPAIGN = shipped_campaigns() / "harder_vehicle.yaml"
 VEHICLE = CAMPAIGN.parents[1] / "configs/vehicle/ghame_x.yaml"

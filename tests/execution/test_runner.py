@@ -21,14 +21,14 @@ from fake_flight import ENGINE, fly, interrupted_after, make_plan, run, write_ca
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution import runner
 from abhv_mc.execution.retention import select_flights
-from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError, hash_file
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.parameters import OURS
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
+from abhv_mc_vehicle.plant.parameters import OURS
 
 
 @pytest.fixture

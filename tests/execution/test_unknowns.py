@@ -11,8 +11,6 @@ from own_simulators import dive_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
-from abhv_mc.flight.fly import nominal_parameters
-from abhv_mc.flight.metrics import METRIC_INDEX
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import InputError, read_document
@@ -20,6 +18,8 @@ from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import judge, tolerance_limit
 from abhv_mc.topics.verdicts.model import compute_verdicts
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 
 UNKNOWNS = "{aero.lift: {low: -10 %, high: 10 %}, aero.drag: {low: 0.8, high: 1.15}}"
 DISPERSIONS = "{atmosphere.density: {distribution: uniform, half_width: 10 %}}"

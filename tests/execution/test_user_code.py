@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 from remote.test_cluster import Dask
 from report.synthetic import build_page
-from user_code.test_vehicle_functions import write_ghame_x
+from vehicle.user_code.test_vehicle_functions import write_ghame_x
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
-from abhv_mc.control.controller_file import read_controller
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.flight.fly import fly
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest
@@ -27,14 +25,16 @@ from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.requests import Request, WorstRequest
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import find_input
-from abhv_mc.user_code.compiled import compile_law
-from abhv_mc.user_code.load_law import load_law
-from abhv_mc.user_code.module import run_module
-from abhv_mc.user_code.user_channels import compile_channels
-from abhv_mc.vehicle_cli.linearizing import linearize, margins
-from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.tuning import tune_controller
+from abhv_mc_vehicle.cli.linearizing import linearize, margins
+from abhv_mc_vehicle.control.controller_file import read_controller
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.user_code.compiled import compile_law
+from abhv_mc_vehicle.user_code.load_law import load_law
+from abhv_mc_vehicle.user_code.module import run_module
+from abhv_mc_vehicle.user_code.user_channels import compile_channels
+from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 
 CAMPAIGN = """\
 name: own

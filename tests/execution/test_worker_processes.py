@@ -23,10 +23,10 @@ from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
 from abhv_mc.execution.retry import time_limit
 from abhv_mc.execution.worker_processes import WorkerPool
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
-from abhv_mc.vehicle_cli import flying
+from abhv_mc_vehicle.cli import flying
+from abhv_mc_vehicle.flight.fly import nominal_parameters
 
 PACKAGE = Path(abhv_mc.__file__).parent
 
@@ -90,7 +90,7 @@ def test_workers_ignore_interrupts(pool):
 FROM_PYTHON = """
 import contextlib, os
 from abhv_mc.execution.worker_processes import WorkerPool, start_fork_server
-from abhv_mc.flight.fly import nominal_parameters
+from abhv_mc_vehicle.flight.fly import nominal_parameters
 from fake_flight import make_plan
 from beside import fly
 before = dict(os.environ)
@@ -128,7 +128,7 @@ def test_processes_import_from_the_scripts_folder_only(tmp_path, monkeypatch):
 
 def test_a_worker_imports_no_further_packages():
     code = f"""
-import sys, {module.serve.__module__}, abhv_mc.stability.fly_with_margins
+import sys, {module.serve.__module__}, abhv_mc_vehicle.stability.fly_with_margins
 print({{"scipy.special", "pyarrow", "pandas", "joblib"}} & set(sys.modules))
 """
     assert (
@@ -160,7 +160,7 @@ def test_a_limit_and_an_interrupt_end_the_wait_for_a_thread(monkeypatch):
     try:
         with pytest.raises(KeyboardInterrupt):
             run_in_thread(never)
-        monkeypatch.setattr("abhv_mc.flight.fly.fly", never)
+        monkeypatch.setattr("abhv_mc_vehicle.flight.fly.fly", never)
         with pytest.raises(KeyboardInterrupt):
             flying.fly(find_input("level", "mission"), controllers="lqr")
         with pytest.raises(TimeoutError):

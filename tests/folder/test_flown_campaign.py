@@ -11,7 +11,6 @@ import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder import file_columns, samples
 from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.folder.file_columns import SpooledColumns
@@ -19,7 +18,8 @@ from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.io.documents import InputError
-from abhv_mc.plant.parameters import OURS
+from abhv_mc_vehicle.flight.metrics import METRICS
+from abhv_mc_vehicle.plant.parameters import OURS
 
 
 def test_a_folder_reads_as_arrays(failing, failing_folder):

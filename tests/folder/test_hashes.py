@@ -93,7 +93,7 @@ def test_a_query(request_, fly_meanwhile):
 )
 def test_a_notebook(request_, fly_meanwhile, monkeypatch, ask):
     """Flights of one campaign were combined with samples of the other."""
-    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     results = open_results(request_.output)
     run_campaign(request_, ENGINE)  # resumes a complete campaign and changes nothing
     before = results.flights

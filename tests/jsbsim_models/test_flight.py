@@ -9,10 +9,10 @@ import pytest
 from jsbsim_models.peer import FOOT, deflect, load, model
 
 from abhv_mc.flights.timing import Timing
-from abhv_mc.kernel.numerics.quaternion import from_euler
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.user_code.vehicle_functions import load_vehicle
 from abhv_mc_jsbsim.import_vehicle import import_jsbsim
+from abhv_mc_vehicle.kernel.numerics.quaternion import from_euler
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.fly_recording import make_replay_plan, replay
 from abhv_mc_verification.nesc_cases import ELLIPSOID
 

@@ -1,4 +1,4 @@
-"""Fit the polynomials of ``abhv_mc.kernel.numerics.lane_math`` with 60 digits and print them.
+"""Fit the polynomials of ``kernel.numerics.lane_math`` with 60 digits and print them.
 
 Each is the interpolant at Chebyshev nodes of a smooth function, within a small factor of minimax;
 the degrees are chosen so that the truncation error is far below half a unit in the last place. Run

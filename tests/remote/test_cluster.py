@@ -25,16 +25,16 @@ from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.io.input_error import InputError
-from abhv_mc.kernel.jit import kernel
 from abhv_mc.requests import RareRequest, Request, WorstRequest
 from abhv_mc.search.rare import find_rare
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import shipped_campaigns
-from abhv_mc.vehicle_simulator.simulator import make_engine
 from abhv_mc_remote.cluster import connect_cluster
 from abhv_mc_tune.tuning import tune_controller
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.kernel.jit import kernel
+from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 
 pytest.importorskip("distributed")
 

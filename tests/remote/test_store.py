@@ -59,7 +59,7 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert abhv_mc("run", campaign, "-o", tmp_path / "whole", "--no-report")[0] == 0
     with monkeypatch.context() as patched:
         stopped = interrupted_after(6)
-        patched.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: stopped)
+        patched.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: stopped)
         assert abhv_mc("run", campaign, "-o", address)[0] == 3
     flights = {name for name in names(store, base) if name.startswith("flights/")}
     assert flights and manifest_of(store, base)["state"] == "interrupted"

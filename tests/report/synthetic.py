@@ -10,17 +10,17 @@ from fake_flight import DENSITY, DRAG, LIFT, make_plan, record, run
 from fake_flight import write_campaign as write_fake
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.flight.channels import CHANNELS
-from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flights.blocks import FlightBlock, make_recording
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.flights.timing import Timing
 from abhv_mc.interfaces import Engine
-from abhv_mc.kernel.laws.columns import REFERENCE
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics import registry
-from abhv_mc.vehicle_simulator.make_plans import reference_of
+from abhv_mc_vehicle.flight.channels import CHANNELS
+from abhv_mc_vehicle.flight.metrics import METRICS
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
+from abhv_mc_vehicle.vehicle_simulator.make_plans import reference_of
 
 CONTROLLERS = ("tlc", "lqr", "lqr_retuned")
 # Relative tracking error and control effort of each controller.

@@ -7,7 +7,6 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flights.margins import MARGINS
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
@@ -23,6 +22,7 @@ from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.registry import make_figures
 from abhv_mc.topics.topic import Models
 from abhv_mc_tune.page import plot_front
+from abhv_mc_vehicle.flight.metrics import METRICS
 
 FILES = [
     "channels",

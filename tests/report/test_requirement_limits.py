@@ -12,7 +12,6 @@ from report.synthetic import build_page
 
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.flight.metrics import BUILT_IN
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.pages.verify import verify_campaign
@@ -20,6 +19,7 @@ from abhv_mc.requests import RareRequest
 from abhv_mc.search.rare import find_rare
 from abhv_mc.statistics.evidence import most_failures
 from abhv_mc.topics.metrics import SMALL_IS_BAD
+from abhv_mc_vehicle.flight.metrics import BUILT_IN
 
 LOW, BAND = "angle_of_attack_min_deg", "altitude_error_max_m"
 LIMIT, LEAST, MOST = -0.9, 0.4, 2.3

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from fake_flight import DENSITY, LIFT, make_plan, prepare, record, write_campaign
 
-from abhv_mc.control.controller_file import read_controller
-from abhv_mc.flight.channels import CHANNELS
-from abhv_mc.flight.metrics import METRIC_INDEX, METRICS
 from abhv_mc.flights.blocks import FlightBlock, make_recording
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Engine
 from abhv_mc_tune.request import TuneRequest
+from abhv_mc_vehicle.control.controller_file import read_controller
+from abhv_mc_vehicle.flight.channels import CHANNELS
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX, METRICS
 
 METRIC = "altitude_error_max_m"
 

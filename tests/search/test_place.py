@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from fake_flight import DENSITY, ENGINE, LIFT, fly, make_plan, run, write_campaign
 
-from abhv_mc.flight.metrics import METRICS
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.input_error import InputError
-from abhv_mc.plant.parameters import OURS
 from abhv_mc.search.flight_records import Programme
 from abhv_mc.search.place import find_band, place_flights
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.topic import Models
+from abhv_mc_vehicle.flight.metrics import METRICS
+from abhv_mc_vehicle.plant.parameters import OURS
 
 METRIC = "altitude_error_max_m"
 LAWS = "atmosphere.density: {distribution: uniform, half_width: 8 %}"
@@ -94,7 +94,7 @@ def test_errors_of_the_sensors_are_added(tmp_path):
     with programme.open() as simulate:
         measured = simulate(rows, True)[:, 0]
     history = fly(make_plan("one"), OURS.nominal[np.newaxis], 1).history[0, ::10]
-    from abhv_mc.flight.channels import CHANNEL_INDEX
+    from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 
     true = history[:, [CHANNEL_INDEX[name] for name in programme.names]]
     assert measured.mean(axis=0) == pytest.approx(true * [1.0, 1.5] + [100.0, 0.0], abs=3.0)

@@ -24,10 +24,10 @@ from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import grouped_digits
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc.requests import RareRequest, WorstRequest
 from abhv_mc.search.rare import find_rare, find_requirement
 from abhv_mc.search.worst import find_worst, find_worst_margins
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from abhv_mc.plant.parameters import PARAMETERS
 from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import bounds, estimate, percent, spoken_name
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import Cell, Fold, Section, Table
+from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
 
 def test_every_parameter_has_its_own_name():

@@ -7,7 +7,6 @@ from fake_flight import LIFT, interrupted_after, write_campaign
 from search.known_flights import BLOCK, CONTROLLER, TUNED, fly_tuned, prepare_tuned, write_tuned
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.control.controller_file import read_controller
 from abhv_mc.flights.margins import MARGIN_NAMES
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.interfaces import Engine
@@ -17,6 +16,7 @@ from abhv_mc_tune.candidates import check_free_numbers
 from abhv_mc_tune.constrained_search import Scores, pareto_front, tune
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.tuning import tune_controller
+from abhv_mc_vehicle.control.controller_file import read_controller
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
-from abhv_mc.control.controller_file import TlcController, read_controller
-from abhv_mc.control.design.design_model import (
+from abhv_mc.shipped import shipped_configs
+from abhv_mc_vehicle.control.controller_file import TlcController, read_controller
+from abhv_mc_vehicle.control.design.design_model import (
     Environment,
     attitude_rates,
     body_rate_rates,
@@ -20,14 +21,13 @@ from abhv_mc.control.design.design_model import (
     slope,
     wrench_at,
 )
-from abhv_mc.control.design.reference import make_mission_trim_tables, solve_reference
-from abhv_mc.control.design.trim_tables import trim_elevator
-from abhv_mc.control.mission import read_mission
-from abhv_mc.kernel.laws.tlc_loops import AttitudePoint, attitude_inverse
-from abhv_mc.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc.kernel.world.earth import WGS84
-from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.design.reference import make_mission_trim_tables, solve_reference
+from abhv_mc_vehicle.control.design.trim_tables import trim_elevator
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.kernel.laws.tlc_loops import AttitudePoint, attitude_inverse
+from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc_vehicle.kernel.world.earth import WGS84
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 _STILL = (0.0, 0.0, 0.0)
 SPHERE = WGS84._replace(flattening=0.0, j2=0.0, rotation_rate=0.0)

@@ -9,14 +9,14 @@ import pytest
 from short_flights import rows_of
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly
-from abhv_mc.kernel.world.earth import Earth
-from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import evaluate_coefficients, make_variables
-from abhv_mc.vehicle.pack import nodes_of
+from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.kernel.world.earth import Earth
+from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, make_variables
+from abhv_mc_vehicle.vehicle.pack import nodes_of
 
 VEHICLES = shipped_configs() / "vehicle"
 # A push-over gains speed by gravity alone.

@@ -6,15 +6,15 @@ from scipy.spatial.transform import Rotation
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.fly import nominal_parameters
 from abhv_mc.flights.timing import Timing
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.plant.vehicle import Vehicle
-from abhv_mc.kernel.world.earth import WGS84, Earth
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
-from abhv_mc.vehicle.evaluate import evaluate_fixed, make_variables
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.vehicle.evaluate import evaluate_fixed, make_variables
 from abhv_mc_verification.check_rows import Row
 from abhv_mc_verification.fly_recording import make_replay_plan, make_start, replay
 from abhv_mc_verification.ghame6 import ned_from_ecef_matrix

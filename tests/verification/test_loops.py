@@ -23,13 +23,13 @@ from verification.nominals import (
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.design.design_model import body_rate_rates
-from abhv_mc.control.design.tlc_design import make_tlc_gains, pd_spectrum
-from abhv_mc.control.design.trim_tables import trim_elevator
-from abhv_mc.flight.fly import fly_until, nominal_parameters
 from abhv_mc.flights.timing import Timing
-from abhv_mc.kernel.laws.columns import REFERENCE, TLC_K1, TLC_K2
-from abhv_mc.kernel.laws.tlc_loops import (
+from abhv_mc_vehicle.control.design.design_model import body_rate_rates
+from abhv_mc_vehicle.control.design.tlc_design import make_tlc_gains, pd_spectrum
+from abhv_mc_vehicle.control.design.trim_tables import trim_elevator
+from abhv_mc_vehicle.flight.fly import fly_until, nominal_parameters
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE, TLC_K1, TLC_K2
+from abhv_mc_vehicle.kernel.laws.tlc_loops import (
     Inertia,
     Spectrum,
     attitude_gains,
@@ -38,10 +38,10 @@ from abhv_mc.kernel.laws.tlc_loops import (
     moment_inverse,
     rate_gains,
 )
-from abhv_mc.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
-from abhv_mc.kernel.world.earth import WGS84, Earth
-from abhv_mc.stability import path_coordinates as path
-from abhv_mc.stability.probe import ask_plant, begin
+from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
+from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
+from abhv_mc_vehicle.stability import path_coordinates as path
+from abhv_mc_vehicle.stability.probe import ask_plant, begin
 from abhv_mc_verification.check_rows import Row
 from abhv_mc_verification.fly_recording import make_replay_plan
 

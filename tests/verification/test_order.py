@@ -8,15 +8,15 @@ import pytest
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.metrics import METRICS
 from abhv_mc.flights.timing import Timing
-from abhv_mc.kernel.plant import state as s
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.world.earth import WGS84
-from abhv_mc.one_flight.given import make_flight_plan
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.metrics import METRICS
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.world.earth import WGS84
+from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.check_rows import Row
 from abhv_mc_verification.fly_recording import make_replay_plan, make_start, replay
 

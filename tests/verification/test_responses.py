@@ -20,15 +20,15 @@ import pytest
 from verification.shown import check
 
 from abhv_mc.array_types import Floats
-from abhv_mc.control.controller_file import TlcController, read_controller
-from abhv_mc.control.mission import read_mission
-from abhv_mc.flight.channels import CHANNEL_INDEX
-from abhv_mc.flight.fly import fly, nominal_parameters
-from abhv_mc.flight.prepare import make_plan
-from abhv_mc.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
 from abhv_mc.shipped import shipped_configs
-from abhv_mc.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.control.controller_file import TlcController, read_controller
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
+from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
+from abhv_mc_vehicle.flight.prepare import make_plan
+from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_verification.check_rows import Row
 
 # Sub-loops from inside out; all channels of one are slowed together, and what lies outside it even

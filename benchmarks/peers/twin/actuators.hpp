@@ -1,4 +1,4 @@
-// Surfaces and engine through a step, ahead of the equations of motion: abhv_mc.plant.actuators.
+// Surfaces and engine through a step, ahead of the equations of motion: abhv_mc_vehicle.plant.actuators.
 #pragma once
 
 #include <algorithm>

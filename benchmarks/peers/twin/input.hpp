@@ -12,7 +12,7 @@
 using Numbers = std::vector<double>;
 using Indices = std::vector<std::int64_t>;
 
-struct Tables {  // as abhv_mc.kernel.plant.vehicle.Tables
+struct Tables {  // as abhv_mc_vehicle.kernel.plant.vehicle.Tables
     Indices axis_variable, axis_start, axis_length;
     Numbers grid, inverse_step;
     Indices group_dimensions, group_axis, group_stride, group_start, group_used, group_row;

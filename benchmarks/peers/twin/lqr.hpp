@@ -1,4 +1,4 @@
-// The LQR law of abhv_mc.control.lqr with the plan's gains of every tick.
+// The LQR law of abhv_mc_vehicle.control.lqr with the plan's gains of every tick.
 #pragma once
 
 #include "plant.hpp"

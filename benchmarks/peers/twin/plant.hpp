@@ -1,4 +1,4 @@
-// Build-up and the 22 equations of motion: abhv_mc.plant, one flight at a time.
+// Build-up and the 22 equations of motion: abhv_mc_vehicle.plant, one flight at a time.
 #pragma once
 
 #include "tables.hpp"

@@ -1,4 +1,4 @@
-// Multilinear look-up of the packed tables: abhv_mc.kernel.numerics.tables.
+// Multilinear look-up of the packed tables: abhv_mc_vehicle.kernel.numerics.tables.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// Earth, atmosphere and rotations: the equations of abhv_mc.kernel.world and abhv_mc.kernel.numerics.quaternion, with libm.
+// Earth, atmosphere and rotations: the equations of abhv_mc_vehicle.kernel.world and abhv_mc_vehicle.kernel.numerics.quaternion, with libm.
 #pragma once
 
 #include <cmath>

@@ -303,7 +303,7 @@ def _tell(function: Any, by_other_process: bool) -> Iterator[None]:
     """Announce that a kernel is being compiled by this or another process."""
     from abhv_mc.cache_root import cache_root
 
-    group = function.__module__.removeprefix("abhv_mc.kernel.").split(".")[0]
+    group = function.__module__.removeprefix("abhv_mc_vehicle.kernel.").split(".")[0]
     kernel = _KERNELS.get(group, "a kernel")
     if by_other_process:
         with Waiting(f"waiting for another process to compile {kernel}"):

@@ -16,7 +16,7 @@ class Outcome(IntEnum):
     ALTITUDE_LIMIT = 1
     ANGLE_OF_ATTACK_LIMIT = 2
     SIDESLIP_LIMIT = 3
-    NOT_FINITE = 4  # abhv_mc.kernel.laws.user.NOT_FINITE
+    NOT_FINITE = 4  # abhv_mc_vehicle.kernel.laws.user.NOT_FINITE
     FAILED_TO_RUN = 5
     DYNAMIC_PRESSURE_LIMIT = 6
     LOAD_FACTOR_LIMIT = 7

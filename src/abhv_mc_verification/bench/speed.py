@@ -21,13 +21,13 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.flight.fly import fly
-from abhv_mc.flight.plan import FlightPlan
-from abhv_mc.flight.prepare import prepare
 from abhv_mc.identity import find_machine
-from abhv_mc.kernel.flight.interface import LANES
-from abhv_mc.kernel.jit import kernel
 from abhv_mc.shipped import shipped_campaigns
+from abhv_mc_vehicle.flight.fly import fly
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import prepare
+from abhv_mc_vehicle.kernel.flight.interface import LANES
+from abhv_mc_vehicle.kernel.jit import kernel
 
 CONTROLLERS = ("tlc", "lqr")
 OPERATIONS_FILE = Path(__file__).with_name(

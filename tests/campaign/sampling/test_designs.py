@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from abhv_mc.campaign.sampling.designs import Design, count_flights, make_copula
-from abhv_mc.plant.parameters import OURS
+from abhv_mc_vehicle.plant.parameters import OURS
 
 # First numbers of seed 2014, atmosphere.density.
 PINNED = [0.017774777221241878, 0.20880064504902818]

@@ -185,7 +185,7 @@ REQUIREMENTS = (
 
 
 def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
+    monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     path = write_fake(tmp_path / "f", requirements=REQUIREMENTS)
     out, junit = tmp_path / "out", tmp_path / "verdicts.xml"
     done = CliRunner().invoke(

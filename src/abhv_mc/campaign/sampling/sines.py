@@ -1,6 +1,6 @@
 """Sine and cosine with the bits of the compiled code, on every processor.
 
-The method and the constants are those of :func:`abhv_mc.kernel.numerics.lane_math.sincos`.
+The method and the constants are those of :func:`abhv_mc_vehicle.kernel.numerics.lane_math.sincos`.
 """
 
 import numpy as np

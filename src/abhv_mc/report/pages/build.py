@@ -59,7 +59,8 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
     parts = sorted(
         path
         for name in ("report", "statistics", "topics")
-        for path in (ROOT / "abhv_mc" / name).rglob("*")
+        for package in ROOT.glob("abhv_mc*")
+        for path in (package / name).rglob("*")
         if path.is_file()
     )
     code = {

@@ -1,0 +1,169 @@
+"""Reference of a mission at each control tick: commanded motion and nominal controls."""
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc_vehicle.control.design.design_cache import cache_results
+from abhv_mc_vehicle.control.design.design_model import make_environment_points
+from abhv_mc_vehicle.control.design.guidance_trim import GuidanceTrim, trim_along
+from abhv_mc_vehicle.control.design.profile import Profile, make_profile, ramp_times
+from abhv_mc_vehicle.control.design.trim_tables import make_trim_tables
+from abhv_mc_vehicle.control.mission import Mission
+from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
+from abhv_mc_vehicle.kernel.laws.trim_search import GuidancePoints
+from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
+from abhv_mc_vehicle.kernel.world.earth import Earth
+from abhv_mc_vehicle.kernel.world.surroundings import find_surroundings
+from abhv_mc_vehicle.plant.air import nominal_air
+from abhv_mc_vehicle.plant.trim import FlightPoint, TrimPoint, trim
+
+COLUMN_INDEX = {name: i for i, name in enumerate(REFERENCE)}
+
+_STEADY = 1e-9  # largest change between two points for which the Mach number counts as constant
+# time after a ramp or step of the reference that "settled" metrics exclude, s
+SETTLING = 5.0
+# Trims are cached, because flight plans and steady plans of a campaign start at the same trim.
+_trim = cache_results(trim)
+
+
+@cache_results
+def make_mission_trim_tables(mission: Mission, vehicle: Vehicle) -> Tables:
+    """Make trim tables for the speeds of the mission, at the middle of its altitude range."""
+    profile = make_profile(mission, np.linspace(0.0, mission.duration, 201))
+    speeds = (float(profile.speed.min()), float(profile.speed.max()))
+    middle_altitude = float(profile.altitude.min() + profile.altitude.max()) / 2.0
+    air = mission.make_air()
+    mach = profile.speed / nominal_air(air, profile.altitude)[1]
+    steady = np.unique(np.round(mach[1:][np.abs(np.diff(mach)) < _STEADY], 6))
+    return make_trim_tables(vehicle, middle_altitude, speeds, steady, air)
+
+
+def transients(mission: Mission) -> tuple[tuple[float, float], ...]:
+    """Return the intervals (s) that "settled" metrics exclude: ramps and SETTLING after each."""
+    return tuple((first, last + SETTLING) for first, last in ramp_times(mission))
+
+
+@cache_results
+def solve_reference(
+    mission: Mission, vehicle: Vehicle, trim_tables: Tables, tick: float, ticks: int
+) -> tuple[Floats, GuidanceTrim]:
+    """Return the reference ``[tick, column]`` (columns: REFERENCE) and its guidance trim.
+
+    Ticks are numbered from 0 to ``ticks`` and are ``tick`` s apart; at the tick of a step, the
+    value after the step is used. The nominal controls apply to a non-rotating Earth, as in equation
+    (1).
+    """
+    fixed_earth = mission.make_earth()._replace(rotation_rate=0.0)
+    half_ticks = make_profile(mission, np.arange(2 * ticks + 1, dtype=np.float64) * (0.5 * tick))
+    profile = Profile(*(x[::2] for x in half_ticks))
+    north, east, latitude = make_track(mission, fixed_earth, half_ticks, tick)
+    environment_points = make_environment_points(
+        fixed_earth, profile.altitude, latitude, mission.make_air()
+    )
+    points = GuidancePoints(
+        speed=profile.speed,
+        latitude=latitude,
+        flight_path_angle=profile.flight_path_angle,
+        heading=profile.heading,
+        axial=profile.speed_rate,
+        longitudinal=profile.speed * profile.flight_path_angle_rate,
+        lateral=profile.speed * profile.heading_rate,
+        **environment_points._asdict(),
+    )
+    # A glider cannot maintain its speed, so its equivalence ratio is fixed at 0.
+    fixed_equivalence_ratio = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
+    nominal = trim_along(
+        vehicle, trim_tables, points, vehicle.constants.mass_start, tick, fixed_equivalence_ratio
+    )
+    times = np.arange(ticks + 1) * tick
+    settled = np.ones(ticks + 1)
+    for first, end in transients(mission):
+        settled[(times - first > -0.5 * tick) & (times - end < -0.5 * tick)] = 0.0
+    count = np.cumsum(settled)
+    settled *= count - np.maximum.accumulate(np.where(settled > 0.0, 0.0, count))
+    heading = mission.start.heading
+    column = {
+        **profile._asdict(),
+        **nominal._asdict(),
+        **environment_points._asdict(),
+        "time": times,
+        "north": north,
+        "east": east,
+        "latitude": latitude,
+        "settled": settled,
+        "track_north": np.full(ticks + 1, np.sin(heading)),
+        "track_east": np.full(ticks + 1, -np.cos(heading)),
+    }
+    return np.ascontiguousarray(np.stack([column[name] for name in REFERENCE], axis=1)), nominal
+
+
+def make_track(
+    mission: Mission, earth: Earth, half_ticks: Profile, tick: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return north and east position (m) and latitude (rad) at the ticks, by Simpson's rule.
+
+    The positions are integrals of the ground speed at altitude.
+    """
+    forward = half_ticks.speed * np.cos(half_ticks.flight_path_angle)
+    north_speed, east_speed = (
+        forward * np.cos(half_ticks.heading),
+        forward * np.sin(half_ticks.heading),
+    )
+    latitude = np.full(north_speed.size, mission.start.latitude)
+    for _ in range(
+        2
+        # The meridian radius varies slowly along the track, so each iteration adds five correct
+        # digits.
+    ):
+        meridian = find_surroundings(earth, 0.0, np.sin(latitude), 1.0).meridian
+        on_ticks = mission.start.latitude + _simpson(
+            north_speed / (meridian + half_ticks.altitude), tick
+        )
+        latitude = np.interp(np.arange(latitude.size), np.arange(0, latitude.size, 2), on_ticks)
+    return _simpson(north_speed, tick), _simpson(east_speed, tick), on_ticks
+
+
+def _simpson(rate: Floats, tick: float) -> Floats:
+    """Integrate a rate given at half ticks; return the integral at the ticks."""
+    return np.concatenate(
+        [[0.0], np.cumsum(tick / 6.0 * (rate[:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2]))]
+    )
+
+
+def on_glide_path(mission: Mission, vehicle: Vehicle) -> Mission:
+    """Return the mission; a glider without an initial angle starts on its glide path."""
+    if vehicle.constants.equivalence_ratio_max > 0.0 or mission.start.flight_path_angle:
+        return mission
+    angle = make_start_trim(mission, vehicle).flight_path_angle
+    start = mission.start.model_copy(update={"flight_path_angle": angle})
+    return mission.model_copy(update={"start": start})
+
+
+def make_start_point(mission: Mission) -> FlightPoint:
+    """Return the flight condition at the mission's start, in the mission's nominal air."""
+    start = mission.start
+    return FlightPoint(
+        start.altitude,
+        start.speed,
+        start.bank,
+        start.latitude,
+        start.heading,
+        start.flight_path_angle,
+        air=mission.make_air(),
+    )
+
+
+def make_start_trim(
+    mission: Mission,
+    vehicle: Vehicle,
+    push: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rotating: bool = False,
+) -> TrimPoint:
+    """Return the trim at the mission's start, for the full tables.
+
+    ``push`` contains the forces and moment of custom dynamics, as in :class:`FlightPoint`. Unless
+    ``rotating``, the Earth does not rotate.
+    """
+    earth = mission.make_earth()
+    earth = earth if rotating else earth._replace(rotation_rate=0.0)
+    return _trim(vehicle, earth, make_start_point(mission)._replace(push=push))

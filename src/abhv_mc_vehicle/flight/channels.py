@@ -1,0 +1,261 @@
+"""Table of sources: quantities that channels record and metrics evaluate.
+
+Arrays of channels have the order of this table.
+
+Each source is a row of the lane memory. States of :mod:`abhv_mc_vehicle.kernel.plant.state`,
+variables of the tables and other named rows are in SI units and radians, and are converted to
+degrees if the source's unit is degrees. Rows of :mod:`abhv_mc_vehicle.kernel.flight.derived` are in
+the source's unit. Only channels are recorded; expressions of metrics may use every source. A new
+source needs an entry in this table, and a derived row if the lane memory does not contain the
+quantity.
+"""
+
+from collections.abc import Sequence
+
+from abhv_mc.flights.signals import Channel, Signal, Source
+from abhv_mc_vehicle.kernel.plant.vehicle import MAX_EFFECTORS
+
+CHANNELS: tuple[Channel, ...] = (
+    Channel("altitude_m", "m", "geodetic altitude", "altitude"),
+    Channel("speed_mps", "m/s", "Earth-relative speed", "speed"),
+    Channel("flight_path_angle_deg", "deg", "flight path angle", "gamma"),
+    Channel(
+        "heading_deg",
+        "deg",
+        "heading of the velocity, clockwise from north",
+        "heading_deg",
+        circular=True,
+    ),
+    Channel("angle_of_attack_deg", "deg", "angle of attack relative to the air", "angle_of_attack"),
+    Channel("sideslip_deg", "deg", "sideslip relative to the air", "sideslip"),
+    Channel("bank_deg", "deg", "bank angle about the velocity vector", "bank", circular=True),
+    Channel("roll_rate_dps", "deg/s", "inertial roll rate", "roll_rate"),
+    Channel("pitch_rate_dps", "deg/s", "inertial pitch rate", "pitch_rate"),
+    Channel("yaw_rate_dps", "deg/s", "inertial yaw rate", "yaw_rate"),
+    Channel("aileron_deg", "deg", "aileron deflection", "aileron"),
+    Channel("rudder_deg", "deg", "rudder deflection", "rudder"),
+    Channel("elevator_deg", "deg", "elevator deflection", "elevator"),
+    Channel(
+        "equivalence_ratio",
+        "-",
+        "throttle, or fuel equivalence ratio of a scramjet",
+        "equivalence_ratio",
+    ),
+    Channel("north_m", "m", "integral of the northward Earth-relative velocity", "north"),
+    Channel("east_m", "m", "integral of the eastward Earth-relative velocity", "east"),
+    Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
+    Channel("longitude_deg", "deg", "longitude", "longitude", circular=True),
+    Channel("mass_kg", "kg", "mass of the vehicle", "mass", nonnegative=True),
+    Channel("dynamic_pressure_pa", "Pa", "dynamic pressure", "q_bar", nonnegative=True),
+    Channel(
+        "flight_path_angle_command_deg",
+        "deg",
+        "flight path angle commanded by the altitude loop",
+        "gamma_cmd",
+    ),
+    Channel(
+        "angle_of_attack_command_deg",
+        "deg",
+        "angle of attack commanded by the guidance",
+        "alpha_cmd",
+    ),
+    Channel(
+        "bank_command_deg", "deg", "bank angle commanded by the guidance", "bank_cmd", circular=True
+    ),
+    Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
+    Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
+    Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
+    Channel("equivalence_ratio_command", "-", "throttle command", "cmd_eta"),
+)
+# Default channels of the envelopes.
+STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)
+CHANNELS += (
+    Channel("mach", "-", "Mach number", "mach", nonnegative=True),
+    Channel(
+        "load_factor_g", "g", "magnitude of the specific force", "load_factor_g", nonnegative=True
+    ),
+    Channel("thrust_n", "N", "thrust", "thrust"),
+    Channel(
+        "stagnation_heat_flux_w_m2",
+        "W/m2",
+        "heat flux at the stagnation point",
+        "stagnation_heat_flux_w_m2",
+    ),
+    Channel("altitude_error_m", "m", "altitude minus reference altitude", "altitude_error_m"),
+    Channel("speed_error_mps", "m/s", "speed minus reference speed", "speed_error_mps"),
+    Channel(
+        "heading_error_deg",
+        "deg",
+        "heading minus reference heading",
+        "heading_error_deg",
+        circular=True,
+    ),
+    Channel(
+        "cross_track_m", "m", "lateral deviation to the left of the reference", "cross_track_m"
+    ),
+    Channel(
+        "angle_of_attack_error_deg",
+        "deg",
+        "angle of attack minus its command",
+        "angle_of_attack_error_deg",
+    ),
+    Channel(
+        "bank_error_deg", "deg", "bank angle minus its command", "bank_error_deg", circular=True
+    ),
+    Channel("altitude_measured_m", "m", "measured altitude", "m_altitude"),
+    Channel("speed_measured_mps", "m/s", "measured speed", "m_speed"),
+    Channel("flight_path_angle_measured_deg", "deg", "measured flight path angle", "m_gamma"),
+    Channel(
+        "heading_measured_deg",
+        "deg",
+        "measured heading, between -180 and 180",
+        "m_chi",
+        circular=True,
+    ),
+    Channel("angle_of_attack_measured_deg", "deg", "measured angle of attack", "m_alpha"),
+    Channel("sideslip_measured_deg", "deg", "measured sideslip", "m_beta"),
+    Channel("bank_measured_deg", "deg", "measured bank angle", "m_bank", circular=True),
+    Channel("roll_rate_measured_dps", "deg/s", "measured roll rate", "m_p"),
+    Channel("pitch_rate_measured_dps", "deg/s", "measured pitch rate", "m_q"),
+    Channel("yaw_rate_measured_dps", "deg/s", "measured yaw rate", "m_r"),
+    Channel(
+        "gust_forward_mps",
+        "m/s",
+        "forward component of gust and turbulence, body axes",
+        "gust_u",
+    ),
+    Channel(
+        "gust_right_mps", "m/s", "rightward component of gust and turbulence, body axes", "gust_v"
+    ),
+    Channel(
+        "gust_down_mps", "m/s", "downward component of gust and turbulence, body axes", "gust_w"
+    ),
+)
+
+# Reference trajectory of the mission, which is the same for all flights of a campaign.
+REFERENCE_CHANNELS: tuple[Signal, ...] = (
+    Signal("altitude_reference_m", "m", "reference altitude"),
+    Signal("speed_reference_mps", "m/s", "reference speed"),
+    Signal("flight_path_angle_reference_deg", "deg", "reference flight path angle"),
+    Signal("heading_reference_deg", "deg", "reference heading", circular=True),
+    Signal("angle_of_attack_reference_deg", "deg", "nominal angle of attack on the reference"),
+    Signal("bank_reference_deg", "deg", "nominal bank angle on the reference", circular=True),
+    Signal("equivalence_ratio_reference", "-", "nominal throttle on the reference"),
+    Signal("north_reference_m", "m", "reference north displacement"),
+    Signal("east_reference_m", "m", "reference east displacement"),
+)
+
+CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
+
+SURFACES = ("aileron", "elevator", "rudder")
+# Quantities for which limit cycles are measured.
+SWINGS = {
+    "bank": "bank error",
+    "angle_of_attack": "angle-of-attack error",
+    "sideslip": "sideslip",
+}
+# Sources that are not recorded in histories.
+_SOURCES: tuple[Source, ...] = (
+    *(
+        Source(
+            f"{name}_from_trim_deg",
+            "deg",
+            f"{name} deflection minus initial {name} deflection",
+            f"{name}_from_trim_deg",
+        )
+        for name in SURFACES
+    ),
+    *(
+        Source(
+            f"{name}_moved_deg",
+            "deg",
+            f"absolute change of the {name} deflection since the previous tick",
+            f"{name}_moved_deg",
+            True,
+        )
+        for name in SURFACES
+    ),
+    *(
+        Source(f"{name}{end}", unit, doc.format(phrase), f"{name}{end}", True)
+        for end, unit, doc in (
+            (
+                "_ripple_deg",
+                "deg",
+                "largest peak-to-peak cycle of the {} so far, outside the transients",
+            ),
+            ("_cycle_hz", "Hz", "frequency of the largest cycle of the {}"),
+        )
+        for name, phrase in SWINGS.items()
+    ),
+    Source(
+        "fuel_left_kg",
+        "kg",
+        "mass minus empty mass, infinite if no fuel is burnt",
+        "fuel_left_kg",
+    ),
+    Source("fuel_used_kg", "kg", "initial mass minus mass", "fuel_used_kg"),
+    Source(
+        "surface_saturated",
+        "-",
+        "1 if a surface or its command is at a limit",
+        "surface_saturated",
+        True,
+    ),
+    *(
+        Source(
+            f"effector_{i}_deg", "deg", f"deflection of the vehicle's effector {i}", f"effector_{i}"
+        )
+        for i in range(MAX_EFFECTORS)
+    ),
+    Source("engine_failed", "-", "1 if an engine has failed or unstarted", "engine_failed", True),
+    Source("outside_tables", "-", "positive if an input is outside the tables", "outside", True),
+)
+SOURCES: dict[str, Source] = {source.name: source for source in (*CHANNELS, *_SOURCES)}
+
+
+def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:
+    """Return the deflection, command and saturation sources of effectors with actuators."""
+    return tuple(
+        kind(f"{name}_{end}", unit, f"{phrase} {name}", f"{block}+{i}", kind is Source)
+        for kind, end, unit, phrase, block in (
+            (Channel, "deg", "deg", "deflection of effector", "effector_at"),
+            (Channel, "command_deg", "deg", "command of effector", "effector_asked"),
+            (
+                Source,
+                "saturated",
+                "-",
+                "1 if the deflection or the command is at a limit: effector",
+                "effector_saturated",
+            ),
+        )
+        for i, name in enumerate(name_effector_signals(names))
+    )
+
+
+def state_channels(states: Sequence[tuple[str, str, bool]]) -> tuple[Channel, ...]:
+    """Return the channels of custom states (name, SI unit, circular); angles are in degrees."""
+    display_units = {"rad": "deg", "rad/s": "deg/s"}
+    return tuple(
+        Channel(
+            f"state.{name}",
+            display_units.get(unit, unit),
+            f"custom state {name}",
+            f"custom_state+{i}",
+            circular=circular,
+        )
+        for i, (name, unit, circular) in enumerate(states)
+    )
+
+
+def effector_channels(names: Sequence[str]) -> tuple[Channel, ...]:
+    """Return the channels of effectors with actuators."""
+    return tuple(source for source in effector_sources(names) if isinstance(source, Channel))
+
+
+def name_effector_signals(names: Sequence[str]) -> list[str]:
+    """Return the names that effectors have in channels and metrics.
+
+    An effector with the name of an axis gets the suffix ``_effector``, because the name without
+    suffix denotes the axis deflection.
+    """
+    return [f"{name}_effector" if f"{name}_deg" in SOURCES else name for name in names]

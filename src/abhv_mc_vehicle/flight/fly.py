@@ -1,0 +1,184 @@
+"""Simulation of the flights of a plan; only this module calls the simulation kernel."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.array_types import Floats, Singles
+from abhv_mc.custom_code.child import in_child
+from abhv_mc.flights.blocks import FlightBlock, Recording, join_blocks, make_recording
+from abhv_mc.flights.statistic import Statistic
+from abhv_mc_vehicle.flight.arguments import SavedFlights, make_kernel_plan, make_results
+from abhv_mc_vehicle.flight.child_flights import fly_in_child, open_memory
+from abhv_mc_vehicle.flight.plan import NOT_LEAN, FlightPlan
+from abhv_mc_vehicle.flight.user_law import PROCESS, open_law
+from abhv_mc_vehicle.kernel.flight.fly_lanes import make_fly_lanes
+from abhv_mc_vehicle.kernel.flight.interface import LANES, KernelResults
+from abhv_mc_vehicle.kernel.flight.memory import Memory, make_memory
+from abhv_mc_vehicle.kernel.jit import is_cached
+from abhv_mc_vehicle.kernel.plant.state import N_PARAMETERS
+from abhv_mc_vehicle.plant.parameters import PARAMETERS
+
+_SAMPLED = 512  # number of flights per call if quantiles need all ticks; limits memory use
+_LONGEST = 600.0  # time limit for fly_until with native code, s
+
+_NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
+compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
+
+
+@cache
+def choose_flight(lanes: int, lean: bool) -> Any:
+    """Return the lean kernel if ``lean`` is true and the full kernel is not cached.
+
+    Otherwise, return the full kernel.
+    """
+    full = compiled_flight(lanes)
+    return make_fly_lanes(lanes, lean=True) if lean and not is_cached(full) else full
+
+
+def nominal_parameters(flights: int = 1) -> Floats:
+    """Return an array [flight, parameter] of nominal parameters."""
+    return np.tile([parameter.nominal for parameter in PARAMETERS], (flights, 1))
+
+
+def make_block(plan: FlightPlan, results: KernelResults, recording: Recording) -> FlightBlock:
+    """Convert the results of the kernel to a block of flights."""
+    tick = plan.timing.tick
+    end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
+    times = np.asarray(
+        np.arange(results.history.shape[1]) * recording.every * tick, dtype=np.float64
+    )
+    block = FlightBlock(
+        results.outcome, end_time, results.metrics, results.history, times, results.states
+    )
+    if not recording.extremes:
+        return block
+    low, high = join_bins(results.low, results.high, results.history)
+    return replace(block, low=low, high=high)
+
+
+def fly(
+    plan: FlightPlan,
+    parameters: Floats,
+    record_every: Recording | int | None = None,
+    lanes: int = LANES,
+    keep_states: bool = False,
+    start: SavedFlights | None = None,
+) -> FlightBlock:
+    """Simulate one flight per row of ``parameters`` [flight, parameter].
+
+    ``record_every`` is a Recording, or the number of control ticks between samples of all channels;
+    ``keep_states`` also records the full state. A flight depends only on its row and the plan, not
+    on ``lanes`` or other rows. If ``start`` is given, the flights saved by ``fly_until`` continue,
+    and histories are NaN before that time. The function is thread-safe. Raise ValueError if an
+    array has the wrong type or shape.
+    """
+    recording = make_recording(record_every, plan)
+    if plan.must_run_in_child:
+        return fly_in_child(
+            fly, plan, parameters, recording, lanes, keep_states=keep_states, start=start
+        )
+    sampled = any(metric.statistic == Statistic.QUANTILE for metric in plan.metrics)
+    most = LANES if plan.law == PROCESS else _SAMPLED if sampled else len(parameters)
+    if len(parameters) > most and not keep_states and start is None:
+        starts = range(0, len(parameters), most)
+        return join_blocks([fly(plan, parameters[i : i + most], recording, lanes) for i in starts])
+    results = make_results(plan, len(parameters), recording, keep_states)
+    with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
+        fly_in_memory(plan, parameters, results, recording, memory, start=start)
+    return make_block(plan, results, recording)
+
+
+def fly_until(
+    plan: FlightPlan, parameters: Floats, tick: int, start: SavedFlights | None = None
+) -> SavedFlights:
+    """Simulate flights up to a control tick and return the memory of each flight.
+
+    Flights continue from ``start`` if it is given. The memory of a flight that ended earlier is
+    undefined, except that it is marked as ended. Raise InputError for a control law in plain Python
+    whose memory is not a named tuple of numbers.
+    """
+    if plan.must_run_in_child:
+        return in_child(fly_until, plan, parameters, tick, start, limit=_LONGEST)
+    shorter = replace(plan, timing=plan.timing._replace(ticks=tick))
+    results = make_results(shorter, len(parameters), Recording(0), False, save_memory=True)
+    fly_in_memory(
+        shorter,
+        parameters,
+        results,
+        Recording(0),
+        make_memory(LANES),
+        start=start,
+        memory_in_rows=True,
+    )
+    return SavedFlights(tick, results.saved)
+
+
+def fly_in_memory(
+    plan: FlightPlan,
+    parameters: Floats,
+    results: KernelResults,
+    recording: Recording,
+    memory: Memory,
+    *,
+    start: SavedFlights | None = None,
+    memory_in_rows: bool = False,
+) -> None:
+    """Simulate flights and fill ``results``. Raise ValueError if an array is invalid.
+
+    If ``memory_in_rows`` is true, the memory of a custom control law is part of the lane memory.
+    """
+    if plan.lean and not np.array_equal(
+        parameters[:, : _NOT_LEAN.size][:, _NOT_LEAN],
+        nominal_parameters(len(parameters))[:, _NOT_LEAN],
+    ):
+        raise ValueError("the parameters disperse a quantity that a lean plan does not simulate")
+    kernel_plan = make_kernel_plan(plan, parameters, recording, start)
+    width = memory.Z.shape[1]
+    in_rows = memory_in_rows or start is not None
+    foreign = plan.vehicle.foreign
+    settings = N_PARAMETERS + foreign.settings.size + foreign.states
+    dispersed = kernel_plan.parameters.shape[1] > settings
+    with open_law(plan, width, in_rows, len(parameters), dispersed) as user_code:
+        choose_flight(width, plan.lean)(kernel_plan._replace(user_code=user_code), memory, results)
+    fill_quantiles(plan, results, complete=start is None)
+
+
+def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
+    """Compute metrics that are quantiles over the counted ticks, by linear interpolation."""
+    quantiles = [
+        (i, metric.limit)
+        for i, metric in enumerate(plan.metrics)
+        if metric.statistic == Statistic.QUANTILE
+    ]
+    for (metric_index, share), samples in zip(quantiles, results.samples, strict=True):
+        values = results.metrics[:, metric_index]
+        for flight in np.flatnonzero(np.isfinite(values)):
+            counted = samples[flight][~np.isnan(samples[flight])]
+            if counted.size:
+                values[flight] = np.quantile(counted, share) if complete else np.nan
+
+
+def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:
+    """Return extremes [sample, channel] between the previous and the next sample.
+
+    Extremes are NaN if there are no flights; -0 is replaced by 0. ``low`` and ``high`` are the
+    extremes in the bins between samples, with low > high in an empty bin; ``history`` has the shape
+    [flight, sample, channel].
+    """
+    has_value = low <= high
+    return _join(np.where(has_value, low, np.nan), history, np.fmin), _join(
+        np.where(has_value, high, np.nan), history, np.fmax
+    )
+
+
+def _join(bins: Floats, history: Singles, extreme: np.ufunc) -> Singles:
+    following = bins.astype(np.float32)
+    joined = following.copy()
+    if len(history):
+        joined[:-1] = extreme(following[:-1], extreme.reduce(history[:, 1:], axis=0))
+    joined[1:] = extreme(joined[1:], following[:-1])
+    return np.asarray(joined + np.float32(0.0), np.float32)

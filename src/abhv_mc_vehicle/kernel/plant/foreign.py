@@ -1,0 +1,127 @@
+"""Custom aerodynamic coefficient function of a vehicle, called once for all lanes.
+
+Dispersions have the same effect as with tables. The factor on a coefficient's dependence on a
+variable multiplies ``f(x) - f(x with the variable 0)``; for an axis, the second term omits the
+axis's contribution to all deflections. Each dispersed variable requires an additional evaluation.
+"""
+
+from abhv_mc_vehicle.kernel.jit import lanes
+from abhv_mc_vehicle.kernel.jit_pointer import call_address
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.disturbance import any_lane
+from abhv_mc_vehicle.kernel.plant.effectors import place_effectors, set_effectors
+from abhv_mc_vehicle.kernel.plant.slopes import N_INPUTS
+from abhv_mc_vehicle.kernel.plant.state import N_COEFFICIENTS, parameter_row
+from abhv_mc_vehicle.kernel.plant.thrust import DISPERSED, NOMINAL
+
+STEP = 1e-5  # step of central differences, rad
+_K_PART = parameter_row(
+    "aero.lift.sideslip"
+)  # The rows of the other variables and coefficients follow.
+# number of dispersed variables: sideslip, rates and deflections
+N_PARTS = s.V_DELTA_E - s.V_BETA + 1
+
+
+@lanes
+def find_dispersed(Z, width):
+    """Determine in which flights a coefficient's dependence on a variable is dispersed."""
+    for lane in range(width):
+        Z[s.F_DISPERSED, lane] = 0.0
+    for i in range(N_COEFFICIENTS * N_PARTS):
+        for lane in range(width):
+            Z[s.F_DISPERSED, lane] += 0.0 if Z[_K_PART + i, lane] == 1.0 else 1.0
+
+
+@lanes
+def call_aerodynamics(Z, foreign, user_code, settings):
+    """Compute coefficients in stability axes; ``settings`` is NOMINAL or DISPERSED."""
+    values = foreign.settings
+    call_address(user_code.aerodynamics, 0, Z, values, values, values, settings, 0.0)
+
+
+@lanes
+def foreign_coefficients(Z, A, width, vehicle, user_code, failing):
+    """Compute the dispersed coefficients at the stage's deflections."""
+    for lane in range(width):
+        Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[s.RHO, lane], Z[s.AIRSPEED, lane]
+    call_aerodynamics(Z, vehicle.foreign, user_code, DISPERSED)
+    if not any_lane(Z, width, s.F_DISPERSED, 1, 0.0):
+        return
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.F_COEF + c, lane] = Z[s.COEF + c, lane]
+    for variable in range(N_PARTS):
+        used = False
+        for c in range(N_COEFFICIENTS):
+            used |= any_lane(Z, width, _K_PART + c * N_PARTS + variable, 1, 1.0)
+        if used:
+            add_dispersion(Z, A, width, vehicle, user_code, failing, variable)
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]
+
+
+@lanes
+def add_dispersion(Z, A, width, vehicle, user_code, failing, variable):
+    """Add the effect of one variable's dispersions to ``F_COEF``; ``Z[COEF]`` is unchanged."""
+    row = s.V_BETA + variable
+    for lane in range(width):
+        Z[s.F_MASS, lane] = Z[row, lane]
+        Z[row, lane] = 0.0
+    if variable >= 4:
+        place_effectors(Z, A, width, vehicle, failing, variable - 4)
+    base = s.F_BASE  # rows of the undispersed coefficients
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[base + c, lane] = Z[s.COEF + c, lane]
+    call_aerodynamics(Z, vehicle.foreign, user_code, DISPERSED)
+    for lane in range(width):
+        Z[row, lane] = Z[s.F_MASS, lane]
+    if variable >= 4:
+        place_effectors(Z, A, width, vehicle, failing, -1)
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            factor = Z[_K_PART + c * N_PARTS + variable, lane] - 1.0
+            total = Z[base + c, lane]
+            Z[s.F_COEF + c, lane] += factor * (total - Z[s.COEF + c, lane])
+            Z[s.COEF + c, lane] = total
+
+
+@lanes
+def nominal_coefficients(Z, width, vehicle, user_code, density_row, speed_row):
+    """Compute nominal coefficients; the density and the speed are in the given rows."""
+    for lane in range(width):
+        Z[s.F_DENSITY, lane], Z[s.F_AIRSPEED, lane] = Z[density_row, lane], Z[speed_row, lane]
+    call_aerodynamics(Z, vehicle.foreign, user_code, NOMINAL)
+
+
+@lanes
+def nominal_slopes(Z, width, vehicle, user_code, first_row):
+    """Compute the derivatives with respect to aileron, rudder, elevator and sideslip.
+
+    The results are in the rows ``first_row + coefficient * N_INPUTS + input``. ``Z[COEF]`` and the
+    variables are unchanged.
+    """
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.F_COEF + c, lane] = Z[s.COEF + c, lane]
+    for i in range(N_INPUTS):
+        row = s.V_DELTA_A + i if i < 3 else s.V_BETA
+        for lane in range(width):
+            Z[s.F_MASS, lane] = Z[row, lane]
+        for side in range(2):
+            for lane in range(width):
+                Z[row, lane] = Z[s.F_MASS, lane] + (STEP if side == 0 else -STEP)
+            set_effectors(Z, width, vehicle.effector_mix)
+            call_aerodynamics(Z, vehicle.foreign, user_code, NOMINAL)
+            for c in range(N_COEFFICIENTS):
+                slope = first_row + c * N_INPUTS + i
+                for lane in range(width):
+                    value = Z[s.COEF + c, lane]
+                    Z[slope, lane] = value if side == 0 else (Z[slope, lane] - value) * (0.5 / STEP)
+        for lane in range(width):
+            Z[row, lane] = Z[s.F_MASS, lane]
+    set_effectors(Z, width, vehicle.effector_mix)
+    for c in range(N_COEFFICIENTS):
+        for lane in range(width):
+            Z[s.COEF + c, lane] = Z[s.F_COEF + c, lane]

@@ -1,0 +1,220 @@
+"""Linearization of the closed loop about points of flights as a sampled system.
+
+The plant is continuous in path coordinates. The actuators of surfaces and engine are modelled
+without limits, dead zones and backlash. The zero-order hold over the control period is modelled
+exactly. The controller is represented by the derivatives of its compiled tick, including its
+memory. The first dimension of arrays is the point.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from abhv_mc.array_types import Floats
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.kernel.flight.sensors import MAX_DELAY_TICKS
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.actuator_step import BANDWIDTH, DAMPING, FIRST_ORDER, IDEAL, KIND
+from abhv_mc_vehicle.kernel.plant.parameter_names import NEVER
+from abhv_mc_vehicle.kernel.plant.vehicle import MAX_EFFECTORS
+from abhv_mc_vehicle.stability import path_coordinates as path
+from abhv_mc_vehicle.stability.linear_model import NO_EFFECT, STUCK, Linear
+from abhv_mc_vehicle.stability.periods import law_phases
+from abhv_mc_vehicle.stability.plant_inputs import (
+    INPUTS,
+    held_at,
+    mix_matrix,
+    mixes,
+    name_inputs,
+    sticks_here,
+)
+from abhv_mc_vehicle.stability.point_slopes import Points, plant_slopes
+from abhv_mc_vehicle.stability.sensor_states import add_sensors
+from abhv_mc_vehicle.vehicle.effectors import surface_list
+
+_N_PATH = len(path.COORDINATES)
+# first row of the measurement in the result of plant_slopes
+_MEASURED = _N_PATH + 1
+_WHOLE = 1e-7  # largest distance to an integer at which a measurement slope is rounded to it
+_AT_ONCE = 1e5  # bandwidth, rad/s, that represents an ideal actuator (damping 1, 0.02 ms delay)
+# magnitude below which the slope of a rate with respect to a control is a rounding error
+_FELT = 1e-8
+
+
+def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Linear:
+    """Return linear models at points of flights.
+
+    The path coordinates in `held` are constant and are not states of A and B; their rates in the
+    continuous plant are zero.
+    """
+    plant = plant_slopes(plan, points)
+    m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
+    # rows and columns of the path coordinates and custom states, without sideslip, measurements and
+    # controls
+    rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
+    moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
+    driven = slice(_N_PATH, _N_PATH + k)
+    plant_A, plant_B = plant.slope[:, rates][:, :, moved], plant.slope[:, rates, driven]
+    held_B = np.zeros_like(plant_B)
+    if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + MAX_EFFECTORS] != NEVER).any():
+        held_B = plant_slopes(plan, points, hold_slow=True).slope[:, rates, driven] - plant_B
+    for matrix in (plant_A, plant_B, held_B):
+        matrix[:, list(held)] = 0.0
+    A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
+    felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
+    cut = np.where(felt < _FELT, NO_EFFECT, 0)
+    stuck, sticks = (
+        held_at(plan.vehicle, points.lane) != NEVER,
+        sticks_here(plan.vehicle, points.lane),
+    )
+    cut[:, :-1][stuck] = STUCK
+    for i in range(stuck.shape[1]):
+        B[stuck[:, i], :, i] = 0.0
+        # The rate of a stuck input is set to zero at every tick.
+        A[sticks[:, i], :, 11 + 2 * i] = 0.0
+    sense = _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k)
+    A, B = np.delete(np.delete(A, held, 1), held, 2), np.delete(B, held, 1)
+    age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
+        np.int64
+    )
+    phases = tuple(
+        Linear(
+            period=plan.timing.tick,
+            plant_A=plant_A,
+            plant_B=plant_B,
+            A=A,
+            B=B,
+            law_A=law.slope[:, :m, n:],
+            law_B=law.slope[:, :m, :n],
+            law_C=law.slope[:, m:, n:],
+            law_D=law.slope[:, m:, :n],
+            delay=np.minimum(age, MAX_DELAY_TICKS),
+            sense=np.delete(sense, held, 2),
+            cut=cut,
+            inputs=name_inputs(plan.vehicle),
+        )
+        for law in law_phases(plan, points)
+    )
+    phases = add_sensors(plan, points, phases)
+    model = phases[0]._replace(phases=phases if len(phases) > 1 else ())
+    if not mixes(plan):
+        return model
+    axes = tuple(_mixed(phase, mix_matrix(plan.vehicle)) for phase in phases)
+    return axes[0]._replace(phases=axes if len(phases) > 1 else (), apart=model)
+
+
+def _mixed(linear: Linear, mix: Floats) -> Linear:
+    """Return the model with axes as inputs; `mix` [effector, axis] maps axes to effectors."""
+    inverse_mix, moves = np.linalg.pinv(mix), linear.cut == 0
+    felt = (moves[:, :, None] & (mix != 0.0)).any(axis=1)
+    stuck = ((linear.cut == STUCK)[:, :, None] & (mix != 0.0)).any(axis=1)
+    cut = np.where(felt, 0, np.where(stuck, STUCK, NO_EFFECT))
+    law_C, law_D = inverse_mix @ linear.law_C, inverse_mix @ linear.law_D
+    return linear._replace(B=linear.B @ mix, law_C=law_C, law_D=law_D, cut=cut, inputs=INPUTS)
+
+
+def _sensing(slope: Floats, inputs: int) -> Floats:
+    """Return the matrix that maps the plant's states to the measurement.
+
+    `slope` has shape [point, measured, 10 + input + custom state]; values close to an integer are
+    rounded.
+    """
+    rounded = np.round(slope)
+    clean = np.where(np.abs(slope - rounded) < _WHOLE, rounded, slope)
+    last = 10 + 2 * inputs
+    sense = np.zeros((*slope.shape[:2], slope.shape[2] + inputs))
+    sense[:, :, :10], sense[:, :, 10:last:2] = clean[:, :, :10], clean[:, :, 10 : 10 + inputs]
+    sense[:, :, last:] = clean[:, :, 10 + inputs :]
+    return sense
+
+
+def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
+    """Return A [point, 2 k, 2 k] and B [point, 2 k, k] of k actuators (position and rate).
+
+    `lane` [point, row] is the kernel's memory.
+    """
+    actuators = plan.vehicle.actuators[surface_list(plan.vehicle)]
+    k = len(actuators)
+    A, B = np.zeros((len(lane), 2 * k, 2 * k)), np.zeros((len(lane), 2 * k, k))
+    for i, (bandwidth, damping, kind) in enumerate(actuators[:, [BANDWIDTH, DAMPING, KIND]]):
+        ideal = kind == IDEAL
+        group = "actuator" if i < k - 1 else "engine"
+        w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
+        zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
+        if kind == FIRST_ORDER:  # The rate state follows the actual rate almost instantly.
+            A[:, 2 * i, 2 * i], B[:, 2 * i, i] = -w, w
+            A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE * w, -_AT_ONCE
+            B[:, 2 * i + 1, i] = _AT_ONCE * w
+            continue
+        A[:, 2 * i, 2 * i + 1] = 1.0
+        A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(w**2), -2.0 * zeta * w
+        B[:, 2 * i + 1, i] = w**2
+    return A, B
+
+
+def hold(
+    plan: FlightPlan, lane: Floats, plant_A: Floats, plant_B: Floats, held_B: Floats
+) -> tuple[Floats, Floats]:
+    """Return the discrete matrices of plant and actuators, with commands held over a tick.
+
+    `held_B` is the effect of positions that are held over the tick.
+    """
+    from scipy.linalg import expm
+
+    actuator_A, actuator_B = actuator_matrices(plan, lane)
+    last, k = 10 + actuator_A.shape[1], actuator_B.shape[2]
+    n = last + plant_A.shape[1] - 10
+    size = n + (2 * k if held_B.any() else k)
+    moved = np.array([*range(10), *range(last, n)])
+    together = np.zeros((len(plant_A), size, size))
+    together[:, moved[:, None], moved] = plant_A
+    together[:, moved, 10:last:2] = plant_B
+    together[:, 10:last, 10:last] = actuator_A
+    together[:, 10:last, n : n + k] = actuator_B
+    together[:, moved, n + k :] = held_B[:, :, : size - n - k]
+    # Scaling the rates by the bandwidth keeps the argument of the matrix exponential small.
+    scale = np.ones((len(plant_A), size))
+    scale[:, 11:last:2] = np.sqrt(actuator_B[:, 1::2].sum(axis=-1))
+    balanced = together * scale[:, None, :] / scale[:, :, None]
+    end = expm(plan.timing.tick * balanced) * scale[:, :, None] / scale[:, None, :]
+    end[:, :n, 10:last:2][:, :, : size - n - k] += end[:, :n, n + k :]
+    return np.ascontiguousarray(end[:, :n, :n]), np.ascontiguousarray(end[:, :n, n : n + k])
+
+
+def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
+    """Return A, B, C from plant inputs to the negated commands, with all loops cut.
+
+    The states are those of the plant, the controller and the delayed measurements.
+    """
+    m, d = linear.law_A.shape[1], int(linear.delay[point])
+    sense = linear.sense[point]
+    measured, p = sense.shape
+    n = p + m + measured * d
+    # matrix that maps the state of the open loop to the measurement used by the controller
+    seen = np.zeros((measured, n))
+    if d:
+        seen[:, n - measured :] = np.eye(measured)
+    else:
+        seen[:, :p] = sense
+    A, B = np.zeros((n, n)), np.zeros((n, linear.B.shape[2]))
+    A[:p, :p], B[:p] = linear.A[point], linear.B[point]
+    A[p : p + m] = linear.law_B[point] @ seen
+    A[p : p + m, p : p + m] += linear.law_A[point]
+    if d:
+        A[p + m : p + m + measured, :p] = sense
+        A[p + m + measured :, p + m : n - measured] = np.eye(measured * (d - 1))
+    C = -linear.law_D[point] @ seen
+    C[:, p : p + m] -= linear.law_C[point]
+    return A, B, C
+
+
+def closed_loop(linear: Linear, point: int) -> Floats:
+    """Return the closed-loop matrix over one tick, for the states of :func:`open_loop`."""
+    A, B, C = open_loop(linear, point)
+    return A - B @ C
+
+
+def closed_period(linear: Linear, point: int) -> Floats:
+    """Return the closed-loop matrix over the controller's period, the product over its ticks."""
+    maps = [closed_loop(phase, point) for phase in linear.phases or (linear,)]
+    return maps[0] if len(maps) == 1 else np.linalg.multi_dot(maps[::-1])

@@ -1,0 +1,313 @@
+"""Vectorized evaluation of the compiled plant and controllers at single points.
+
+Linearization differentiates these functions, so the linear model represents the simulated code.
+Evaluation starts from the kernel's memory of a flight, which includes the vehicle's dispersions and
+failures at the tick.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from abhv_mc.array_types import Floats, Ints
+from abhv_mc.custom_code.child import in_child
+from abhv_mc.flights.blocks import Recording
+from abhv_mc_vehicle.control.law_file import USER_LAWS
+from abhv_mc_vehicle.flight.arguments import SavedFlights, make_kernel_plan
+from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.flight.native_check import check_states
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.user_law import law_memory, measured_count, open_law, open_vehicle
+from abhv_mc_vehicle.kernel.flight.interface import LANES, KernelPlan
+from abhv_mc_vehicle.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
+from abhv_mc_vehicle.kernel.jit import is_cached
+from abhv_mc_vehicle.kernel.laws.columns import N_LIMITS
+from abhv_mc_vehicle.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
+from abhv_mc_vehicle.kernel.laws.user import FAULT
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.actuators import N_EFFECTOR_ROWS, POSITION
+from abhv_mc_vehicle.kernel.plant.parameter_names import AXES
+from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES
+from abhv_mc_vehicle.kernel.stability.probes import (
+    PlantAnswer,
+    make_probe_begin,
+    make_probe_law,
+    make_probe_plant,
+)
+from abhv_mc_vehicle.stability.plant_inputs import from_axes, mixes, moving_of
+
+# memory rows of the built-in controllers, including the previous commands if a controller uses them
+_INTEGRALS = (
+    *("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "sideslip", "bank"),
+    *("roll_rate", "pitch_rate", "yaw_rate"),
+)
+_DIFFERENTIATORS = ("angle_of_attack", "bank", "roll_rate", "pitch_rate", "yaw_rate")
+_MEMORY: dict[str, dict[str, int]] = {
+    "tlc": {
+        **dict(
+            zip(
+                [f"integral_of_{name}" for name in _INTEGRALS],
+                range(I_ALTITUDE, I_RATE + 3),
+                strict=True,
+            )
+        ),
+        **dict(
+            zip(
+                [f"differentiator_of_{name}" for name in _DIFFERENTIATORS],
+                range(D_ALPHA, D_R + 1),
+                strict=True,
+            )
+        ),
+        **{f"last_{name}": s.CMD + i for i, name in enumerate(AXES)},
+    },
+    "lqr": {},
+}
+_LONGEST = 600.0  # maximum computing time of the ticks of a compiled custom controller, s
+_WIDE = 1e6  # limit larger than any command, for controllers linearized without limits
+# number of recorded values: table variables, guidance commands and actuator commands
+_N_SEEN = len(VARIABLES) + 7
+
+
+class LawTick(NamedTuple):
+    """Result of one controller tick for a measurement."""
+
+    memory: Floats  # memory after the tick [point, memory]
+    command: Floats  # commands [point, input]; NaN if a custom controller fails
+    variables: Floats  # variables of the table look-up [point, variable]
+    guidance: Floats  # commanded flight path angle, angle of attack and bank [point, 3]
+
+    @property
+    def guided(self) -> Floats:
+        """Variables [point, variable] at which the guidance looks up the trim."""
+        variables = self.variables.copy()
+        variables[:, VARIABLES.index("angle_of_attack")] = self.guidance[:, 1]
+        variables[:, VARIABLES.index("equivalence_ratio")] = self.command[:, -1]
+        return variables
+
+
+@cache
+def choose_probe(make: Callable[[bool], Any], lean: bool) -> Any:
+    """Return the probe that `make` compiles; a cached full probe also serves as a lean one."""
+    if not lean:
+        return make(False)
+    full = choose_probe(make, False)
+    return full if is_cached(full) else make(True)
+
+
+def compile_probes(plan: FlightPlan) -> None:
+    """Compile or load the probes by calling them without points."""
+    _, lane = begin(plan, SavedFlights(0, np.empty((0, SAVED_ROWS))))
+    states = np.empty((0, s.N_STATES)), np.empty((0, plan.vehicle.foreign.states))
+    ask_plant(plan, lane, 0, np.empty(0, np.int64), *states)
+    law_tick(
+        plan, 1, np.empty((0, measured_count(plan))), np.empty((0, len(law_memory_rows(plan))))
+    )
+
+
+def begin(plan: FlightPlan, saved: SavedFlights) -> tuple[Floats, Floats]:
+    """Return the lane memories [flight, row] with active failures, and the measurement."""
+    before = np.ascontiguousarray(saved.rows[:, :Z_ROWS])
+    numbers, moving = np.arange(len(before)), moving_of(plan, saved)
+    if measured_count(plan) == s.N_SEEN:  # specific force at the tick, as sensors measure it
+        states = before[:, s.X : s.X + s.N_STATES]
+        positions = np.pad(moving[:, POSITION::N_EFFECTOR_ROWS], ((0, 0), (0, 1)))
+        effectors_at = positions if moving.size else None
+        measured = ask_plant(
+            plan, before, saved.tick, numbers, states, effectors_at=effectors_at
+        ).measured
+        before[:, s.SPECIFIC_X : s.SPECIFIC_X + 3] = measured[:, -3:]
+        before[:, s.SENSED + s.N_SEEN - 3 : s.SENSED + s.N_SEEN] = 0.0
+    sensed, acting = np.empty_like(before), np.empty_like(before)
+    kernel_plan = _kernel_plan(plan)
+    with open_vehicle(plan, LANES) as vehicle:
+        arguments = kernel_plan._replace(user_code=vehicle), make_memory(LANES), before, moving
+        choose_probe(make_probe_begin, plan.lean)(*arguments, numbers, saved.tick, sensed, acting)
+    return sensed, acting
+
+
+def ask_plant(
+    plan: FlightPlan,
+    lane: Floats,
+    tick: int,
+    flight: Ints,
+    states: Floats,
+    custom: Floats | None = None,
+    *,
+    hold_slow: bool = False,
+    effectors_at: Floats | None = None,
+) -> PlantAnswer:
+    """Evaluate the plant of each `flight` [point] at `states` [point, state].
+
+    `lane` [flight, row] is the memory of the flights. `custom` [point, state] contains custom
+    states, by default those of `lane`. If `hold_slow`, effectors that a failure slows down keep the
+    positions given by the mixed surface positions in `states`. `effectors_at` [point, input]
+    contains the positions of effectors with actuators.
+    """
+    points = len(states)
+    count = measured_count(plan)
+    if custom is None:
+        first = s.CUSTOM_STATE
+        custom = lane[flight, first : first + plan.vehicle.foreign.states]
+    sizes = s.AILERON, custom.shape[1], len(VARIABLES), count
+    answer = PlantAnswer(*(np.empty((points, size)) for size in sizes))
+    kernel_plan = _kernel_plan(plan)
+    rows = np.ascontiguousarray(lane[:, : s.LAW])
+    positions = (
+        np.empty((points, 0))
+        if effectors_at is None
+        else np.ascontiguousarray(effectors_at[:, :-1])
+    )
+    numbers = (
+        np.asarray(flight, dtype=np.int64),
+        np.ascontiguousarray(states),
+        np.ascontiguousarray(custom),
+        positions,
+        np.arange(points),
+    )
+    with open_vehicle(plan, LANES) as vehicle:
+        user_code = vehicle._replace(more=int(count > s.N_MEASURED))
+        arguments = kernel_plan._replace(user_code=user_code), make_memory(LANES), hold_slow
+        choose_probe(make_probe_plant, plan.lean)(*arguments, rows, *numbers, tick, answer)
+    return answer
+
+
+def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
+    """Return the rows of the lane memory that the controller uses, by name.
+
+    Raise InputError if the rows of a custom controller are unknown.
+    """
+    if plan.law == "fmu":
+        check_states(plan)
+    own: dict[str, int] = {}
+    if plan.law in USER_LAWS:
+        own = {name: row for name, (row, _) in law_memory(plan).items()}
+    return own | _MEMORY.get(plan.commanding_law, {})
+
+
+def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
+    """Run one controller tick (not the first), without limits except those in custom code.
+
+    `measured` has shape [point, measured] and `memory` [point, memory].
+    """
+    count = measured.shape[1]
+    rows = np.array(
+        [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
+    )
+    free, later = _without_limits(plan, min(tick, 1)), max(tick, 1)
+    before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
+    (after,), (seen,) = _run_law(free, later, rows, before)
+    command = _commands(plan, seen)
+    command[after[:, -1] > 0.0] = np.nan
+    return LawTick(
+        after[:, count:-1],
+        command,
+        seen[:, : len(VARIABLES)],
+        seen[:, len(VARIABLES) : len(VARIABLES) + 3],
+    )
+
+
+def _commands(plan: FlightPlan, seen: Floats) -> Floats:
+    """Return actuator commands [..., input] from the values recorded by the probe."""
+    command = from_axes(plan.vehicle, seen[..., _N_SEEN - 4 : _N_SEEN])
+    if plan.vehicle.constants.driven and not mixes(plan):
+        command[..., :-1] = seen[..., _N_SEEN:]
+    return command
+
+
+def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
+    """Return the controller's memory [flight, memory] before its tick.
+
+    `sensed` is a result of :func:`begin`; at tick 0, differentiators are at rest.
+    """
+    memory_rows = law_memory_rows(plan)
+    memory = sensed[:, list(memory_rows.values())]
+    if tick > 0:
+        return memory
+    if plan.law in USER_LAWS:
+        starts = [start for _, start in law_memory(plan).values()]
+        memory[:, : len(starts)] = starts
+    rows = np.arange(Z_ROWS)
+    resting = [name.startswith("differentiator") for name in memory_rows]
+    if any(resting):
+        memory[:, resting] = _run_law(plan, 0, rows, sensed)[0][0][:, list(memory_rows.values())][
+            :, resting
+        ]
+    return memory
+
+
+def run_law(
+    plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats
+) -> Floats:
+    """Return memory and unlimited commands [tick, point, memory + input] after each tick.
+
+    `start` has shape [point, measured + memory]; each point continues from the result of point
+    `follow` [point], plus `change` [point, measured + memory].
+    """
+    count = start.shape[1] - len(law_memory_rows(plan))
+    rows = np.array(
+        [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
+    )
+    start, change = (np.pad(array, ((0, 0), (0, 1))) for array in (start, change))
+    after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
+    return np.concatenate([after[:, :, count:-1], _commands(plan, seen)], axis=2)
+
+
+def _run_law(
+    plan: FlightPlan,
+    tick: int,
+    rows: Ints,
+    before: Floats,
+    ticks: int = 1,
+    goes_on: tuple[Ints, Floats] | None = None,
+) -> tuple[Floats, Floats]:
+    """Return memory rows [tick, point, row] after each tick, and the recorded values.
+
+    `goes_on` contains `follow` and `change` of :func:`run_law`.
+    """
+    if plan.must_run_in_child:
+        return in_child(_run_law, plan, tick, rows, before, ticks, goes_on, limit=_LONGEST)
+    width = _N_SEEN + len(plan.vehicle.effectors.mix) * int(plan.vehicle.constants.driven)
+    after, seen = np.empty((ticks, *before.shape)), np.empty((ticks, len(before), width))
+    with open_law(plan, LANES, memory_in_rows=True) as user_code:
+        kernel_plan = _kernel_plan(plan)._replace(user_code=user_code)
+        memory, numbers = make_memory(LANES), np.arange(len(before))
+        probe = choose_probe(make_probe_law, plan.lean)
+        for i in range(ticks):
+            if i and goes_on is not None:
+                before = after[i - 1][goes_on[0]] + goes_on[1]
+            probe(
+                kernel_plan,
+                memory,
+                tick + i,
+                rows,
+                numbers,
+                np.ascontiguousarray(before),
+                after[i],
+                seen[i],
+            )
+    return after, seen
+
+
+@lru_cache(maxsize=4)
+def _kernel_plan(plan: FlightPlan) -> KernelPlan:
+    """Return the plan for the kernel; linearization calls the kernel a hundred times."""
+    return make_kernel_plan(plan, nominal_parameters(), Recording(0))
+
+
+@lru_cache(maxsize=4)
+def _without_limits(plan: FlightPlan, tick: int) -> FlightPlan:
+    """Return the plan without command limits; for tick 0, its first row applies to two ticks."""
+    constants = plan.vehicle.constants._replace(
+        surface_limit=_WIDE, equivalence_ratio_min=-_WIDE, equivalence_ratio_max=_WIDE
+    )
+    settings = plan.settings.copy()
+    if plan.commanding_law not in USER_LAWS:
+        settings[-N_LIMITS:] = (-_WIDE, _WIDE, _WIDE, *(3 * (-_WIDE, _WIDE)))
+    free = replace(plan, vehicle=plan.vehicle._replace(constants=constants), settings=settings)
+    if tick > 0:
+        return free
+    reference, gains = (np.repeat(table[:1], 2, axis=0) for table in (plan.reference, plan.gains))
+    return replace(free, timing=plan.timing._replace(ticks=1), reference=reference, gains=gains)

@@ -1,0 +1,292 @@
+"""Steady flight: plans for level or turning flight, and trims of the dispersed vehicles."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from abhv_mc.array_types import Floats, Mask
+from abhv_mc.io.input_error import InputError
+from abhv_mc_vehicle.control.controller_file import Controller
+from abhv_mc_vehicle.control.design.guidance_trim import GuidanceTrim, trim_along
+from abhv_mc_vehicle.control.design.reference import make_mission_trim_tables
+from abhv_mc_vehicle.control.law_file import USER_LAWS
+from abhv_mc_vehicle.control.mission import Level, Mission
+from abhv_mc_vehicle.flight.arguments import SavedFlights
+from abhv_mc_vehicle.flight.fly import fly_until, nominal_parameters
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import UserLaw, make_gains, make_plan
+from abhv_mc_vehicle.flight.user_law import measured_count
+from abhv_mc_vehicle.kernel.laws import columns as ref
+from abhv_mc_vehicle.kernel.laws.trim_search import GuidancePoints
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.parameter_names import NEVER, PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.stability import path_coordinates as path
+from abhv_mc_vehicle.stability.periods import SWITCHES, find_period, over_period, switching
+from abhv_mc_vehicle.stability.plant_inputs import (
+    as_axes,
+    custom_of,
+    from_axes,
+    held_at,
+    mix_matrix,
+    range_of,
+    solved_states,
+)
+from abhv_mc_vehicle.stability.point_slopes import Points, newton_step, plant_slopes
+from abhv_mc_vehicle.stability.points import AT_LIMIT, Found
+from abhv_mc_vehicle.stability.probe import begin, law_memory_rows
+from abhv_mc_vehicle.stability.rest import leave_limits
+from abhv_mc_vehicle.user_code.design import DesignModel
+
+_ITERATIONS = 25
+_AT_REST = 1e-12  # largest change of the controller's memory in a tick at a trim
+_STILL = 1e-10  # step of the memory below which the iteration has converged
+# change of the memory per tick that shows the lack of an equilibrium, such as the change from
+# integrating 6e-4 deg of sideslip
+_GROWS = 1e-7
+# weight of constant memory relative to the weight of equal commands and controls, if no memory
+# satisfies both conditions
+_RESTING = 1e5
+_BALANCED = 1e-9  # largest rate at a trim, rad/s2 and similar units
+_UNKNOWNS = [
+    path.ALPHA,
+    path.BETA,
+    path.BANK,
+    path.P,
+    path.Q,
+    path.R,
+    10,
+    11,
+    12,
+    13,
+]  # unknowns of the trim: path coordinates, then the three axes and the engine
+_LARGEST = np.array(
+    [0.05, 0.05, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3]
+)  # maximum Newton step of each unknown
+_EXPECTED = slice(
+    1, 11
+)  # rows of plant_slopes: all rates except the altitude rate, and aerodynamic sideslip
+_BEYOND = "the trim exceeds the limits of surfaces or engine"
+
+
+def make_steady_plan(
+    vehicle: Vehicle,
+    mission: Mission,
+    controller: Controller,
+    name: str,
+    bank: float = 0.0,
+    user_code: UserLaw | None = None,
+) -> FlightPlan:
+    """Return a plan of steady flight with the conditions and gains at the mission's start.
+
+    `bank` (rad) is the bank of the guidance trim in a steady turn; 0 means straight flight.
+    `user_code` belongs to a custom controller. Raise InputError if no steady turn has this bank.
+    """
+    level = mission.model_copy(
+        update={"manoeuvre": Level(kind="level"), "duration": 2.0 / controller.rate}
+    )
+    plan = make_plan(vehicle, level, controller, name, user_code=user_code)
+    trim_tables = make_mission_trim_tables(mission, vehicle)
+    row = plan.reference[0].copy()
+    heading_rate = _turn_of_bank(vehicle, plan, row, bank) if bank else 0.0
+    nominal = _trim_turn(vehicle, plan, row, heading_rate)
+    row[ref.HEADING_RATE] = heading_rate
+    row[ref.ANGLE_OF_ATTACK], row[ref.BANK] = nominal.angle_of_attack[0], nominal.bank[0]
+    row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = (
+        nominal.equivalence_ratio[0],
+        nominal.elevator[0],
+    )
+    reference = np.tile(row, (3, 1))
+    reference[:, ref.TIME] = plan.reference[:3, ref.TIME]
+    _, gains, _ = make_gains(
+        controller, user_code, DesignModel(vehicle, level, reference, trim_tables)
+    )
+    return replace(plan, reference=reference, gains=gains, trim_tables=trim_tables)
+
+
+def _trim_turn(
+    vehicle: Vehicle, plan: FlightPlan, row: Floats, heading_rate: float
+) -> GuidanceTrim:
+    conditions = row[
+        [ref.SPEED, ref.DENSITY, ref.SOUND_SPEED, ref.GRAVITY, ref.RADIUS, ref.LATITUDE]
+    ]
+    values = *conditions, 0.0, row[ref.HEADING], 0.0, 0.0, row[ref.SPEED] * heading_rate
+    points = GuidancePoints(*np.array(values)[:, None])
+    return trim_along(
+        vehicle, plan.trim_tables, points, vehicle.constants.mass_start, plan.timing.tick
+    )
+
+
+def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) -> float:
+    """Return the heading rate (rad/s) of the steady turn with the given bank."""
+    from scipy.optimize import brentq
+
+    def off(heading_rate: float) -> float:
+        return float(_trim_turn(vehicle, plan, row, heading_rate).bank[0] - bank)
+
+    guess = float(row[ref.GRAVITY] / row[ref.SPEED] * np.tan(bank))
+    ends = sorted((0.2 * guess, 2.0 * guess))
+    if off(ends[0]) * off(ends[1]) > 0.0:
+        expected = "a bank at which this vehicle can turn steadily"
+        raise InputError("--bank", f"found {np.rad2deg(bank):g} deg", expected)
+    return float(brentq(off, *ends, xtol=1e-14))
+
+
+def steady_air(parameters: Floats) -> Floats:
+    """Return dispersions [flight, parameter] without gusts and turbulence.
+
+    The steady wind is unchanged.
+    """
+    steady, nominal = parameters.copy(), nominal_parameters()[0]
+    for name, i in PARAMETER_INDEX.items():
+        if name.startswith(("wind.gust", "wind.turbulence")):
+            steady[:, i] = nominal[i]
+    return steady
+
+
+def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
+    """Return the trims of the dispersed vehicles for a plan of :func:`make_steady_plan`.
+
+    `parameters` has shape [flight, parameter]. Steady wind and failures at the start are included.
+    Altitude, speed and heading equal the reference, flight path angle and aerodynamic sideslip are
+    zero, and all rates except the heading rate vanish. A stuck aileron or rudder leaves the
+    sideslip free. The controller is in equilibrium with zero errors; if there is no equilibrium,
+    the point has a fault.
+    """
+    row = plan.reference[0]
+    _, begun = begin(plan, fly_until(plan, steady_air(parameters), 0))
+    _, lane = begin(
+        plan, SavedFlights(1, begun)
+    )  # A measurement that fails at the start is frozen from the second tick on.
+    # flights with a failed engine, whose thrust is assumed to have decayed
+    out = lane[:, s.ENGINE_FAILED] > 0.0
+    lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
+    count, nothing = len(lane), np.empty((len(lane), 0))
+    stuck_at, mix = held_at(plan.vehicle, lane), mix_matrix(plan.vehicle)
+    stuck = np.pad(stuck_at != NEVER, ((0, 0), (0, 1)))
+    stuck_at = np.pad(stuck_at, ((0, 0), (0, 1)))
+    coordinates = np.zeros((count, 14))
+    coordinates[:, path.ALTITUDE], coordinates[:, path.SPEED], coordinates[:, path.CHI] = (
+        row[ref.ALTITUDE],
+        row[ref.SPEED],
+        row[ref.HEADING],
+    )
+    coordinates[:, path.ALPHA], coordinates[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
+    coordinates[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
+
+    def controls(coordinates: Floats) -> Floats:
+        return np.where(stuck, stuck_at, from_axes(plan.vehicle, coordinates[:, 10:]))
+
+    latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
+    custom = custom_of(plan.vehicle, lane)
+    points = Points(
+        path=coordinates[:, :10],
+        controls=controls(coordinates),
+        latitude=latitude,
+        mass=mass,
+        measured=nothing,
+        memory=nothing,
+        lane=lane,
+        custom=custom,
+        tick=1,
+    )
+    last = _EXPECTED.stop + measured_count(
+        plan
+    )  # index of the first rate of a custom state, after the measurement
+    own = solved_states(plan)
+    expected = [*range(_EXPECTED.start, _EXPECTED.stop), *(last + own)]
+    # mixing matrices [point, input, axis] with zero rows for stuck inputs
+    moved = np.where(stuck[:, :, None], 0.0, mix)
+    lateral = np.linalg.matrix_rank(moved[:, :, :2]) == np.linalg.matrix_rank(mix[:, :2])
+    holds = np.ones((count, len(expected)), bool)
+    holds[:, 9] = lateral
+    user_law = plan.commanding_law in USER_LAWS
+    at_errors_zero = (
+        plant_slopes(plan, points).value[:, _EXPECTED.stop : last] if user_law else nothing
+    )
+    for _ in range(_ITERATIONS):
+        present = points._replace(
+            path=coordinates[:, :10], controls=controls(coordinates), custom=custom
+        )
+        plant = plant_slopes(plan, present)
+        left = plant.value[:, expected]
+        left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
+        left[~holds] = 0.0
+        slope, end = plant.slope[:, expected], 10 + mix.shape[0]
+        parts = slope[:, :, _UNKNOWNS[:-4]], slope[:, :, 10:end] @ moved, slope[:, :, end + own]
+        J = np.concatenate(parts, axis=2)
+        J[~holds] = 0.0
+        step = newton_step(J, left)
+        step[np.abs(left).max(axis=1) < 0.01 * _BALANCED] = 0.0
+        if not step.any():
+            break
+        coordinates[:, _UNKNOWNS] -= np.clip(step[:, : _LARGEST.size], -_LARGEST, _LARGEST)
+        custom[:, own] -= step[:, _LARGEST.size :]
+    limits = [np.tile(limit, (count, 1)) for limit in range_of(plan.vehicle)]
+    for limit in limits:
+        limit[:, :-1] *= lane[:, [s.parameter_row("actuator.deflection_limit")]]
+    limits[1][:, -1] *= lane[:, s.parameter_row("engine.equivalence_ratio_limit")]
+    positions = controls(coordinates)
+    beyond = ((positions < limits[0]) | (positions > limits[1])).any(axis=1)
+    off = ~(np.abs(left).max(axis=1) < _BALANCED)
+    measured = plant.value[:, _EXPECTED.stop : last].copy()
+    frozen = (plant.slope[:, _EXPECTED.stop : last] == 0.0).all(axis=2)
+    measured[:, :10][frozen[:, :10]] = coordinates[:, :10][
+        frozen[:, :10]
+    ]  # A frozen measurement equals its true value in steady flight.
+    points = points._replace(
+        path=coordinates[:, :10], controls=positions, custom=custom, measured=measured
+    )
+    memory, grows, switches = _memory_at_rest(plan, points)
+    points = points._replace(memory=memory)
+    points, limited = (
+        leave_limits(plan, points, at_errors_zero) if user_law else (points, np.zeros(count, bool))
+    )
+    beta = np.rad2deg(measured[:, path.BETA])
+    unsettled = [_unsettled(plan.controller, angle) for angle in beta.tolist()]
+    reasons = ["no trim was found", _BEYOND, SWITCHES, unsettled, AT_LIMIT]
+    return Found(points, np.select([off, beyond, switches, grows, limited], reasons, "").tolist())
+
+
+def _unsettled(controller: str, sideslip: float) -> str:
+    message = f"{controller} has no equilibrium: its integrated error keeps growing"
+    return (
+        f"{message} (it measures {sideslip:.3g} deg of sideslip)"
+        if abs(sideslip) > 1e-4
+        else message
+    )
+
+
+def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mask]:
+    """Return the equilibrium memory, and masks [point] of growing memory and of switching.
+
+    The memory [point, memory] is constant and the commands equal the points' controls. If no memory
+    satisfies both conditions, as for controllers without integrators, the memory is constant and
+    the commands are as close to the controls as possible. All conditions apply over the
+    controller's period: counters and clocks may advance, and commands are averaged.
+    """
+    period, count = find_period(plan), len(law_memory_rows(plan))
+    memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)
+    memory[:, period.carried] = period.start[period.carried]
+    uneven = grows
+    last = [s.CMD <= row < s.CMD + 4 for row in law_memory_rows(plan).values()]
+    memory[:, last] = as_axes(plan.vehicle, points.controls)[:, : sum(last)]
+    for _ in range(8 if count else int(plan.law in USER_LAWS)):
+        law = over_period(plan, points._replace(memory=memory))
+        uneven = switching(plan, law)
+        if not count:
+            break
+        left = law.value - np.hstack([memory, points.controls])
+        left[:, :count][:, period.carried] = 0.0
+        grows = np.abs(left[:, :count]).max(axis=1) > _GROWS
+        if np.abs(left).max() < _AT_REST:
+            break
+        J = law.slope[:, :, points.measured.shape[1] :].copy()
+        J[:, :count] -= np.eye(count)
+        left[:, :count] *= _RESTING
+        J[:, :count] *= _RESTING
+        step = newton_step(J, left)
+        memory -= step
+        if period.ticks > 1 and np.abs(step).max(initial=0.0) < _STILL:
+            break
+    return memory, grows, uneven

@@ -1,0 +1,162 @@
+"""Keys shared by vehicle and mission files: limits, and the reference for measurements.
+
+Quantities are measured relative to the air or to the Earth. Bank, flight path angle and heading are
+always relative to the Earth.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.units import Angle, HeatFlux, Pressure
+from abhv_mc_vehicle.kernel.plant.vehicle import LoadBounds, Sensing
+
+Positive = Field(gt=0.0)
+
+
+def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise Refusal(
+            f"the range from {ends[0]:g} to {ends[1]:g} is empty", "a minimum below the maximum"
+        )
+    return ends
+
+
+Rising = AfterValidator(_check_rising)  # validator of a (minimum, maximum) pair
+Range = Annotated[tuple[float, float], Rising]
+AngleRange = Annotated[tuple[Angle, Angle], Rising]
+STILL_AIR = "still air and no noise, because gusts and noise cause ripple without a limit cycle"
+
+
+class Oscillation(StrictModel):
+    """Maximum oscillation (ripple) of each angle; a larger oscillation ends a flight."""
+
+    bank: Annotated[Angle, Positive] | None = Field(
+        None, description="maximum peak-to-peak amplitude of oscillations of the bank error"
+    )
+    angle_of_attack: Annotated[Angle, Positive] | None = Field(
+        None,
+        description="maximum peak-to-peak amplitude of oscillations of the angle-of-attack error",
+    )
+    sideslip: Annotated[Angle, Positive] | None = Field(
+        None, description="maximum peak-to-peak amplitude of oscillations of the sideslip"
+    )
+
+
+def _oscillation(value: Any) -> Any:
+    return (
+        dict.fromkeys(Oscillation.model_fields, value)
+        if isinstance(value, str | int | float)
+        else value
+    )
+
+
+class LoadLimits(StrictModel):
+    """Load limits; a flight that exceeds a limit ends. By default there are no limits."""
+
+    dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
+        None, description="maximum dynamic pressure"
+    )
+    load_factor: Annotated[float, Positive] | None = Field(
+        default=None,
+        description="maximum magnitude of the specific force, in g, as a plain number",
+    )
+    heat_flux: Annotated[HeatFlux, Positive] | None = Field(
+        default=None,
+        description=(
+            "maximum heat flux at the stagnation point; requires reference.nose_radius in the "
+            "vehicle file"
+        ),
+    )
+    bank: Annotated[Angle, Positive] | None = Field(
+        default=None, description="maximum bank angle about the velocity, in either direction"
+    )
+    oscillation: (
+        Annotated[
+            Oscillation, BeforeValidator(_oscillation, json_schema_input_type=Angle | Oscillation)
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description=(
+            "maximum ripple of bank, angle of attack and sideslip: one value, or a value per angle"
+        ),
+    )
+
+    def bounds(self) -> LoadBounds:
+        """Return the limits as numbers for the kernel."""
+        ripple = self.oscillation or Oscillation()
+        limits = (
+            self.dynamic_pressure,
+            self.load_factor,
+            self.heat_flux,
+            self.bank,
+            ripple.bank,
+            ripple.angle_of_attack,
+            ripple.sideslip,
+        )
+        return LoadBounds(*(math.inf if value is None else value for value in limits))
+
+
+def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
+    """Return the smaller of the two values of each limit."""
+    return LoadBounds(*map(min, bounds, other))
+
+
+def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
+    """Describe the conflict of an oscillation limit with gusts or noise, or return ''."""
+    limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
+    return (
+        f"'{disturbances[0]}' conflicts with 'limits: {{oscillation}}'"
+        if limited and disturbances
+        else ""
+    )
+
+
+IN_WIND = "in this wind"  # beginning of the sentence about measured quantities
+Against = Literal["air", "inertial"]
+
+
+class SensingKeys(StrictModel):
+    """Reference of measured quantities: the air, or the Earth ("inertial")."""
+
+    angle_of_attack: Against | None = Field(
+        None, description="reference for the measured angle of attack: air, or inertial (default)"
+    )
+    sideslip: Against | None = Field(
+        None, description="reference for the measured sideslip: air, or inertial (default)"
+    )
+    airspeed: Against | None = Field(
+        None,
+        description=(
+            "reference for the measured speed: air, or inertial (default: speed relative to the "
+            "Earth)"
+        ),
+    )
+
+
+def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
+    """Return the mission's references for measurements, by default those of the vehicle."""
+    choices = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
+    return Sensing(
+        *(
+            default if key is None else int(key == "air")
+            for key, default in zip(choices, vehicle, strict=True)
+        )
+    )
+
+
+def describe_sensing(sensing: Sensing) -> str:
+    """Return a clause that states which measurements are relative to air or Earth."""
+    references = sensing._asdict().items()
+    air = [name.replace("_", " ") for name, is_air in references if is_air]
+    ground = [name.replace("_", " ") for name, is_air in references if not is_air]
+    phrases = [
+        f"{', '.join(names)} relative to {reference}"
+        for names, reference in ((air, "the air"), (ground, "the Earth"))
+        if names
+    ]
+    return "the controllers receive " + " and ".join(phrases)

@@ -1,0 +1,229 @@
+"""Reading of tables on a complete grid, with one row per point or as a matrix.
+
+Column headers state variables and units (``mach,alpha_deg,value``), unless the vehicle file states
+them.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from abhv_mc.array_types import Floats, Ints
+from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table, read_head, split_head
+from abhv_mc.io.input_error import Refusal, one_of
+from abhv_mc.io.phrases import counted
+from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
+from abhv_mc_vehicle.kernel.plant.vehicle import MAX_DIMENSIONS, VARIABLES
+from abhv_mc_vehicle.vehicle.pack import Axis, Table
+
+VALUE, IGNORE = "value", "ignore"
+
+ALIASES = {
+    "alpha": "angle_of_attack",
+    "beta": "sideslip",
+    "eta": "equivalence_ratio",
+    "phi": "equivalence_ratio",
+    "throttle": "equivalence_ratio",
+}
+_ANGLES = ("angle_of_attack", "sideslip", "aileron", "rudder", "elevator")
+_DIMENSIONS = {"altitude": LENGTH, "mass": MASS} | dict.fromkeys(_ANGLES, ANGLE)
+_PLAIN = ("mach", "equivalence_ratio")
+# Plausible ranges in SI units and radians; values outside a range indicate a wrong unit or column.
+_PLAUSIBLE = {
+    "mach": (0.0, 50.0),
+    "equivalence_ratio": (0.0, 20.0),
+    "altitude": (-1e3, 2e5),
+    "mass": (1e-3, 1e7),
+    "angle": (-math.pi, math.pi),
+}
+# Axes with a smaller range are probably in radians or kilometres, if no unit is stated.
+_NARROWEST = {"deg": 1.0, "m": 200.0}
+
+
+@dataclass(frozen=True)
+class Role:
+    """Role of a column: an axis with its unit, the table values, or an ignored column."""
+
+    name: str
+    unit: str | None = None
+
+
+def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
+    """Parse the role of a column, such as ``angle_of_attack deg``, ``mach`` or ``value``.
+
+    Raise Refusal if the role is unknown.
+    """
+    name, _, unit = text.strip().partition(" ")
+    name = ALIASES.get(name, name)
+    names = (*_PLAIN, *_DIMENSIONS, *effectors)
+    if name in (VALUE, IGNORE) and not unit:
+        return Role(name)
+    if name not in names:
+        raise Refusal(
+            f"unknown meaning '{text}' of a column",
+            f"{one_of((*names, VALUE, IGNORE), name)}, with a unit if the variable has one",
+        )
+    return Role(name, unit.strip() or None)
+
+
+def _find_role(
+    rows: ForeignTable, column: int, columns: Mapping[str, Role], effectors: Sequence[str]
+) -> Role:
+    """Return a column's role from the vehicle file or header. Raise InputError if unknown."""
+    head = rows.heads[column]
+    name, unit = read_head(head, (*_PLAIN, *_DIMENSIONS, *ALIASES, *effectors, VALUE))
+    unit = unit or split_head(head)[1] or rows.units[column]
+    role = columns.get(head) or columns.get(split_head(head)[0])
+    if role is None:
+        if not name or (name == VALUE and unit):
+            expected = (
+                "a header such as mach, alpha_deg or value (or the column's meaning under "
+                "'columns', and the unit of the values under 'unit', in the "
+            )
+            raise rows.error(
+                None, column, f"the header '{head}' is not recognized", f"{expected}vehicle file)"
+            )
+        return Role(ALIASES.get(name, name), unit or None)
+    if role.unit is None and role.name not in (VALUE, IGNORE, *_PLAIN):
+        suffix = head.rpartition("_")[2]
+        return Role(role.name, unit or (suffix if suffix in ("deg", "rad") else None))
+    return role
+
+
+def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
+    """Return the factor that converts an axis to SI; the column's role contains the unit."""
+    dimension, unit = (
+        _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
+        role.unit,
+    )
+    expected = f"{role.name} " + (
+        f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "without a unit"
+    )
+    if (unit is None) != (dimension is None):
+        problem = f"'{rows.heads[column]}' " + (
+            "has no unit" if unit is None else f"has the unit '{unit}'"
+        )
+        raise rows.error(None, column, problem, expected)
+    if unit is None or dimension is None:
+        return 1.0
+    try:
+        factor, exponents = parse_unit(unit)
+    except Refusal as refusal:
+        raise rows.error(None, column, refusal.found, expected) from None
+    if exponents != dimension.exponents:
+        raise rows.error(None, column, f"'{rows.heads[column]}' has the unit '{unit}'", expected)
+    return factor
+
+
+def _check_plausible(
+    rows: ForeignTable,
+    column: int,
+    role: Role,
+    numbers: Floats,
+    factor: float,
+    has_declared_unit: bool,
+) -> None:
+    low, high = _PLAUSIBLE[role.name if role.name in _PLAUSIBLE else "angle"]
+    outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
+    if outside.size:
+        row = int(outside[0])
+        expected = (
+            f"{low / factor:.6g} to {high / factor:.6g}; check the unit in the header "
+            f"'{rows.heads[column]}'"
+        )
+        raise rows.error(row, column, f"{role.name} is {numbers[row]:g}", expected)
+    if not has_declared_unit and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
+        problem = f"{role.name} covers only {np.ptp(numbers):g} {role.unit}"
+        expected = (
+            f"a wider range in {role.unit} (to confirm the unit, write "
+            f"'{rows.heads[column]}: {role.name} {role.unit}' under 'columns')"
+        )
+        raise rows.error(0, column, problem, expected)
+
+
+def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
+    """Return the grids of the axes from sorted points [row, axis].
+
+    ``order`` contains the row of each point in the file. Raise InputError if the grid is
+    incomplete.
+    """
+    names = [rows.heads[column] for column in columns]
+    for row in np.flatnonzero((points[1:] == points[:-1]).all(axis=1))[:1] + 1:
+        repeated_row = int(max(order[row - 1 : row + 1]))
+        raise rows.error(repeated_row, None, "the row repeats a point", "each point only once")
+    grids = [np.unique(points[:, axis]) for axis in range(len(columns))]
+    for column, grid in zip(columns, grids, strict=True):
+        if grid.size < 2:
+            raise rows.error(
+                0,
+                column,
+                f"{rows.heads[column]} has only one value",
+                "an axis with at least two values",
+            )
+    for row, point in enumerate(itertools.product(*grids)):
+        if row == len(points) or tuple(points[row]) != point:
+            node = ", ".join(f"{name} {x:g}" for name, x in zip(names, point, strict=True))
+            problem = f"the grid has no row for {node}"
+            file_row = int(order[min(row, len(points) - 1)])
+            raise rows.error(file_row, None, problem, "a row for every combination of axis values")
+    return grids
+
+
+def read_table(
+    path: Path, columns: Mapping[str, Role], effectors: Sequence[str] = (), comma: str = ""
+) -> Table:
+    """Read a table; convert its axes, but not its values, to SI units and radians.
+
+    Raise InputError if the table is invalid.
+    """
+    rows = read_foreign_table(path, comma=comma)
+    heads = {name for head in rows.heads for name in (head, split_head(head)[0])}
+    for name in columns:
+        if name not in heads:
+            problem = f"the table has no column '{name}', which the vehicle file describes"
+            raise rows.error(None, None, problem, one_of(rows.heads))
+    roles: dict[str, tuple[int, Role]] = {}
+    for i in range(len(rows.heads)):
+        role = _find_role(rows, i, columns, effectors)
+        if role.name == IGNORE:
+            continue
+        if role.name in roles:
+            raise rows.error(
+                None,
+                i,
+                f"a second column contains {role.name}",
+                "only one column for each variable",
+            )
+        roles[role.name] = (i, role)
+    if VALUE not in roles:
+        expected = "a column 'value', or another column with the meaning 'value' under 'columns'"
+        raise rows.error(None, None, "the column 'value' is missing", expected)
+    value = roles.pop(VALUE)[0]
+    if not 1 <= len(roles) <= MAX_DIMENSIONS:
+        raise rows.error(
+            None,
+            None,
+            f"the table has {counted(len(roles), 'axis/axes')}",
+            f"1 to {MAX_DIMENSIONS}",
+        )
+    factors = [_unit_factor(rows, i, role) for i, role in roles.values()]
+    axis_columns = [i for i, _ in roles.values()]
+    values, *points = rows.numbers([value, *axis_columns]).T
+    for (i, role), numbers, factor in zip(roles.values(), points, factors, strict=True):
+        has_declared_unit = rows.heads[i] in columns and columns[rows.heads[i]].unit is not None
+        _check_plausible(rows, i, role, numbers, factor, has_declared_unit)
+    order = np.lexsort(points[::-1])
+    grids = _grid(rows, axis_columns, np.stack(points, axis=1)[order], order)
+    axes = tuple(
+        Axis(VARIABLES.index(_variable(name, effectors)), grid * factor)
+        for name, grid, factor in zip(roles, grids, factors, strict=True)
+    )
+    return Table(axes, values[order].reshape([grid.size for grid in grids]))
+
+
+def _variable(name: str, effectors: Sequence[str]) -> str:
+    return f"effector_{effectors.index(name)}" if name in effectors else name

@@ -1,0 +1,408 @@
+"""Campaign file of the built-in simulator: keys, checks, and files to which it refers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
+
+from abhv_mc.campaign.file.config import Campaign, FlightCount, MetricName, Name
+from abhv_mc.campaign.file.keep import ALL, Keep, KeepEnvelopes, KeepHistories, as_list
+from abhv_mc.campaign.file.systems import Contents
+from abhv_mc.campaign.sampling.derived_parameters import DOTTED
+from abhv_mc.flights.margins import MARGIN_NAMES, MARGINS
+from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.signals import Channel
+from abhv_mc.io.documents import (
+    Document,
+    File,
+    InputError,
+    Refusal,
+    StrictModel,
+    one_of,
+    read_document,
+)
+from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
+from abhv_mc.shipped import shipped_files
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.flight.channels import (
+    CHANNEL_INDEX,
+    CHANNELS,
+    STANDARD_CHANNELS,
+    effector_channels,
+    state_channels,
+)
+from abhv_mc_vehicle.flight.metrics import METRICS, effector_metrics
+from abhv_mc_vehicle.flight.vehicle_parameters import read_vehicle_parameters
+from abhv_mc_vehicle.kernel.plant.parameter_names import EFFECTORS, ENGINES, MEMBER
+from abhv_mc_vehicle.plant.parameters import DISTURBANCES, OURS
+from abhv_mc_vehicle.user_code.effector_commands import find_driven
+from abhv_mc_vehicle.vehicle_simulator.keep_out import Zone
+from abhv_mc_vehicle.vehicle_simulator.references import check_kinds
+from abhv_mc_vehicle.vehicle_simulator.tuning import Points, Tune
+from abhv_mc_vehicle.vehicle_simulator.user_metrics import (
+    MetricEntry,
+    declare_metrics,
+    find_user_channels,
+    read_metrics_file,
+)
+
+
+class MarginsOfFlights(StrictModel):
+    """Flights and times for which stability margins are computed."""
+
+    at: Points = Field(
+        ("trim",),
+        description=(
+            "points at which margins are computed: 'trim', a time of the flight such as 30 s, or a "
+            "list of these"
+        ),
+    )
+    flights: FlightCount = Field(
+        100,
+        description=(
+            "number of flights, counted from the first, for which margins are computed; or 'all'"
+        ),
+    )
+
+    def of(self, runs: int) -> int:
+        """Return the number of flights, out of ``runs``, for which margins are computed."""
+        return runs if self.flights is None else min(self.flights, runs)
+
+
+def find_shipped(document: Document, kind: str, value: Any) -> Any:
+    """Return the path of the shipped file that an entry names, or the entry of other files."""
+    if not isinstance(value, str) or document.resolve(value).is_file():
+        return value
+    return str(shipped_files(kind).get(value, value))
+
+
+def _shipped(kind: str) -> BeforeValidator:
+    return BeforeValidator(lambda value, info: find_shipped(info.context["document"], kind, value))
+
+
+def _in_order(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name for name in CHANNEL_INDEX if name in names or ALL in names)
+
+
+def _metrics_kind(value: Any) -> str:
+    return "file" if isinstance(value, str | Path) else "entries"
+
+
+Channels = Annotated[
+    tuple[Literal[(ALL, *CHANNEL_INDEX)], ...],  # type: ignore[valid-type]
+    AfterValidator(_in_order),
+    BeforeValidator(as_list, json_schema_input_type=str | list[str]),
+]
+
+
+class VehicleHistories(KeepHistories):
+    """Flights and channels whose histories are stored."""
+
+    channels: Annotated[
+        tuple[str, ...], BeforeValidator(as_list, json_schema_input_type=str | list[str])
+    ] = Field(
+        (ALL,),
+        description=(
+            "names of channels, or 'all'; each effector with an actuator has its own channels"
+        ),
+    )
+
+
+class VehicleEnvelopes(KeepEnvelopes):
+    """Channels and rate of the time-history envelopes over all flights."""
+
+    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or 'all'")
+
+
+class VehicleKeep(Keep):
+    """Outputs that a campaign stores in addition to metrics."""
+
+    histories: VehicleHistories = Field(
+        VehicleHistories(), description="flights whose full time histories are stored"
+    )
+    envelopes: VehicleEnvelopes = Field(
+        VehicleEnvelopes(), description="time-history envelopes over all flights"
+    )
+
+
+class VehicleCampaign(Campaign):
+    """Campaign file of the built-in simulator of a vehicle."""
+
+    vehicle: Annotated[File, _shipped("vehicle")] = Field(
+        description="vehicle file, relative to the campaign file, or a shipped name"
+    )
+    mission: Annotated[File, _shipped("mission")] = Field(
+        description="mission file, relative to the campaign file, or a shipped name"
+    )
+    controllers: Annotated[
+        dict[Name, Annotated[File, _shipped("control")]], Field(min_length=1)
+    ] = Field(
+        description=(
+            "controller files or shipped names by name; all controllers are simulated with the "
+            "same samples"
+        )
+    )
+    channels: File | None = Field(
+        None, description="Python file of custom channels, relative to the campaign file"
+    )
+    metrics: Annotated[
+        Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
+        Discriminator(_metrics_kind),
+    ] = Field({}, description="custom metrics by name, or a file of metrics")
+    keep_out: dict[MetricName, Zone] = Field(
+        {},
+        description=(
+            "zones that flights must not enter, by name; the metric distance_from_NAME_m is the"
+            " smallest distance of the ground track, negative inside"
+        ),
+    )
+    margins: MarginsOfFlights | None = Field(
+        None,
+        description=(
+            "stability margins of dispersed flights as metrics; default: margins of the nominal "
+            "vehicle and at the corners of the dispersions"
+        ),
+    )
+    keep: VehicleKeep = Field(
+        VehicleKeep(), description="outputs to store in addition to the metrics of every flight"
+    )
+    tune: Tune | None = Field(
+        None,
+        description=(
+            "free parameters, objective and limits of `abhv-mc tune`; flights do not depend on them"
+        ),
+    )
+    figures: Literal["paper"] | None = Field(
+        None,
+        description=(
+            "'paper': the report reproduces the figures of Zhu and Shen (2014) and lists the "
+            "values published there"
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class VehicleContents(Contents):
+    """What a campaign file states about the flights of a vehicle."""
+
+    kind: str = "controller"
+    document: Document = None  # type: ignore[assignment]
+    model: VehicleCampaign = None  # type: ignore[assignment]
+    declared: tuple[Metric, ...] = ()
+    user_sources: tuple[tuple[str, str], ...] = ()  # name and unit of each custom channel
+    effectors: tuple[str, ...] = ()  # effectors of the vehicle that have actuators
+    states: tuple[tuple[str, str, bool], ...] = ()  # names, units and circularity of custom states
+
+    def margin_flights(self, runs: int) -> int:
+        return self.model.margins.of(runs) if self.model.margins else 0
+
+    def read_limit(self, value: float | str, unit: str) -> float:
+        """Return a limit in the metric's unit; plain numbers are taken to be in this unit."""
+        if isinstance(value, float):
+            return value
+        if unit in ("g", "dB"):
+            raise Refusal(f"found '{value}'", f"a plain number, in {unit}")
+        return parse_quantity(value, dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
+
+    def check(self, runs: int, errors: list[InputError]) -> None:
+        """Check the points and flights for which stability margins are computed.
+
+        Points must lie within the mission. A requirement on margins needs the margins of all
+        flights.
+        """
+        document, model = self.document, self.model
+        needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_NAMES]
+        if model.margins is None:
+            for i in needed:
+                problem = (
+                    f"the requirement on '{model.requirements[i].metric}' needs stability margins"
+                )
+                expected = "'margins: {at: [trim], flights: all}' in the campaign file"
+                errors.append(document.error(("requirements", i, "metric"), problem, expected))
+            return
+        if needed and model.margins.of(runs) < runs:
+            metric = model.requirements[needed[0]].metric
+            problem = (
+                f"margins are computed for only {grouped_digits(model.margins.of(runs))} of "
+                f"{counted(runs, 'flight')}, but '{metric}' is required"
+            )
+            expected = "'flights: all', because a verdict needs the metric of every flight"
+            errors.append(document.error(("margins", "flights"), problem, expected))
+        times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
+        duration = 0.0
+        if times:
+            duration = read_mission(model.mission).duration
+        for i, time in times.items():
+            if not 0.0 <= time <= duration:
+                where = ("margins", "at", i)
+                errors.append(
+                    document.error(
+                        where,
+                        f"found {time:g} s",
+                        f"'trim', or a mission time from 0 to {duration:g} s",
+                    )
+                )
+
+
+def read_contents(
+    document: Document, model: VehicleCampaign, errors: list[InputError]
+) -> VehicleContents:
+    """Return the contents of a campaign file; append problems to ``errors``.
+
+    Raise InputErrors if a file of the campaign is invalid.
+    """
+    check_kinds(document, model)
+    parameters, states = read_vehicle_parameters(model.vehicle, model.controllers.values())
+    user_channels = find_user_channels(model.channels) if model.channels else ()
+    effectors = find_driven(model.vehicle, model.controllers.values())
+    declared = _declare_metrics(
+        document, model, user_channels, errors, effectors=effectors, states=states
+    )
+    channels = effector_channels(effectors)
+    _check_channels(document, model, (*channels, *state_channels(states)), errors)
+    units = {channel.name: channel.unit for channel in (*CHANNELS, *channels)}
+    return VehicleContents(
+        systems=tuple(model.controllers),
+        parameters=parameters,
+        metrics=(*METRICS, *declared),
+        units=units | dict(user_channels),
+        margins=MARGINS,
+        disturbances=DISTURBANCES,
+        stems={c.name: c.name.rpartition("_")[0] or c.name for c in CHANNELS},
+        kept=None if ALL in model.keep.histories.channels else model.keep.histories.channels,
+        enveloped=model.keep.envelopes.channels,
+        zones={name: zone.outline() for name, zone in model.keep_out.items()},
+        document=document,
+        model=model,
+        declared=declared,
+        user_sources=user_channels,
+        effectors=effectors,
+        states=states,
+    )
+
+
+def _declare_metrics(
+    document: Document,
+    model: VehicleCampaign,
+    user_channels: Sequence[tuple[str, str]],
+    errors: list[InputError],
+    *,
+    effectors: tuple[str, ...],
+    states: tuple[tuple[str, str, bool], ...],
+) -> tuple[Metric, ...]:
+    """Return the records of custom metrics. The file of custom channels is not run."""
+    location: tuple[str, ...] = ("metrics",)
+    entries, source = model.metrics, document
+    if isinstance(entries, Path):
+        source, entries = read_metrics_file(entries)
+        location = ()
+    zones = {f"distance_from_{name}_m": zone.metric(name) for name, zone in model.keep_out.items()}
+    for name in zones.keys() & entries.keys():
+        problem = f"the metric '{name}' belongs to a zone of 'keep_out'"
+        errors.append(source.key_error((*location, name), problem, "another name"))
+    entries = entries | zones
+    windows = {}
+    if any(entry.phase for entry in entries.values()):
+        windows = read_mission(model.mission).windows()
+    own = declare_metrics(
+        entries,
+        user_channels,
+        source,
+        location,
+        errors,
+        windows=windows,
+        effectors=effectors,
+        states=states,
+    )
+    return (*effector_metrics(effectors), *own)
+
+
+def _check_channels(
+    document: Document,
+    model: VehicleCampaign,
+    own_channels: tuple[Channel, ...],
+    errors: list[InputError],
+) -> None:
+    """Check that the channels of stored histories are built in or defined by the vehicle."""
+    channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
+    for name in model.keep.histories.channels:
+        if name not in channel_names:
+            errors.append(
+                document.error(
+                    ("keep", "histories", "channels"),
+                    f"unknown channel '{name}'",
+                    one_of(channel_names, name),
+                )
+            )
+
+
+def draw_members(document: Document) -> Document:
+    """Return the campaign with a distribution of the members of the mission's ensemble.
+
+    The distribution has the weights of the members. A campaign that disperses the member is
+    unchanged.
+    """
+    data = document.entries
+    if any(MEMBER in (data.get(key) or ()) for key in ("dispersions", "unknowns", "derived")):
+        return document
+    if not isinstance(mission := data.get("mission"), str):
+        return document
+    try:
+        _, weights = read_mission(
+            document.resolve(find_shipped(document, "mission", mission))
+        ).read_members()
+    except InputError:
+        return document  # The error is reported when the mission is read.
+    if not weights.size:
+        return document
+    values = list(range(1, 1 + len(weights)))
+    drawn = {"distribution": "discrete", "values": values, "weights": weights.tolist()}
+    return replace(
+        document, data=data | {"dispersions": (data.get("dispersions") or {}) | {MEMBER: drawn}}
+    )
+
+
+def name_effectors(document: Document) -> Document:
+    """Return the campaign with the names of effectors and engines replaced by indices.
+
+    ``failure.right_elevon.stuck_time`` becomes ``failure.effector_0.stuck_time`` if the vehicle
+    file lists right_elevon first.
+    """
+    data = document.entries
+    try:
+        vehicle = document.resolve(find_shipped(document, "vehicle", data["vehicle"]))
+        content: Any = read_document(vehicle).data
+        parts = (
+            (content.get("effectors", {}), EFFECTORS),
+            ((content.get("propulsion") or {}).get("engines", {}), ENGINES),
+        )
+        indices = {
+            name: index
+            for names, entries in parts
+            for name, index in zip(names, entries, strict=False)
+        }
+    except (InputError, KeyError, TypeError, AttributeError):
+        return document  # The pydantic models report the invalid entry.
+
+    def renamed(text: str) -> str:
+        group, _, suffix = text.partition(".")
+        effector = suffix.partition(".")[0].removesuffix("_effectiveness")
+        is_final = group not in ("failure", "control") or text in OURS or effector not in indices
+        return text if is_final else f"{group}.{indices[effector]}{suffix[len(effector) :]}"
+
+    def rename(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {rename(key): rename(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [rename(inner) for inner in value]
+        return (
+            DOTTED.sub(lambda match: renamed(match[0]), value) if isinstance(value, str) else value
+        )
+
+    keys = ("dispersions", "unknowns", "derived", "correlations")
+    return replace(
+        document, data={**data, **{key: rename(data[key]) for key in keys if key in data}}
+    )

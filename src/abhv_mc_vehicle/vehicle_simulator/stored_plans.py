@@ -1,0 +1,140 @@
+"""Functions that rebuild plans stored in results folders or sent to workers."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.custom_code.source import UserSource, read_source
+from abhv_mc.custom_code.trust import check_trusted
+from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
+from abhv_mc.io.input_error import InputError
+from abhv_mc_vehicle.control.controller_file import read_controller
+from abhv_mc_vehicle.control.design.trim_tables import rebuild_trim_tables
+from abhv_mc_vehicle.control.law_file import UserController
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan_arrays import flatten, is_stored, rebuild
+from abhv_mc_vehicle.kernel.laws.columns import (
+    LQR_GAINS,
+    LQR_SETTINGS,
+    REFERENCE,
+    TLC_GAINS,
+    TLC_SETTINGS,
+)
+from abhv_mc_vehicle.kernel.plant.air_data import PROFILE
+from abhv_mc_vehicle.kernel.plant.state import N_STATES
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
+from abhv_mc_vehicle.stability.fly_with_margins import MarginPlan
+from abhv_mc_vehicle.user_code.c_source import with_library
+from abhv_mc_vehicle.user_code.law_source import read_law_source
+from abhv_mc_vehicle.user_code.vehicle_functions import (
+    check_vehicle_trusted,
+    find_code,
+    load_vehicle,
+)
+from abhv_mc_vehicle.vehicle_simulator.make_plans import declare_metrics
+
+Code = dict[str, Any]  # fields of a plan that are not stored, such as custom code
+_COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
+
+
+def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
+    """Rebuild a bit-identical plan from stored arrays and the campaign's vehicle.
+
+    Raise KeyError, ValueError or TypeError if arrays are missing or belong to another vehicle.
+    """
+    flat = {
+        name: value for name, value in stored.items() if value.ndim == 0 or value.dtype.kind in "fU"
+    }
+    flat.setdefault("period", np.array(0))  # Folders of earlier versions have no period.
+    for name, value in flatten(vehicle, "vehicle").items():
+        if value.dtype.kind == "f":
+            _check_shape(name, flat[name], value.shape)
+        else:
+            flat[name] = value
+    numbers = (flat[f"trim_tables.{name}"] for name in ("grid", "inverse_step", "data"))
+    flat |= flatten(rebuild_trim_tables(*numbers), "trim_tables")
+    flat |= flatten(make_effectiveness(rebuild(Vehicle, flat, "vehicle")), "effectiveness")
+    plan = rebuild(FlightPlan, flat)
+    own = plan.gain_names.size, plan.settings.size  # Custom control laws determine these sizes.
+    gains, settings = _COLUMNS.get(plan.commanding_law, own)
+    rows = plan.timing.ticks + 1
+    shapes = {
+        "initial_state": (N_STATES + vehicle.foreign.states,),
+        "reference": (rows, len(REFERENCE)),
+        "gains": (rows, gains),
+        "settings": (settings,),
+        "profile": (len(plan.profile), len(PROFILE)),
+    }
+    for name, shape in shapes.items():
+        _check_shape(name, getattr(plan, name), shape)
+    return plan
+
+
+def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name}: shape {array.shape} instead of {shape}")
+
+
+def read_trusted_plan(
+    stored: StoredPlans, campaign: Experiment, controller: str, trusted: bool = False
+) -> FlightPlan:
+    """Return the stored plan of a controller, with the custom code stored in the folder.
+
+    Raise InputError if the code is missing or untrusted.
+    """
+    check_vehicle_trusted(campaign.model.vehicle, trusted)
+    vehicle = load_vehicle(campaign.model.vehicle)
+    plan = stored.read(controller, lambda arrays: rebuild_plan(arrays, vehicle))
+    if plan.source_hash:
+        code_folder = stored.root / "inputs/controllers" / controller
+        plan = dataclasses.replace(
+            plan, source=_take(_read_laws(code_folder), code_folder, plan.source_hash, trusted)
+        )
+    if plan.channels_hash:
+        code_folder = stored.root / "inputs/channels"
+        sources = map(read_source, sorted(code_folder.rglob("*.py")))
+        plan = dataclasses.replace(
+            plan, channels_source=_take(sources, code_folder, plan.channels_hash, trusted)
+        )
+    return declare_metrics(
+        campaign, dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
+    )
+
+
+def _read_laws(folder: Path) -> Iterator[UserSource]:
+    """Yield the code of all controller files in a folder."""
+    for path in sorted(folder.rglob("*.y*ml")):
+        controller = read_controller(path)
+        if isinstance(controller, UserController):
+            yield read_law_source(controller)
+
+
+def _take(sources: Iterable[UserSource], folder: Path, digest: str, trusted: bool) -> UserSource:
+    for source in sources:
+        if source.hash == digest:
+            check_trusted(source, trusted)
+            return with_library(source)
+    raise InputError(folder, "the folder has no copy of the code that was used", REMEDY)
+
+
+def code_of(plan: FlightPlan) -> Code:
+    """Return the fields that are sent to workers together with the arrays of a plan."""
+    fields = (field for field in dataclasses.fields(plan) if not is_stored(field))
+    code = {field.name: getattr(plan, field.name) for field in fields}
+    return code | ({"steady": code_of(plan.steady)} if isinstance(plan, MarginPlan) else {})
+
+
+def rebuild_sent(arrays: Arrays, code: Code) -> FlightPlan:
+    """Rebuild a plan that was sent to a worker as code and arrays.
+
+    The functions :func:`code_of` and :func:`abhv_mc_vehicle.flight.plan_arrays.flatten` make them.
+    """
+    plan = rebuild(MarginPlan if "margin_times" in arrays else FlightPlan, arrays)
+    if isinstance(plan, MarginPlan):
+        code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}
+    return dataclasses.replace(plan, **code)
