@@ -97,6 +97,18 @@ class Capabilities(NamedTuple):
     is_repeatable: bool = True
 
 
+# Defaults of an engine, which is sent to other processes, are functions of a module.
+def _yes() -> bool:
+    return True
+
+
+def _say_nothing(_process: int | None) -> str:
+    return ""
+
+
+def _do_nothing() -> None: ...
+
+
 @dataclass(frozen=True)
 class Engine:
     """Functions that make and run a plan; tests replace them with fast functions.
@@ -109,13 +121,13 @@ class Engine:
     source: str  # hash of the code, which must be the same for all flights of a results folder
     # Return the content of margins.json for a campaign and its plans.
     find_stability: Callable[[Any, Any], dict[str, Any]] | None = None
-    is_stability_compiled: Callable[[], bool] = lambda: True
+    is_stability_compiled: Callable[[], bool] = _yes
     checked: bool = False  # whether identity.code_hash() must equal ``source`` in each worker
     isolation: str = "threads"  # value that "auto" selects; "processes" needs an importable ``fly``
     # Return a clause on the last flight of a crashed process, by its number, or ''.
-    describe_crash: Callable[[int | None], str] = lambda process: ""
+    describe_crash: Callable[[int | None], str] = _say_nothing
     # End the processes started by the engine.
-    close: Callable[[], None] = lambda: None
+    close: Callable[[], None] = _do_nothing
     # Whether ``fly`` records lost flights itself; otherwise the run computes them again.
     records_lost: bool = False
 

@@ -195,3 +195,22 @@ def test_every_parameter_changes_a_flight(flown, flights_only):
         if np.array_equal(row, metrics[0])
     }
     assert still == WITHOUT_EFFECT
+
+
+def test_controllers_may_have_different_rates(flights_only, tmp_path):
+    lqr = CAMPAIGN.parents[1] / "configs/control/lqr.yaml"
+    slower = lqr.read_text(encoding="utf-8").replace("rate: 100 Hz", "rate: 50 Hz")
+    (tmp_path / "slower.yaml").write_text(slower, encoding="utf-8")
+    (tmp_path / "c.yaml").write_text(
+        "{name: c, vehicle: abhv, mission: level, controllers: {tlc: tlc, slower: slower.yaml},"
+        " under_test: [tlc], runs: 8, keep: {envelopes: {rate: 5 Hz}, histories: {rate: 10 Hz}},"
+        " dispersions: {atmosphere.density: {distribution: uniform, half_width: 10 %}}}",
+        encoding="utf-8",
+    )
+    folder = run(tmp_path / "c.yaml", tmp_path / "o", flights_only).folder
+    bands = pq.read_table(folder / "envelopes.parquet").to_pandas()
+    tracks = pq.read_table(folder / "nominal.parquet").to_pandas()
+    for table, step in ((bands, 0.2), (tracks, 0.1)):
+        times = [np.unique(own.time) for _, own in table.groupby("controller")]
+        np.testing.assert_array_equal(*times)
+        np.testing.assert_allclose(np.diff(times[0]), step, atol=1e-9)

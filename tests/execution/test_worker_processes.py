@@ -3,6 +3,7 @@
 import contextlib
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
 from abhv_mc.execution.retry import time_limit
 from abhv_mc.execution.worker_processes import WorkerPool
+from abhv_mc.interfaces import Engine
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import find_input
 from abhv_mc_vehicle.cli import flying
@@ -184,3 +186,9 @@ def test_a_campaign_runs_inside_a_pool(tmp_path):
         assert pool.apply(run_in_pool, (campaign, tmp_path / "out")) == digest
         with pytest.raises(InputError, match="ProcessPoolExecutor"):
             pool.apply(run_in_pool, (demanding, tmp_path / "none"))
+
+
+def test_an_engine_with_defaults_can_be_sent_to_another_process():
+    engine = pickle.loads(pickle.dumps(Engine(None, fly, "")))  # noqa: S301
+    assert engine.is_stability_compiled() and engine.describe_crash(3) == ""
+    engine.close()

@@ -6,7 +6,7 @@ nominal flight is rejected too.
 """
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -50,14 +50,19 @@ def make_trials(campaign: Experiment) -> Floats:
     return np.column_stack([values, np.tile(seeds, (len(values), 1))])
 
 
-def fly_probes(campaign: Experiment, every: int) -> dict[str, FlightBlock]:
+def fly_probes(campaign: Experiment, every: Mapping[str, int]) -> dict[str, FlightBlock]:
     """Simulate the trials with each controller; the first trial is the nominal flight.
+
+    ``every`` contains the number of control ticks between samples of histories by controller.
 
     Raise InputError if a dispersion has no effect, if a metric is not finite in a nominal flight
     that ends as planned, or if flights exceed the time limit.
     """
     trials = make_trials(campaign)
-    flown = {name: _fly_temporary(campaign, name, trials, every) for name in campaign.systems}
+    flown = {
+        name: _fly_temporary(campaign, name, trials, every.get(name, 0))
+        for name in campaign.systems
+    }
     errors = list(_find_not_finite(campaign, flown))
     for name, low, high in find_ineffective(campaign, trials, flown.values()):
         key = "unknowns" if name in campaign.unknowns.names else "dispersions"

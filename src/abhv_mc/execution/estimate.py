@@ -72,7 +72,7 @@ def estimate_campaign(
     if first.timing is not None:
         every = simulator.find_stride(first, "envelopes")
         cells = (first.timing.ticks // every + 1) * len(campaign.enveloped_channels)
-    first_flights = fly_first(campaign, workers, every).warnings
+    first_flights = fly_first(campaign, workers, {}).warnings
     source = campaign.make_samples()
     number = min(TRIAL_FLIGHTS, campaign.runs)
     values = source.draw(0, number)

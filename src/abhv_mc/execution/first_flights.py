@@ -56,11 +56,12 @@ class _Repeats(NamedTuple):
         return self.values[:, 0] == Outcome.FAILED_TO_RUN
 
 
-def fly_first(campaign: Experiment, workers: int | None, every: int = 0) -> FirstFlights:
+def fly_first(campaign: Experiment, workers: int | None, every: Mapping[str, int]) -> FirstFlights:
     """Simulate the trials of the dispersions with each system.
 
     If the simulator does not guarantee that flights are repeatable, the first rows are simulated
-    twice. Otherwise, the trials have histories with a sample at every ``every``-th control tick.
+    twice. Otherwise, the trials have histories; ``every`` contains the number of control ticks
+    between samples by system.
     Raise InputError if no flight of a system can be computed, or if the trials show an error.
     """
     if campaign.simulator.capabilities.is_repeatable:

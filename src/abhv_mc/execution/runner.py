@@ -52,7 +52,7 @@ from abhv_mc.folder.manifest import (
 )
 from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.interfaces import Engine, Fly
+from abhv_mc.interfaces import Engine, Fly, Plan
 from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.requests import Request
 
@@ -106,6 +106,7 @@ class _Run:
     fly: Fly
     workers: int
     batch: int  # number of flights in a block
+    cells: dict[str, Cells]  # cells of the envelopes by controller; empty without envelopes
 
     def __init__(self, opened: OpenCampaign) -> None:
         self.folder, self.plans = opened.folder, opened.plans
@@ -192,13 +193,12 @@ class _Run:
         no_margins = self.simulator.engine.find_stability is None
         return no_margins or self.products.margins.is_current(self.files)
 
-    def _make_cells(self) -> Cells:
-        """Return the channels and times of the envelopes."""
+    def _make_cells(self, plan: Plan) -> Cells:
+        """Return the channels and times of the envelopes of a controller."""
         campaign, points = self.campaign, len(self.campaign.unknowns.points)
         names = campaign.enveloped_channels
         index = {channel.name: i for i, channel in enumerate(campaign.channels)}
         columns = tuple(index[name] for name in names)
-        plan = next(iter(self.plans.values()))
         every, times = 1, None
         if (timing := plan.timing) is not None:
             every = self.simulator.find_stride(plan, "envelopes")
@@ -216,14 +216,13 @@ class _Run:
 
     def _fly(self) -> None:
         """Run the missing flights, in steps if the campaign stops when its verdicts are known."""
-        self.recording = None
+        self.cells = {}
         if self.campaign.has_bands:
-            self.cells = self._make_cells()
-            self.recording = self.cells.recording
+            self.cells = {name: self._make_cells(plan) for name, plan in self.plans.items()}
         if not self._has_envelopes():
             states, done = self.folder.envelope_states, self.completion.done
             self.collectors = {
-                name: Collector(states, name, done[name], self.cells) for name in self.plans
+                name: Collector(states, name, done[name], self.cells[name]) for name in self.plans
             }
         self._time_flights()
         while missing := self.completion.find_missing(self.collectors):
@@ -279,7 +278,7 @@ class _Run:
                     saved = time.monotonic()
 
     def _fly_block(self, block: Block, samples: Floats) -> tuple[Block, FlightBlock]:
-        recorded = self.recording if block.needs_envelope else None
+        recorded = self.cells[block.controller].recording if block.needs_envelope else None
         margins = block.needs_rows and block.first < self.with_margins
         return block, simulate(
             self.campaign, block.controller, samples, recorded, self.fly, margins=margins
@@ -385,7 +384,8 @@ class _Run:
             )
             tables = {name: self.collectors[name].table(times) for name in self.plans}
             # The blocks of a custom simulator contain times after the end of their flights.
-            if self.cells.times is None:
+            cells = next(iter(self.cells.values()))
+            if cells.times is None:
                 flown = np.any([table.count.any(axis=1) for table in tables.values()], axis=0)
                 times, tables = (
                     times[flown],
@@ -396,10 +396,10 @@ class _Run:
             write_envelopes(
                 path,
                 times,
-                self.cells.channels,
+                cells.channels,
                 tables,
                 flights=number,
-                points=self.cells.points,
+                points=cells.points,
                 key=key,
             )
         try:

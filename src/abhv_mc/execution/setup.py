@@ -295,9 +295,10 @@ def _fly_first(
     campaign: Experiment, plans: Mapping[str, Plan], workers: int | None
 ) -> FirstFlights:
     """Run the first flights. Raise InputError if a sampling rate is invalid."""
-    plan = next(iter(plans.values()))
-    campaign.simulator.find_stride(plan, "envelopes")
-    every = campaign.simulator.find_stride(plan, "histories")
+    find = campaign.simulator.find_stride
+    every = {name: find(plan, "histories") for name, plan in plans.items()}
+    for plan in plans.values():
+        find(plan, "envelopes")
     return fly_first(make_ready(campaign, plans), workers, every)
 
 

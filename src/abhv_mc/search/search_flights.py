@@ -323,7 +323,7 @@ def open_search(
         else:
             plan = simulator.make_plans([name])[name]
             ready = make_ready(campaign, {name: plan})
-            first = fly_first(ready, request.workers, plan.timing.ticks if plan.timing else 0)
+            first = fly_first(ready, request.workers, {})
             for warning in first.warnings:
                 print(f"warning: {warning}", file=sys.stderr, flush=True)
             files = begin_folder(folder, inputs, {name: plan}, stack)
