@@ -178,7 +178,7 @@ class Campaign:
         ...     "seed": 1,
         ... }
         >>> abhv_mc.Campaign.make(study, runs=200)
-        <Campaign study: 200 flights of 'tlc' and 'narrow', 1 dispersion>
+        <Campaign study: 200 flights of 'tlc' and 'narrow', dispersions: 1>
         """
         folder = mkdtemp(prefix="abhv-mc-")
         try:

@@ -99,7 +99,7 @@ def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository)
             run("trim", repository / flown if "/" in flown else flown, "--json", "-").stdout
         )
         assert (point["altitude_m"], point["speed_mps"]) == (20e3, 1400.0)
-        assert point["points"][0]["angle_of_attack_deg"] == pytest.approx(2.756, abs=0.001)
+        assert point["points"][0]["angle_of_attack_deg"] == pytest.approx(3.160, abs=0.001)
     climb = json.loads(run("trim", "f16_level", "--vehicle", "f16", "--json", "-").stdout)
     assert climb["altitude_m"] == pytest.approx(3051.96, abs=0.01)
     error = run("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception

@@ -121,6 +121,7 @@ def test_a_metric_of_a_missing_quantity_is_rejected(flights_only, tmp_path):
 # Parameters without effect on GHAME-X's tables, and densities at altitudes outside the mission;
 # campaigns reject them.
 WITHOUT_EFFECT = {
+    "atmosphere.member",
     *(
         f"aero.{force}.{cause}"
         for force in ("lift", "drag")

@@ -20,6 +20,9 @@ from abhv_mc.report.numbers.compare import _gate, check_baseline, pair_campaigns
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.comparison.model import metric_differences
+from abhv_mc_vehicle.flight.metrics import METRICS
+
+METRIC_RECORDS = {metric.name: metric for metric in METRICS}
 
 
 def test_controllers_can_be_crossed(failing_folder, failing_numbers):
@@ -56,7 +59,9 @@ def test_the_gate_is_the_exit_code(failing_folder, abhv_mc, crossed, margin, cod
 def test_the_points_of_the_unknowns_share_the_risk_of_the_gate(lost):
     """Of two points, each has a risk of 2.5 %; 5 and 6 newly lost flights have 3.1 and 1.6 %."""
     flight = np.arange(80)
-    a = ControllerFlights(flight, np.zeros(80, np.uint8), {"speed_error_max_mps": 1.0 + flight}, ())
+    a = ControllerFlights(
+        flight, np.zeros(80, np.uint8), {"speed_error_max_mps": 1.0 + flight}, (), METRIC_RECORDS
+    )
     b = replace(a, outcome=np.where((flight < 2 * lost) & (flight % 2 == 0), Outcome.FUEL_OUT, 0))
     points = Unknowns(points=np.zeros((2, 0)))
     assert _gate(a, b, "speed_error_max_mps", 0.05, (), unknowns=points).loses_more == (lost == 6)

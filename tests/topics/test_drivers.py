@@ -161,7 +161,8 @@ def test_categories_have_no_order(results):
     """A monotonic effect of the number of a category is no coefficient but a share."""
     parameters = results.campaign.parameters
     records = tuple(replace(r, is_category=r.name == "aero.lift") for r in parameters.records)
-    campaign = replace(results.campaign, parameters=replace(parameters, records=records))
+    contents = replace(results.campaign.contents, parameters=replace(parameters, records=records))
+    campaign = replace(results.campaign, contents=contents)
     members = np.round(4.0 * results.samples["aero.lift"], 1)
     samples = {**results.samples, "aero.lift": members}
     changed = replace(results, campaign=campaign, samples=samples)

@@ -90,7 +90,8 @@ class Explanation:
     rows: Floats = field(repr=False)
     block: FlightBlock = field(repr=False)
     known: Parameters
-    channels: tuple[Signal, ...]  # channels of the histories in ``block``
+    # channels of the histories in ``block``
+    channels: tuple[Signal, ...] = field(repr=False)
 
 
 def explain_flight(

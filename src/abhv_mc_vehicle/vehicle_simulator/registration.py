@@ -36,7 +36,7 @@ def _enumerate_names(parts: Schema) -> None:
     for subschema in parts.values():
         for key in {"metric", "by"} & set(subschema.get("properties", ())):
             subschema["properties"][key] |= {"anyOf": [metrics, own]}
-    campaign["if"] = {"not": {"required": ["metrics"]}}
+    campaign["if"] = {"not": {"anyOf": [{"required": ["metrics"]}, {"required": ["keep_out"]}]}}
     campaign["then"] = {
         "properties": {"requirements": {"items": {"properties": {"metric": metrics}}}}
     }

@@ -34,13 +34,15 @@ DESCRIPTIONS = (
 
 def test_only_changes_of_compiled_source_change_the_hash(source, monkeypatch):
     before = cache.source_hash()
-    monkeypatch.setattr(cache, "_PACKAGE", source / "kernel")
+    vehicle, numbers = source.with_name("abhv_mc_vehicle"), source / "flights"
+    monkeypatch.setattr(cache, "_PACKAGE", vehicle / "kernel")
+    monkeypatch.setattr(cache, "_NUMBERS", [numbers / "statistic.py", numbers / "timing.py"])
     for name in DESCRIPTIONS:  # labels, messages, units, docs
-        (source / name).write_bytes((source / name).read_bytes() + b"#")
+        (vehicle / name).write_bytes((vehicle / name).read_bytes() + b"#")
     assert (
         cache.source_hash() == before and cache.source_unchanged()
     )  # nor does the location matter
-    for changed in sorted((source / "kernel").rglob("*.py")):
+    for changed in [*sorted((vehicle / "kernel").rglob("*.py")), *cache._NUMBERS]:
         changed.write_bytes(changed.read_bytes() + b"#")
         assert cache.source_hash() != before and not cache.source_unchanged(), changed
         before = cache.source_hash()
@@ -172,7 +174,7 @@ def test_a_temporary_folder_of_another_user_is_not_used(monkeypatch, bare, kind)
         bare.touch()
     ends = []
     monkeypatch.setattr(
-        cache.atexit, "register", lambda *call, **options: ends.append((call, options))
+        cache_root.atexit, "register", lambda *call, **options: ends.append((call, options))
     )
     with pytest.warns(RuntimeWarning, match="XDG_CACHE_HOME") as warned:
         root = cache_root.cache_root()

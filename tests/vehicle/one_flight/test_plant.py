@@ -125,7 +125,7 @@ def test_steps_of_several_ticks_moments_and_invalid_commands():
     np.testing.assert_array_equal(plants[0].save().rows, before)
     names = ("roll_moment", "pitch_moment", "yaw_moment", "throttle")
     plant = abhv_mc.Plant("level", flights=2, commands=names, channels=())
-    measured = plant.step([[2e4, 0.0, 0.0, 0.85], [0.0, 0.0, 0.0, 0.85]], ticks=50).measured
+    measured = plant.step([[100.0, 0.0, 0.0, 0.85], [0.0, 0.0, 0.0, 0.85]], ticks=50).measured
     roll, pitch, yaw = (np.diff(measured[f"{axis}_rate"])[0] for axis in ("roll", "pitch", "yaw"))
     assert roll < -0.01
     assert max(abs(pitch), abs(yaw)) < 0.02 * abs(roll)
