@@ -346,9 +346,11 @@ def draw_members(document: Document) -> Document:
     unchanged.
     """
     data = document.entries
-    if any(MEMBER in (data.get(key) or ()) for key in ("dispersions", "unknowns", "derived")):
-        return document
-    if not isinstance(mission := data.get("mission"), str):
+    parts = [data.get(key) or {} for key in ("dispersions", "unknowns", "derived")]
+    mission = data.get("mission")
+    if not (isinstance(mission, str) and all(isinstance(part, dict) for part in parts)):
+        return document  # The pydantic models report the invalid entry.
+    if any(MEMBER in part for part in parts):
         return document
     try:
         _, weights = read_mission(
@@ -360,9 +362,7 @@ def draw_members(document: Document) -> Document:
         return document
     values = list(range(1, 1 + len(weights)))
     drawn = {"distribution": "discrete", "values": values, "weights": weights.tolist()}
-    return replace(
-        document, data=data | {"dispersions": (data.get("dispersions") or {}) | {MEMBER: drawn}}
-    )
+    return replace(document, data=data | {"dispersions": parts[0] | {MEMBER: drawn}})
 
 
 def name_effectors(document: Document) -> Document:
