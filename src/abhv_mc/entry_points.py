@@ -22,6 +22,7 @@ from typing import Any
 
 COMMANDS, FUNCTIONS, TOPICS = "abhv_mc.commands", "abhv_mc.functions", "abhv_mc.topics"
 BLOCKS, LAW_BACKENDS = "abhv_mc.campaign_blocks", "abhv_mc.law_backends"
+VEHICLE = "abhv_mc_vehicle"  # package of the built-in simulator
 EXECUTORS, STORES, SIMULATORS = "abhv_mc.executors", "abhv_mc.stores", "abhv_mc.simulators"
 _SHOW_ONLY = (COMMANDS, FUNCTIONS, TOPICS)
 
@@ -73,7 +74,7 @@ def needs_vehicle(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name != "abhv_mc_vehicle":
+        if error.name != VEHICLE:
             raise
-        problem = f"{name} needs the package abhv_mc_vehicle, which is not installed"
+        problem = f"{name} needs the package {VEHICLE}, which is not installed"
         raise ModuleNotFoundError(problem, name=error.name) from None

@@ -16,6 +16,7 @@ import typer
 import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
+from abhv_mc.entry_points import VEHICLE
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.io.documents import InputError
@@ -112,6 +113,7 @@ def test_starting_imports_nothing_heavy(start: str) -> None:
             "y.png: ",
         ),
         (MemoryError(), 3, "memory"),
+        (ModuleNotFoundError("needs a package", name=VEHICLE), 2, "needs a package"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "y.png"),
         (SystemExit(1), 1, ""),
         (ZeroDivisionError("by zero"), 70, "ZeroDivisionError: by zero"),

@@ -9,6 +9,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from abhv_mc.cli.printing import say
+from abhv_mc.entry_points import VEHICLE
 from abhv_mc.folder.layout import StorageFullError, explain_os_error
 from abhv_mc.io.input_error import InputError, Refusal, is_exhausted
 
@@ -57,7 +58,9 @@ def exit_code_of(error: BaseException) -> int | str | None:
     ):  # The library distributed raises many types of exceptions.
         reason = message.partition("\n")[0] or type(error).__name__
         message = f"the cluster does not respond ({reason}): completed flights are kept"
-    elif isinstance(error, (InputError, Refusal)):
+    elif isinstance(error, (InputError, Refusal)) or (
+        isinstance(error, ModuleNotFoundError) and error.name == VEHICLE
+    ):
         code = ExitCode.BAD_INPUT
     elif type(error).__name__ == "UnusableError":
         # Compare the name of the class, because importing the class would take a second.
