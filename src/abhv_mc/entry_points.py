@@ -1,17 +1,17 @@
 """Entry points of installed packages in the groups ``abhv_mc.*``.
 
-=========================== ========================================== ===========================
-group                       object                                     name
-=========================== ========================================== ===========================
-``abhv_mc.commands``        a function for typer, or a ``typer.Typer`` command: ``verify.nesc``
-``abhv_mc.functions``       a function of ``import abhv_mc``           function
-``abhv_mc.campaign_blocks`` check of a block, ``(Experiment) -> None`` block
-``abhv_mc.executors``       an ``abhv_mc.interfaces.Connect``          scheme of ``--scheduler``
-``abhv_mc.law_backends``    a ``user_code.native_loop.LawBackend``     ``law`` of controller files
-``abhv_mc.simulators``      a ``Simulator``, or a ``Registered`` with keys ``simulator: {package:}``
-``abhv_mc.stores``          an ``interfaces.Store`` made of an address scheme of the address
-``abhv_mc.topics``          an ``abhv_mc.topics.Topic``                any
-=========================== ========================================== ===========================
+=========================== ============================================ ===========================
+group                       object                                       name
+=========================== ============================================ ===========================
+``abhv_mc.commands``        a function for typer, or a ``typer.Typer``   command: ``verify.nesc``
+``abhv_mc.functions``       a function of ``import abhv_mc``             function
+``abhv_mc.campaign_blocks`` check of a block, ``(Experiment) -> None``   block
+``abhv_mc.executors``       an ``abhv_mc.interfaces.Connect``            scheme of ``--scheduler``
+``abhv_mc.law_backends``    a ``user_code.native_loop.LawBackend``       ``law`` of controller files
+``abhv_mc.simulators``      a ``Simulator``, or a ``Registered``         ``simulator: {package:}``
+``abhv_mc.stores``          an ``interfaces.Store`` made of an address   scheme of the address
+``abhv_mc.topics``          an ``abhv_mc.topics.Topic``                  any
+=========================== ============================================ ===========================
 """
 
 import contextlib

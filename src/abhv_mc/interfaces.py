@@ -300,7 +300,7 @@ class Simulator(ABC):
         return plan
 
     def describe_events(self, system: str, events: Mapping[str, int]) -> list[str]:
-        """Return warnings about events in a system's flights (:attr:`FlightBlock.events`)."""
+        """Return warnings about events in a system's flights (``FlightBlock.events``)."""
         return []
 
     def find_undeclared_reads(self, plan: Any, since: float) -> Iterable[str]:

@@ -14,7 +14,8 @@ from abhv_mc.array_types import Floats, Mask
 
 _STEP = 0.2  # half width of central differences
 _LARGEST_STEP = 5.0  # largest change of a coordinate in one iteration
-_MOST_STEPS = 12
+_MOST_STEPS = 24
+_UPHILL = 0.1  # increase of chi-square that halves a step
 _CONVERGED = 0.05  # change, in standard errors, below which the iteration ends
 _FLAT = 1e-6  # precision of the prior of listed parameters, which keeps matrices regular
 # Parameters are not separable if the smallest eigenvalue of their scaled information is below
@@ -71,6 +72,7 @@ def estimate(
     points, errors, listed = np.zeros((count, columns)), np.zeros((count, columns)), listed.copy()
     inseparable: list[tuple[tuple[int, ...], float]] = []
     converged, simulations = False, 0
+    best, best_points = np.full(count, np.inf), points.copy()
     while True:
         outputs = simulate(points[:, np.newaxis] + offsets)
         simulations += len(offsets)
@@ -91,6 +93,12 @@ def estimate(
         for rows, index, matrix, vector in _normal_equations(slopes, valid, vehicles, shared):
             current, precision = np.zeros((2, len(vector)))
             current[index], precision[index] = points[rows], np.where(listed, _FLAT, 1.0)
+            loss = float(np.sum(valid[rows] ** 2) + precision @ current**2)
+            if loss > best[rows[0]] + _UPHILL and not np.isnan(sigma).any():  # Halve the step.
+                points[rows] = 0.5 * (points[rows] + best_points[rows])
+                change = np.inf
+                continue
+            best[rows], best_points[rows] = loss, points[rows]
             covariance = np.linalg.inv(matrix + np.diag(precision))
             step, own = covariance @ (vector - precision * current), np.sqrt(np.diag(covariance))
             chi_square += float(precision @ current**2)

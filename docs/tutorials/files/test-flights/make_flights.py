@@ -12,7 +12,7 @@ flights["history"] = [f"flight_{k}.csv" for k in range(6)]
 inputs = pd.DataFrame(
     {
         "aero.drag": flights["vehicle"].map({"A": 1.25, "B": 1.30}),
-        "aero.lift": flights["vehicle"].map({"A": 0.97, "B": 1.03}),
+        "aero.lift": flights["vehicle"].map({"A": 1.02, "B": 1.06}),
         "atmosphere.density": draw.uniform(0.95, 1.05, 6),
     }
 )
