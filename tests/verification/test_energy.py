@@ -22,7 +22,7 @@ VEHICLES = shipped_configs() / "vehicle"
 # A push-over gains speed by gravity alone.
 PUSH_OVER = {
     "base": "level",
-    "manoeuvre": {"kind": "pull_up", "flight_path_angle": "-5 deg", "length": "8 s"},
+    "manoeuvre": {"kind": "pull_up", "flight_path_angle": "-3 deg", "length": "15 s"},
 }
 MACH_4_7: tuple[Any, ...] = ("s_manoeuvre", "climb", "turn", PUSH_OVER)
 MISSIONS: dict[str, tuple[Any, ...]] = {

@@ -37,7 +37,10 @@ def law_place(controller: UserController) -> Path:
 
     The path may lead outside the folder of the controller file.
     """
-    return next(iter(find_files(controller).values()))
+    # Not the paths of find_files, which are without '..' and may lie outside a results folder.
+    if isinstance(controller, CController):
+        return controller.library or controller.sources[0]
+    return controller.file
 
 
 def read_law_source(controller: UserController) -> UserSource:
