@@ -51,7 +51,7 @@ def fly_in_child(
         _compiled.add(lanes)
 
     def attempt(rows: Floats) -> FlightBlock:
-        limit = _LIMIT * -(-len(rows) // _FEW)
+        limit = _LIMIT * max(1, -(-len(rows) // _FEW))
         return in_child(fly, plan, rows, recording, lanes, keep_states, start, limit=limit)
 
     try:
