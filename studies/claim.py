@@ -161,7 +161,8 @@ def coupling(results: list[dict[str, Any]]) -> str:
     ]
     return (
         f"Over the range of inclinations, the ratios change by at most {100.0 * max(spans):.0f} %. The "
-        "coupling in this range thus does not explain the difference between the controllers."
+        "inclination alone thus does not explain the difference between the controllers; the offset of "
+        "the thrust line was not varied."
     )
 
 

@@ -3,8 +3,8 @@
     OPENBLAS_NUM_THREADS=1 python studies/robust.py tlc|lqr [--vehicle NAME] [--ordered]
         [--candidates N] [-o FILE]
 
-TLC and LQR have the same number of free parameters: TLC's bandwidths and dampings of the two inner
-sub-loops, and LQR's weights except one of each regulator (only ratios count; the pitch rate has no
+TLC has 12 free parameters and LQR 14: the bandwidths and dampings of the two inner
+sub-loops, and the weights except one of each regulator (only ratios count; the pitch rate has no
 weight). CMA-ES evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``)
 and prefers candidates within the limits, then the smallest score. The result is written to a
 controller file.
