@@ -1,6 +1,7 @@
 """Tests of the commands place and identify with a custom simulator."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from own_simulators import glide_campaign, write_glide
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 from abhv_mc.api import Campaign
 from abhv_mc.cli.app import app
 from abhv_mc.io.input_error import InputError
+from abhv_mc.report.pages.identify_page import make_identify_section
 
 
 def invoke(*arguments):
@@ -33,7 +35,9 @@ def test_flights_that_do_not_fit_are_identified_and_then_fit(tmp_path):
     for own, truth in ((drag, (1.3, 1.2)), (lift, (1.0, 0.95))):
         for value, error, true in zip(own.values.values(), own.errors.values(), truth, strict=True):
             assert abs(value - true) < 3.0 * error < 0.1
-    assert answer.nuisances == ("wind",) and answer.fits
+    assert answer.nuisances == ("wind",) and answer.fits and answer.converged
+    stopped = make_identify_section(replace(answer, fits=False, converged=False))
+    assert "Not converged" in str(stopped) and "fits" not in str(stopped)
     renewed = Campaign.read(tmp_path / "renewed.yaml")
     assert renewed.parameters == ("drag", "lift", "wind")
     assert (tmp_path / "renewed.yaml").read_text("utf-8").startswith("# Dispersions identified")

@@ -44,7 +44,8 @@ class Identification:
     noise: Mapping[str, float]  # standard deviations of the noise, declared or estimated
     offsets: Mapping[str, float]  # time by which each record's clock is ahead, s
     p_value: float  # probability of a larger chi-square if the model is valid
-    fits: bool
+    fits: bool  # whether the estimation converged and the model is not rejected
+    converged: bool
     simulations: int  # number of simulations of each flight
     dispersions: Mapping[str, Mapping[str, Any]]  # renewed dispersions, as in a campaign file
 
@@ -155,7 +156,7 @@ def identify(
                 + ("unknown" if own.spread is None else f"{own.spread:.2g}")
                 for own in identified
             ),
-            f"chi-square: p = {result.p_value:.2g}" + ", does not fit" * (not fits),
+            f"chi-square: p = {result.p_value:.2g}; fits: {fits}; converged: {result.converged}",
         ]
         write_document(output, {**document.entries, "dispersions": renewed}, "\n".join(lines))
     return Identification(
@@ -173,6 +174,7 @@ def identify(
         offsets={record.name: record.offset for record in records},
         p_value=result.p_value,
         fits=fits,
+        converged=result.converged,
         simulations=result.simulations,
         dispersions=renewed,
     )

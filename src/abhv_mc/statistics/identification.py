@@ -93,7 +93,10 @@ def estimate(
         for rows, index, matrix, vector in _normal_equations(slopes, valid, vehicles, shared):
             current, precision = np.zeros((2, len(vector)))
             current[index], precision[index] = points[rows], np.where(listed, _FLAT, 1.0)
-            loss = float(np.sum(valid[rows] ** 2) + precision @ current**2)
+            prior = float(precision @ current**2)
+            loss = float(np.sum(valid[rows] ** 2)) + prior
+            chi_square += prior
+            freedom -= int(np.sum(precision < 1.0))
             if loss > best[rows[0]] + _UPHILL and not np.isnan(sigma).any():  # Halve the step.
                 points[rows] = 0.5 * (points[rows] + best_points[rows])
                 change = np.inf
@@ -101,8 +104,6 @@ def estimate(
             best[rows], best_points[rows] = loss, points[rows]
             covariance = np.linalg.inv(matrix + np.diag(precision))
             step, own = covariance @ (vector - precision * current), np.sqrt(np.diag(covariance))
-            chi_square += float(precision @ current**2)
-            freedom -= int(np.sum(precision < 1.0))
             change = max(change, float(np.abs(step / own).max()))
             step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), _FLAT))
             points[rows], errors[rows] = (current + step)[index], own[index]

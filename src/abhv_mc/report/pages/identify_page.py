@@ -14,7 +14,10 @@ def make_identify_section(answer: Identification) -> Section:
 
 def _texts(answer: Identification) -> Iterator[tuple[str, str]]:
     fit = f"{p_equation(answer.p_value)}, rejected below {percent(FIT_RISK)}"
-    yield "Model fits" if answer.fits else "Model does not fit", fit
+    if answer.converged:
+        yield "Model fits" if answer.fits else "Model does not fit", fit
+    else:
+        yield "Not converged", "the estimates are not the best fit; the fit is not judged"
     for entry in answer.parameters:
         spread = "unknown" if entry.spread is None else significant(entry.spread, 3)
         yield (
