@@ -37,6 +37,18 @@ def test_a_linear_model_has_the_estimates_of_least_squares_with_priors():
     assert result.freedom == 76 - 4 and result.converged and not result.inseparable
 
 
+def test_a_bent_model_converges_with_the_error_of_its_tangent():
+    def simulate(points):  # Steps of Gauss-Newton from 0 overshoot beyond +-30.
+        return 100.0 * np.arctan(4.0 * (points - 2.0)) * np.ones(30)
+
+    data = simulate(np.array([[[2.1]]]))[0]
+    flags = {"shared": np.ones(1, bool), "listed": np.ones(1, bool)}
+    result = estimate(simulate, data, np.ones(30), np.zeros(30, int), np.zeros(1, int), **flags)
+    assert result.converged and result.points[0, 0] == pytest.approx(2.1, abs=1e-4)
+    tangent = 400.0 / (1.0 + 0.4**2) * 30.0**0.5
+    assert result.errors[0, 0] == pytest.approx(1.0 / tangent, rel=0.02)
+
+
 def test_flights_of_a_vehicle_share_parameters():
     draw = np.random.default_rng(2)
     slopes, truth = draw.standard_normal((2, 40)), np.array([[4.0, 0.5], [4.0, -1.0], [-3.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Estimation of parameters from test flights by Gauss-Newton, and of their spread by REML.
+"""Estimation of parameters from test flights by Levenberg-Marquardt, and of their spread by REML.
 
 Coordinates of parameters are relative to their dispersions: 0 is the mean and 1 a standard
 deviation. Nuisance parameters keep a standard normal prior; listed parameters have none.
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Mask
 
-_STEP = 0.2  # half width of central differences
-_LARGEST_STEP = 5.0  # largest change of a coordinate in one iteration
+_STEP = 0.03  # half width of central differences; over wider steps, tables bend
 _MOST_STEPS = 24
-_UPHILL = 0.1  # increase of chi-square that halves a step
-_CONVERGED = 0.05  # change, in standard errors, below which the iteration ends
+_DAMPING, _CHANGE = 1e-3, 10.0  # first damping; its factor after each step
+_CONVERGED = 0.2  # change, in standard errors, below which the iteration ends
 _FLAT = 1e-6  # precision of the prior of listed parameters, which keeps matrices regular
 # Parameters are not separable if the smallest eigenvalue of their scaled information is below
 # _SEPARABLE (a correlation of 0.98), or if a standard error exceeds _LARGEST_ERROR.
@@ -72,7 +71,8 @@ def estimate(
     points, errors, listed = np.zeros((count, columns)), np.zeros((count, columns)), listed.copy()
     inseparable: list[tuple[tuple[int, ...], float]] = []
     converged, simulations = False, 0
-    best, best_points = np.full(count, np.inf), points.copy()
+    best = dict.fromkeys(np.unique(vehicles).tolist(), np.inf)
+    damping, solutions = dict.fromkeys(best, _DAMPING), {}
     while True:
         outputs = simulate(points[:, np.newaxis] + offsets)
         simulations += len(offsets)
@@ -97,16 +97,22 @@ def estimate(
             loss = float(np.sum(valid[rows] ** 2)) + prior
             chi_square += prior
             freedom -= int(np.sum(precision < 1.0))
-            if loss > best[rows[0]] + _UPHILL and not np.isnan(sigma).any():  # Halve the step.
-                points[rows] = 0.5 * (points[rows] + best_points[rows])
-                change = np.inf
-                continue
-            best[rows], best_points[rows] = loss, points[rows]
-            covariance = np.linalg.inv(matrix + np.diag(precision))
-            step, own = covariance @ (vector - precision * current), np.sqrt(np.diag(covariance))
-            change = max(change, float(np.abs(step / own).max()))
-            step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), _FLAT))
-            points[rows], errors[rows] = (current + step)[index], own[index]
+            vehicle = int(vehicles[rows[0]])
+            loss += 2.0 * float(np.sum(np.isfinite(residuals[rows]) @ np.log(noise)))
+            if loss < best[vehicle]:
+                best[vehicle] = loss
+                damping[vehicle] /= _CHANGE
+                total = matrix + np.diag(precision)
+                solutions[vehicle] = current, total, vector - precision * current
+            else:
+                damping[vehicle] *= _CHANGE**2
+            current, total, gradient = solutions[vehicle]
+            covariance = np.linalg.inv(total)
+            own = np.sqrt(np.diag(covariance))
+            change = max(change, float(np.abs(covariance @ gradient / own).max()))
+            damped = total + damping[vehicle] * np.diag(np.diag(total))
+            points[rows] = (current + np.linalg.solve(damped, gradient))[index]
+            errors[rows] = own[index]
         converged = change < _CONVERGED
         if converged or simulations == _MOST_STEPS * len(offsets):
             break
