@@ -17,10 +17,9 @@ from abhv_mc_vehicle.kernel.flight.derived import derive, follow_ripples
 from abhv_mc_vehicle.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC
 from abhv_mc_vehicle.kernel.flight.memory import (
     Z_ROWS,
+    copy_lanes,
     end_spare_lanes,
     has_width,
-    restore_lanes,
-    save_lane,
 )
 from abhv_mc_vehicle.kernel.flight.navigation import measure_air, measure_more, navigate
 from abhv_mc_vehicle.kernel.flight.observe import (
@@ -449,19 +448,20 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 n = min(width, flying - group)
                 flights = order[group : group + n]
                 if first_tick > start:
-                    restore_lanes(memory, width, saved, group, n, driven, custom, own)
+                    copy_lanes(memory, saved, first, flights, n, driven, custom, own, False)
                 elif plan.start.shape[0] > 0:
-                    restore_lanes(memory, width, plan.start, first + group, n, driven, custom, own)
+                    copy_lanes(memory, plan.start, 0, flights, n, driven, custom, own, False)
                 else:
                     start_lanes(plan, memory, width, find, flights, n)
                 active = find(memory.Z, width, plan)
                 fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n)
+                if end < last:
+                    copy_lanes(memory, saved, first, flights, n, driven, custom, own, True)
+                if keeps:
+                    copy_lanes(memory, results.saved, 0, flights, n, driven, custom, own, True)
                 for lane in range(n):
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
-                        # This slot may be overwritten, because it is at or before the flight's own
-                        # slot, from which the flight has been restored.
-                        save_lane(memory, lane, saved[still_flying], driven, custom, own)
                         order[still_flying] = flight
                         still_flying += 1
                     else:
@@ -471,8 +471,6 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                         )
                         results.outcome[flight] = int(O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(O[observe.END, lane])
-                        if keeps:
-                            save_lane(memory, lane, results.saved[flight], driven, custom, own)
             flying = still_flying
 
 

@@ -16,6 +16,8 @@ from abhv_mc_vehicle.kernel.plant.state import aligned_zeros
 
 TOGETHER = 256  # number of flights whose saved memory fits into the processor's cache
 
+BLOCK = 64  # number of rows that are copied together; all lanes of them fit into a first cache
+
 Z_ROWS = observe.END_ROW  # number of rows of Z
 O_ROWS = observe.N_ROWS
 SAVED_ROWS = Z_ROWS + O_ROWS + A_ROWS
@@ -34,7 +36,7 @@ class Memory(NamedTuple):
     cells: TableCells
     trim: TrimCells
     high: Floats  # [table row] buffer for slopes
-    saved: Floats  # [flight, row] rows of Z and O of waiting flights
+    saved: Floats  # [flight, row] rows of Z, O and A of waiting flights
     order: Ints  # [flight] numbers of the waiting flights
 
 
@@ -75,42 +77,34 @@ def has_width(memory, width):
 
 
 @lanes
-def save_lane(memory, lane, row, driven, custom, own):
-    """Save the memory of the flight in a lane to ``row`` [SAVED_ROWS].
-
-    The saved memory includes effectors with actuators if ``driven``, rows of custom functions if
-    ``custom``, and the memory of a custom control law if ``own``.
-    """
-    for i in range(s.CUSTOM_STATE if not custom else s.LAW):
-        row[i] = memory.Z[i, lane]
-    for i in range(s.LAW, MEMORY if not own else ONBOARD):
-        row[i] = memory.Z[i, lane]
-    for i in range(ONBOARD, Z_ROWS):
-        row[i] = memory.Z[i, lane]
-    for i in range(O_ROWS):
-        row[Z_ROWS + i] = memory.O[i, lane]
-    if driven:
-        for i in range(A_ROWS):
-            row[Z_ROWS + O_ROWS + i] = memory.A[i, lane]
+def _copy(rows, begin, end, saved, column, first, flights, n, saves):
+    for block in range(begin, end, BLOCK):
+        for lane in range(n if saves else rows.shape[1]):
+            row = saved[flights[min(lane, n - 1)] - first]
+            for i in range(block, min(block + BLOCK, end)):
+                if saves:
+                    row[column + i] = rows[i, lane]
+                else:
+                    rows[i, lane] = row[column + i]
 
 
 @lanes
-def restore_lanes(memory, width, saved, first, n, driven, custom, own):
-    """Restore flights from ``saved`` [flight, SAVED_ROWS]; see :func:`end_spare_lanes`."""
-    for lane in range(width):
-        row = saved[first + min(lane, n - 1)]
-        for i in range(s.CUSTOM_STATE if not custom else s.LAW):
-            memory.Z[i, lane] = row[i]
-        for i in range(s.LAW, MEMORY if not own else ONBOARD):
-            memory.Z[i, lane] = row[i]
-        for i in range(ONBOARD, Z_ROWS):
-            memory.Z[i, lane] = row[i]
-        for i in range(O_ROWS):
-            memory.O[i, lane] = row[Z_ROWS + i]
-        if driven:
-            for i in range(A_ROWS):
-                memory.A[i, lane] = row[Z_ROWS + O_ROWS + i]
-    end_spare_lanes(memory, width, n)
+def copy_lanes(memory, saved, first, flights, n, driven, custom, own, saves):
+    """Save lanes to ``saved`` [flight, SAVED_ROWS], whose first flight is ``first``, or restore.
+
+    Lanes from ``n`` repeat the last of ``flights`` and are marked as ended. The memory of effectors
+    with actuators, of custom functions and of a custom control law is copied only if ``driven``,
+    ``custom`` and ``own`` are true.
+    """
+    Z = memory.Z
+    _copy(Z, 0, s.LAW if custom else s.CUSTOM_STATE, saved, 0, first, flights, n, saves)
+    _copy(Z, s.LAW, ONBOARD if own else MEMORY, saved, 0, first, flights, n, saves)
+    _copy(Z, ONBOARD, Z_ROWS, saved, 0, first, flights, n, saves)
+    _copy(memory.O, 0, O_ROWS, saved, Z_ROWS, first, flights, n, saves)
+    if driven:
+        _copy(memory.A, 0, A_ROWS, saved, Z_ROWS + O_ROWS, first, flights, n, saves)
+    if not saves:
+        end_spare_lanes(memory, Z.shape[1], n)
 
 
 @lanes
