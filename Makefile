@@ -62,7 +62,7 @@ dist: $(DEV_INSTALLED)
 	.ci/dist $(BIN)/python
 
 verify: $(DEV_INSTALLED)
-	$(BIN)/abhv-mc verify all --references tests/reference
+	$(BIN)/python -m benchmarks.verification all tests/reference
 	$(BIN)/python -m pytest -s $(SELF_CHECKS)
 
 OTHERS := $(BIN)/python -m benchmarks.others
@@ -79,7 +79,7 @@ verify-others: $(DEV_INSTALLED)
 	$(OTHERS).page
 
 bench: $(INSTALLED)
-	$(BIN)/python -m abhv_mc_verification.bench
+	$(BIN)/python -m benchmarks.bench
 
 performance: $(DEV_INSTALLED)  # BEFORE: working tree of another version; takes an hour on an idle machine
 	$(BIN)/python -m benchmarks.versions $(BEFORE)

@@ -1,4 +1,4 @@
-"""Medians and ranges of ``python -m abhv_mc_verification.bench`` over several processes.
+"""Medians and ranges of ``python -m benchmarks.bench`` over several processes.
 
     python -m benchmarks.limit [--processes 3] [--json FILE]
 
@@ -62,9 +62,7 @@ def main() -> None:
     parser.add_argument("--smoke", action="store_true", help="the least work; writes no result")
     options = parser.parse_args()
     load = os.getloadavg()[0]
-    runs = repeat(
-        1 if options.smoke else options.processes, "abhv_mc_verification.bench", "--json", "-"
-    )
+    runs = repeat(1 if options.smoke else options.processes, "benchmarks.bench", "--json", "-")
     if options.smoke:
         print(*make_rows(runs), sep="\n")
         return

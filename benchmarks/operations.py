@@ -2,7 +2,7 @@
 
     python -m benchmarks.operations        counts the default campaign's flights
 
-The results are written to src/abhv_mc_verification/bench/operations.json.
+The results are written to benchmarks/operations.json.
 
 Operations are counted on values that depend on the lane: the state, the dispersions, the values of
 tables and all results of these. Not counted are operations on values that all lanes share
@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from abhv_mc_vehicle.flight.plan import FlightPlan
-from abhv_mc_verification.bench.speed import OPERATIONS_FILE, make_work
 from benchmarks.document import write_json
+from benchmarks.speed import OPERATIONS_FILE, make_work
 
 _FIRST, _LAST = 5, 25  # ticks, after the start-up of differentiators and search hints
 

@@ -52,8 +52,8 @@ from abhv_mc_vehicle.kernel.plant.equations import (
     finish_step,
     runge_kutta_stage,
 )
-from abhv_mc_verification.bench.speed import make_work, read_operations
 from benchmarks.document import replace_part, write_json
+from benchmarks.speed import make_work, read_operations
 from benchmarks.spread import Spread, describe_machine, find_spreads, make_note, make_parser, repeat
 from benchmarks.timing import measure_time
 

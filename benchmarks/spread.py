@@ -52,7 +52,7 @@ def describe_machine(load_before: float) -> dict[str, Any]:
     with the measured processes and reduce their memory.
     """
     from abhv_mc.identity import find_machine
-    from abhv_mc_verification.bench.speed import find_simd
+    from benchmarks.speed import find_simd
 
     return {**find_machine(), "simd": find_simd(), "load_before": load_before}
 

@@ -24,7 +24,7 @@ from abhv_mc.requests import Request
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.plant.parameters import OURS
 from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
-from abhv_mc_verification.bench.speed import measure_peak
+from benchmarks.speed import measure_peak
 
 CAMPAIGN = Path(__file__).parents[1] / "campaigns" / "harder_vehicle.yaml"
 LAWS = ("tlc", "lqr")

@@ -14,7 +14,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_verification.bench.speed import find_simd, make_work
+from benchmarks.speed import find_simd, make_work
 from benchmarks.timing import measure_ratio
 
 LIMITS = {"AVX-512": 2.0, "AVX2": 1.4}

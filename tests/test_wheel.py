@@ -80,7 +80,7 @@ def test_a_new_user_flies_a_campaign(installed, tmp_path):
     assert installed.parent in Path(imported.stdout).parents
 
     assert "missing" not in abhv_mc("--version").stdout
-    for command in (("explore",), ("import", "daveml"), ("import", "jsbsim"), ("verify", "nesc")):
+    for command in (("explore",), ("import", "daveml"), ("import", "jsbsim"), ("tune",)):
         assert abhv_mc(*command, "--help").returncode == 0, command
 
     assert abhv_mc("new", "demo").returncode == 0

@@ -2,8 +2,8 @@
 
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_verification.bench.speed import measure_peak
 from benchmarks.peers.peer import measure, read_work, write_result
+from benchmarks.speed import measure_peak
 
 ALONE = 16  # flights of a repeat, one at a time
 

@@ -82,7 +82,7 @@ def install() -> Path:
 def write_work(path: Path, flights: int, repeats: int) -> None:
     """Write the flights that every peer simulates, and the final states of abhv-mc with LQR."""
     from abhv_mc_vehicle.flight.fly import fly
-    from abhv_mc_verification.bench.speed import make_work
+    from benchmarks.speed import make_work
 
     plans, parameters = make_work(flights)
     block = fly(plans["lqr"], parameters, record_every=plans["lqr"].timing.ticks, keep_states=True)

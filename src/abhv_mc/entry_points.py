@@ -3,7 +3,7 @@
 =========================== ============================================ ===========================
 group                       object                                       name
 =========================== ============================================ ===========================
-``abhv_mc.commands``        a function for typer, or a ``typer.Typer``   command: ``verify.nesc``
+``abhv_mc.commands``        a function for typer, or a ``typer.Typer``   command: ``list.metrics``
 ``abhv_mc.functions``       a function of ``import abhv_mc``             function
 ``abhv_mc.campaign_blocks`` check of a block, ``(Experiment) -> None``   block
 ``abhv_mc.executors``       an ``abhv_mc.interfaces.Connect``            scheme of ``--scheduler``

@@ -17,7 +17,6 @@ PACKAGES = (
     "abhv_mc_remote",
     "abhv_mc_tune",
     "abhv_mc_vehicle",
-    "abhv_mc_verification",
 )
 DEFAULT_VEHICLE = "abhv"  # default vehicle of flights, trims and margins
 

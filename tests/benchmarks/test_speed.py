@@ -15,17 +15,17 @@ from abhv_mc_vehicle.kernel.plant.actuator_step import RATE_LIMIT
 from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc_vehicle.one_flight.given import make_flight_plan
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
-from abhv_mc_verification.bench.__main__ import bench
-from abhv_mc_verification.bench.speed import (
+from benchmarks.bench import bench
+from benchmarks.counted import COUNTS, Counted, counted_sqrt
+from benchmarks.operations import count_operations
+from benchmarks.peers.twin import compile_twin, fly_twin
+from benchmarks.speed import (
     _peak_memory,
     compare_speeds,
     make_work,
     multiply_and_add,
     read_operations,
 )
-from benchmarks.counted import COUNTS, Counted, counted_sqrt
-from benchmarks.operations import count_operations
-from benchmarks.peers.twin import compile_twin, fly_twin
 
 OPERATIONS = {"additions": 10e6, "multiplications": 20e6, "divisions": 1e6, "square_roots": 1e6}
 
@@ -47,10 +47,8 @@ def test_ratios_record_and_table(monkeypatch, tmp_path, capsys):
     }
     speed |= {"two_workers_over_one": 1.9, "step_s": 0.01, "control_rate_hz": 100.0, "flights": 640}
     starts = {"cold_start_s": 20.0, "warm_start_s": 1.0, "import_s": 0.01, "peak_memory_mb": 500.0}
-    monkeypatch.setattr("abhv_mc_verification.bench.speed.measure_speed", lambda repetitions: speed)
-    monkeypatch.setattr(
-        "abhv_mc_verification.bench.speed.measure_start", lambda repetitions: starts
-    )
+    monkeypatch.setattr("benchmarks.speed.measure_speed", lambda repetitions: speed)
+    monkeypatch.setattr("benchmarks.speed.measure_start", lambda repetitions: starts)
     bench(json=tmp_path / "bench.json", repetitions=1)
     assert json.loads((tmp_path / "bench.json").read_text()) == speed | starts
     out = capsys.readouterr().out

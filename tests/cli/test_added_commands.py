@@ -59,7 +59,7 @@ def test_a_package_adds_commands_and_a_broken_one_causes_one_warning(program):
 
 
 @pytest.mark.parametrize(
-    "arguments", [("list", "schemas"), ("explore", "--help"), ("verify", "nesc")]
+    "arguments", [("list", "schemas"), ("explore", "--help"), ("trim", "--help")]
 )
 def test_a_command_imports_only_its_own_package(program, arguments):
     assert "is imported" not in program(*arguments).stdout

@@ -125,28 +125,6 @@ def test_definitions_are_listed_as_text_and_as_json(kind, names):
         assert json.loads(run("list", "schemas", "vehicle").stdout) == make_schema("vehicle")
 
 
-def test_verify_writes_the_rows_of_a_check_case(repository, tmp_path):
-    case = "Atmos_09_EastwardCannonball"
-    shutil.copytree(repository / "tests/reference/nesc" / case, tmp_path / case)
-    result = run("verify", "nesc", tmp_path, "--json", tmp_path / "new/rows.json")
-    assert result.exit_code == 0 and ": 0 of 12" in result.stdout
-    written = json.loads((tmp_path / "new/rows.json").read_text())
-    assert written["ok"] is True
-    fields = ["case", "simulator", "quantity", "unit", "difference", "tolerance", "ok"]
-    assert [list(row) for row in written["rows"]] == [fields] * 12
-    assert {row["case"] for row in written["rows"]} == {"nesc 09"}
-
-
-def test_a_tolerance_that_is_missed_exits_1(repository, tmp_path):
-    file = repository / "tests/reference/cadac-ghame6" / "sturn50_total_h1e-4.csv.gz"
-    result = run(
-        "verify", "ghame6", file, "--tolerance-scale", "0.01", "--json", tmp_path / "rows.json"
-    )
-    assert result.exit_code == 1 and "OUTSIDE" in result.stdout
-    written = json.loads((tmp_path / "rows.json").read_text())
-    assert written["ok"] is False and written["rows"][0]["tolerance"] == pytest.approx(0.0009)
-
-
 KEYS = [
     "controller",
     "time_s",

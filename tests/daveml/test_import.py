@@ -26,7 +26,7 @@ from abhv_mc_daveml.writer import make_function, run_shots
 from abhv_mc_vehicle.control.mission_tables import DENSITIES, read_air_table
 from abhv_mc_vehicle.plant.trim import FlightPoint, trim
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.nesc_cases import ELLIPSOID
+from benchmarks.verification.nesc_cases import ELLIPSOID
 
 FILES = sorted((Path(__file__).parents[1] / "reference" / "daveml").glob("*.dml"))
 SHOTS = {"F16_aero.dml": 16, "F16_prop.dml": 9}

@@ -13,8 +13,8 @@ from abhv_mc_jsbsim.import_vehicle import import_jsbsim
 from abhv_mc_vehicle.kernel.numerics.quaternion import from_euler
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.fly_recording import make_replay_plan, replay
-from abhv_mc_verification.nesc_cases import ELLIPSOID
+from benchmarks.verification.fly_recording import make_replay_plan, replay
+from benchmarks.verification.nesc_cases import ELLIPSOID
 
 DURATION, RADIUS = 30.0, 6.378e6
 AILERON, RUDDER = math.radians(0.5), math.radians(-0.5)

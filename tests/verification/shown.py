@@ -5,7 +5,7 @@
 
 from collections.abc import Sequence
 
-from abhv_mc_verification.check_rows import Row
+from benchmarks.verification.check_rows import Row
 
 
 def check(rows: Sequence[Row]) -> None:

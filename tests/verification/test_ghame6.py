@@ -10,8 +10,8 @@ from verification.test_invariants import ecef_from_geodetic
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.world.earth import WGS84, gravity_ned
-from abhv_mc_verification.fly_recording import check_times, read_columns
-from abhv_mc_verification.ghame6 import (
+from benchmarks.verification.fly_recording import check_times, read_columns
+from benchmarks.verification.ghame6 import (
     CADAC_EARTH,
     geodetic_from_ecef,
     read_recording,

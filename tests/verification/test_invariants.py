@@ -15,9 +15,9 @@ from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle.evaluate import evaluate_fixed, make_variables
-from abhv_mc_verification.check_rows import Row
-from abhv_mc_verification.fly_recording import make_replay_plan, make_start, replay
-from abhv_mc_verification.ghame6 import ned_from_ecef_matrix
+from benchmarks.verification.check_rows import Row
+from benchmarks.verification.fly_recording import make_replay_plan, make_start, replay
+from benchmarks.verification.ghame6 import ned_from_ecef_matrix
 
 STEP, TICKS = 0.01, 6000
 _RATES = tuple(np.radians((10.0, 20.0, 30.0)))

@@ -42,8 +42,8 @@ from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
 from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.stability.probe import ask_plant, begin
-from abhv_mc_verification.check_rows import Row
-from abhv_mc_verification.fly_recording import make_replay_plan
+from benchmarks.verification.check_rows import Row
+from benchmarks.verification.fly_recording import make_replay_plan
 
 NOMINALS = 100
 LOOPS = ("2 velocity", "3 attitude", "4 body rates")

@@ -4,21 +4,24 @@ They compare with NASA's data or with an independent integration, and check publ
 """
 
 import gzip
+import json
 import shutil
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 from verification.independent import FT, World, fly_sphere, write_case
 from verification.shown import check
 
 from abhv_mc.topics.json_data import json_data
-from abhv_mc_verification.check_rows import Row, all_ok, rows_record
-from abhv_mc_verification.everything import verify_paper
-from abhv_mc_verification.fly_recording import at_times, make_motion
-from abhv_mc_verification.nesc import _flown, find_files, verify_nesc
-from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft
+from benchmarks.verification.__main__ import app
+from benchmarks.verification.check_rows import Row, all_ok, rows_record
+from benchmarks.verification.everything import verify_paper
+from benchmarks.verification.fly_recording import at_times, make_motion
+from benchmarks.verification.nesc import _flown, find_files, verify_nesc
+from benchmarks.verification.nesc_f16 import RATE, fly_aircraft
 
 ROUND = {"a": 20_902_255.199 * FT, "f": 0.0, "gm": 1.407644311e16 * FT**3, "j2": 0.0}
 TUMBLING = (10.0, 20.0, 30.0)
@@ -204,3 +207,27 @@ def test_a_row_that_is_no_number_is_not_ok() -> None:
     assert good.ok and not bad.ok and not all_ok([])
     record = json_data(rows_record([good, bad]))
     assert record["ok"] is False and record["rows"][1]["difference"] is None
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_verify_writes_the_rows_of_a_check_case(repository, tmp_path):
+    case = "Atmos_09_EastwardCannonball"
+    shutil.copytree(repository / "tests/reference/nesc" / case, tmp_path / case)
+    result = run("nesc", tmp_path, "--json", tmp_path / "new/rows.json")
+    assert result.exit_code == 0 and ": 0 of 12" in result.stdout
+    written = json.loads((tmp_path / "new/rows.json").read_text())
+    assert written["ok"] is True
+    fields = ["case", "simulator", "quantity", "unit", "difference", "tolerance", "ok"]
+    assert [list(row) for row in written["rows"]] == [fields] * 12
+    assert {row["case"] for row in written["rows"]} == {"nesc 09"}
+
+
+def test_a_tolerance_that_is_missed_exits_1(repository, tmp_path):
+    file = repository / "tests/reference/cadac-ghame6" / "sturn50_total_h1e-4.csv.gz"
+    result = run("ghame6", file, "--tolerance-scale", "0.01", "--json", tmp_path / "rows.json")
+    assert result.exit_code == 1 and "OUTSIDE" in result.stdout
+    written = json.loads((tmp_path / "rows.json").read_text())
+    assert written["ok"] is False and written["rows"][0]["tolerance"] == pytest.approx(0.0009)

@@ -17,8 +17,8 @@ from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.one_flight.given import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.check_rows import Row
-from abhv_mc_verification.fly_recording import make_replay_plan, make_start, replay
+from benchmarks.verification.check_rows import Row
+from benchmarks.verification.fly_recording import make_replay_plan, make_start, replay
 
 DURATION = 5.0  # s
 STEPS = (0.1, 0.05, 0.025, 0.0125)  # s

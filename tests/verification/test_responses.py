@@ -29,7 +29,7 @@ from abhv_mc_vehicle.flight.prepare import make_plan
 from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.check_rows import Row
+from benchmarks.verification.check_rows import Row
 
 # Sub-loops from inside out; all channels of one are slowed together, and what lies outside it even
 # more.

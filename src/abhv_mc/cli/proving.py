@@ -1,4 +1,4 @@
-"""Command ``verify``, which checks a results folder; packages add further checks."""
+"""Command ``verify campaign``, which checks a results folder."""
 
 import typer
 
@@ -9,10 +9,7 @@ from abhv_mc.io.phrases import quoted
 
 verify = typer.Typer(
     name="verify",
-    help=(
-        "Check the files and numbers of a results folder, or compare simulations with published "
-        "data."
-    ),
+    help="Check the files and numbers of a results folder.",
     no_args_is_help=True,
 )
 

@@ -27,9 +27,7 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     if not campaign.can_rerun:
         verified = f"abhv-mc {version} computed the statistics; the flights come from a table."
     elif campaign.simulator.mission:
-        verified = (
-            f"abhv-mc {version}. `abhv-mc verify all` compares its flights with published data."
-        )
+        verified = f"abhv-mc {version}. `make verify` in a checkout compares with published data."
     if manifest.repeatable is not None:
         verified += f" {manifest.repeatable.sentence}"
     yield "Verification", verified

@@ -14,9 +14,9 @@ from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.one_flight.given import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.fly_recording import make_motion, make_replay_plan, make_start, replay
-from abhv_mc_verification.nesc_cases import ELLIPSOID
-from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft
+from benchmarks.verification.fly_recording import make_motion, make_replay_plan, make_start, replay
+from benchmarks.verification.nesc_cases import ELLIPSOID
+from benchmarks.verification.nesc_f16 import RATE, fly_aircraft
 
 CONFIGS = shipped_configs()
 

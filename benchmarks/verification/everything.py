@@ -17,9 +17,9 @@ from abhv_mc_vehicle.flight.prepare import make_plan
 from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.plant.trim import FlightPoint, trim
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.check_rows import Row
-from abhv_mc_verification.ghame6 import verify_ghame6
-from abhv_mc_verification.nesc import verify_nesc
+from benchmarks.verification.check_rows import Row
+from benchmarks.verification.ghame6 import verify_ghame6
+from benchmarks.verification.nesc import verify_nesc
 
 # published range in deg of the trim angle of attack at Mach 15 and 33.5 km
 _PUBLISHED_TRIM = (1.7, 1.8)
@@ -69,19 +69,17 @@ def verify_paper(scale: float = 1.0) -> list[Row]:
     return rows
 
 
-def verify_everything(folder: Path | None, scale: float = 1.0) -> list[Row]:
+def verify_everything(folder: Path, scale: float = 1.0) -> list[Row]:
     """Return verification rows for papers and the reference data in a folder.
 
     The folder contains ``nesc`` and ``cadac-ghame6``. `scale` multiplies the tolerances.
     """
-    rows: list[Row] = []
-    if folder is not None:
-        recordings = sorted((folder / "cadac-ghame6").glob("*.csv*"))
-        if not recordings:
-            raise InputError(
-                folder, "the folder has no recording", "a CSV file in the subfolder cadac-ghame6"
-            )
-        rows = verify_nesc(folder / "nesc", scale)
-        for recording in recordings:
-            rows += verify_ghame6(recording, scale)
+    recordings = sorted((folder / "cadac-ghame6").glob("*.csv*"))
+    if not recordings:
+        raise InputError(
+            folder, "the folder has no recording", "a CSV file in the subfolder cadac-ghame6"
+        )
+    rows = verify_nesc(folder / "nesc", scale)
+    for recording in recordings:
+        rows += verify_ghame6(recording, scale)
     return rows + verify_paper(scale)

@@ -1,4 +1,4 @@
-"""Benchmark command: python -m abhv_mc_verification.bench [--json FILE]."""
+"""Command of `make bench`: python -m benchmarks.bench [--json FILE]."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ def bench(
 
     The benchmark uses the default campaign and takes one or two minutes.
     """
-    from abhv_mc_verification.bench.speed import measure_speed, measure_start, read_operations
+    from benchmarks.speed import measure_speed, measure_start, read_operations
 
     announce_compiling()
     say("flying", file=sys.stderr, flush=True)

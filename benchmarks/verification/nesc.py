@@ -15,8 +15,8 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.check_rows import Row
-from abhv_mc_verification.fly_recording import (
+from benchmarks.verification.check_rows import Row
+from benchmarks.verification.fly_recording import (
     at_times,
     check_times,
     make_motion,
@@ -26,8 +26,8 @@ from abhv_mc_verification.fly_recording import (
     replay,
     wrap_degrees,
 )
-from abhv_mc_verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
-from abhv_mc_verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases
+from benchmarks.verification.nesc_cases import CASES, FOOT, CheckCase, tolerances
+from benchmarks.verification.nesc_f16 import RATE, fly_aircraft, read_aircraft_cases
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -210,7 +210,7 @@ def _run(arguments: list[str], changes: dict[str, str]) -> tuple[float, str]:
     }  # prevents imports from the working directory
     environment = {**os.environ, **searched, **changes}
     start = time.perf_counter()
-    done = subprocess.run(  # noqa: S603
+    done = subprocess.run(
         [sys.executable, *arguments], env=environment, capture_output=True, text=True, check=True
     )
     return time.perf_counter() - start, done.stdout

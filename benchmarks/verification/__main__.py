@@ -1,27 +1,38 @@
-"""Commands ``verify nesc``, ``verify ghame6`` and ``verify all``."""
+"""Comparison of simulated flights with published data: NASA's check-cases, CADAC++, papers.
 
+    python -m benchmarks.verification all|nesc|ghame6 [PATH]
+
+`make verify` runs the command ``all``. The published data are in ``tests/reference``.
+"""
+
+import sys
 from collections.abc import Callable
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from abhv_mc.cli.options import Json, Junit
 from abhv_mc.cli.printing import announce_compiling, new_table, print_table, say, show_result
 from abhv_mc.io.input_error import InputError
-
-if TYPE_CHECKING:
-    from abhv_mc_verification.check_rows import Row
+from abhv_mc.report.pages.matrix import Case, make_junit
+from benchmarks.verification.check_rows import Row, all_ok, rows_record
+from benchmarks.verification.everything import verify_everything
+from benchmarks.verification.ghame6 import verify_ghame6
+from benchmarks.verification.nesc import verify_nesc
 
 _Scale = Annotated[
     float,
     typer.Option("--tolerance-scale", metavar="X", help="Factor that multiplies all tolerances."),
 ]
 
-_REFERENCES = Path("tests/reference")
+_REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
+
+app = typer.Typer(no_args_is_help=True, add_completion=False)
 
 
+@app.command()
 def nesc(
     folder: Annotated[
         Path,
@@ -39,11 +50,10 @@ def nesc(
 
     The exit code is 1 if a difference is outside its tolerance.
     """
-    from abhv_mc_verification.nesc import verify_nesc
-
     _verify(lambda scale: verify_nesc(folder, scale), tolerance_scale, json, junit)
 
 
+@app.command()
 def ghame6(
     file: Annotated[
         Path,
@@ -60,45 +70,37 @@ def ghame6(
 
     The exit code is 1 if a difference is outside its tolerance.
     """
-    from abhv_mc_verification.ghame6 import verify_ghame6
-
     _verify(lambda scale: verify_ghame6(file, scale), tolerance_scale, json, junit)
 
 
+@app.command("all")
 def everything(
-    references: Annotated[
-        Path | None,
-        typer.Option(
+    folder: Annotated[
+        Path,
+        typer.Argument(
             metavar="DIR",
-            show_default=f"{_REFERENCES}, if it exists",
+            show_default="tests/reference",
             help="Folder with the subfolders nesc (check-cases) and cadac-ghame6 (recordings).",
         ),
-    ] = None,
+    ] = _REFERENCES,
     json: Json = None,
     tolerance_scale: _Scale = 1.0,
     junit: Junit = None,
 ) -> None:
     """Compare abhv-mc with other simulators and publications, and print one table."""
-    from abhv_mc_verification.everything import verify_everything
-
-    folder = references or (_REFERENCES if _REFERENCES.is_dir() else None)
     _verify(lambda scale: verify_everything(folder, scale), tolerance_scale, json, junit)
 
 
 def _verify(
-    make_rows: "Callable[[float], list[Row]]", scale: float, json: Path | None, junit: Path | None
+    make_rows: Callable[[float], list[Row]], scale: float, json: Path | None, junit: Path | None
 ) -> None:
     """Print a table, write JSON and JUnit XML, and exit with code 1 if a row fails."""
-    from abhv_mc_verification.check_rows import all_ok, rows_record
-
     if not 0.0 < scale < inf:
         raise InputError("--tolerance-scale", f"found {scale:g}", "a positive number")
     announce_compiling()
     rows = make_rows(scale)
     show_result(rows_record(rows), json, lambda: _print_rows(rows))
     if junit is not None:
-        from abhv_mc.report.pages.matrix import Case, make_junit
-
         cases = [
             Case(
                 f"{row.case} {row.quantity}, against {row.simulator}",
@@ -112,7 +114,7 @@ def _verify(
         raise typer.Exit(1)
 
 
-def _print_rows(rows: "list[Row]") -> None:
+def _print_rows(rows: list[Row]) -> None:
     table = new_table(("case", "compared with", "quantity"), ("difference", "tolerance"))
     table.add_column("unit")
     table.add_column()
@@ -137,5 +139,13 @@ def _print_rows(rows: "list[Row]") -> None:
         )
 
 
-def _tolerance(row: "Row") -> str:
+def _tolerance(row: Row) -> str:
     return f"{row.tolerance:.2e}" if row.judged else "none"
+
+
+if __name__ == "__main__":
+    try:
+        app()
+    except InputError as error:
+        say(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -28,8 +28,8 @@ from abhv_mc_vehicle.user_code.load_law import load_law
 from abhv_mc_vehicle.user_code.module import Law
 from abhv_mc_vehicle.user_code.settings import CommandSteps
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.fly_recording import make_replay_plan, replay
-from abhv_mc_verification.nesc_cases import ELLIPSOID
+from benchmarks.verification.fly_recording import make_replay_plan, replay
+from benchmarks.verification.nesc_cases import ELLIPSOID
 
 RATE = 500.0  # rate in Hz of the autopilot, which is continuous in the cases
 _TRIM_STEP = 1e-3  # time step in s over which the trim computes accelerations

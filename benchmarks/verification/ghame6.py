@@ -22,8 +22,8 @@ from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
 from abhv_mc_vehicle.kernel.world.earth import Earth
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_verification.check_rows import Row
-from abhv_mc_verification.fly_recording import (
+from benchmarks.verification.check_rows import Row
+from benchmarks.verification.fly_recording import (
     check_times,
     make_motion,
     make_replay_plan,

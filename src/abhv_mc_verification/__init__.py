@@ -1,1 +1,0 @@
-"""Verification of the simulation against check-cases, recorded flights and publications."""

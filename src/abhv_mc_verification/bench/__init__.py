@@ -1,1 +1,0 @@
-"""Benchmark of the compiled flight, relative to the peak performance of the machine."""
