@@ -22,7 +22,7 @@ def main(source: Path) -> None:
     sys.path.insert(0, str(source / "src"))
     import llvmlite.binding as llvm
 
-    from abhv_mc_vehicle.kernel.prebuilt import LEVELS, pack
+    from abhv_mc_vehicle.kernel.cache import LEVELS, pack
 
     into = source / "src/abhv_mc_vehicle/prebuilt"
     into.mkdir(exist_ok=True)

@@ -44,7 +44,7 @@ def _prepare(controller):
 
 def _work(controller, flights, seed, ready, go, results):
     from abhv_mc_vehicle.flight.fly import nominal_parameters
-    from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+    from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
     from abhv_mc_vehicle.stability.analysis import margins_of_flights
 
     plan = _prepare(controller)

@@ -76,8 +76,9 @@ def _count_flight(plan: FlightPlan) -> dict[str, float]:
 
 def _use_counted_floats() -> None:
     """Make the flight allocate counted arrays, and count square roots and assembled floats."""
-    from abhv_mc_vehicle.flight import arguments, child_flights
-    from abhv_mc_vehicle.kernel.flight import memory
+    from abhv_mc_vehicle.flight import arguments
+    from abhv_mc_vehicle.flight import fly as flights
+    from abhv_mc_vehicle.kernel.flight.interface import make_memory
     from abhv_mc_vehicle.kernel.numerics import float_bits, lane_math
     from benchmarks.counted import Counted, counted_sqrt, make_counted
 
@@ -88,7 +89,7 @@ def _use_counted_floats() -> None:
 
     # The check of types rejects arrays of objects.
     arguments.conform = lambda value, *_: value
-    child_flights.make_memory = lambda *sizes: count_in(memory.make_memory(*sizes))  # type: ignore[attr-defined]
+    flights.make_memory = lambda *sizes: count_in(make_memory(*sizes))  # type: ignore[attr-defined]
     lane_math.bits_float = lambda bits: Counted(float_bits.bits_float(bits))  # type: ignore[attr-defined]
     math.sqrt = counted_sqrt  # type: ignore[assignment]
 

@@ -26,8 +26,7 @@ from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.flight import observe
 from abhv_mc_vehicle.kernel.flight.fly_lanes import evaluate, find_active, observe_tick, start_lanes
-from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_vehicle.kernel.flight.memory import has_width, make_memory
+from abhv_mc_vehicle.kernel.flight.interface import LANES, has_width, make_memory
 from abhv_mc_vehicle.kernel.flight.navigation import navigate
 from abhv_mc_vehicle.kernel.flight.sensors import add_biases, sense
 from abhv_mc_vehicle.kernel.jit import kernel

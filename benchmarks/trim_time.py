@@ -16,11 +16,10 @@ import numpy as np
 
 from abhv_mc.shipped import find_input
 from abhv_mc_vehicle.control.design.design_model import make_environment
-from abhv_mc_vehicle.control.design.guidance_trim import trim_along
 from abhv_mc_vehicle.control.design.profile import make_profile
-from abhv_mc_vehicle.control.design.reference import make_mission_trim_tables
+from abhv_mc_vehicle.control.design.reference import make_mission_trim_tables, trim_along
 from abhv_mc_vehicle.control.mission import read_mission
-from abhv_mc_vehicle.kernel.laws.trim_search import GuidancePoints
+from abhv_mc_vehicle.kernel.laws.trim_lookup import GuidancePoints
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from benchmarks.timing import measure_time
 

@@ -15,7 +15,7 @@ from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.prepare import make_plan
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 ROOT = Path(__file__).parents[1]

@@ -32,7 +32,7 @@ from abhv_mc_vehicle.kernel.plant.vehicle import (
     Vehicle,
 )
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import make_variables, table_rows
+from abhv_mc_vehicle.vehicle.vehicle_code import make_variables, table_rows
 
 MACH, ALPHA = 4.744, 3.5  # of the S (deg), for ratios of coefficients
 TABLES = {  # table of the vehicle file -> coefficient, and variable that it multiplies

@@ -21,9 +21,9 @@ from abhv_mc_vehicle.control.design.design_model import (
     make_environment,
     make_environment_points,
 )
-from abhv_mc_vehicle.control.design.guidance_trim import trim_along
 from abhv_mc_vehicle.control.design.lqr_design import Nominal, attitude_model_rates
 from abhv_mc_vehicle.control.design.profile import make_profile, ramp_times
+from abhv_mc_vehicle.control.design.reference import trim_along
 from abhv_mc_vehicle.control.design.tlc_design import make_tlc_gains
 from abhv_mc_vehicle.control.design.trim_tables import make_trim_tables
 from abhv_mc_vehicle.control.mission import Mission
@@ -32,11 +32,11 @@ from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.prepare import make_initial_state, make_plan
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
-from abhv_mc_vehicle.kernel.laws.trim_search import GuidancePoints
+from abhv_mc_vehicle.kernel.laws.trim_lookup import GuidancePoints
 from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.plant.trim import TrimPoint
-from abhv_mc_vehicle.vehicle.evaluate import make_variables, table_rows
+from abhv_mc_vehicle.vehicle.vehicle_code import make_variables, table_rows
 
 LAWS = ("tlc", "lqr")
 READING = 0.02  # of an axis, up to which an end counts as inside in a search

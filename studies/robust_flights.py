@@ -21,8 +21,7 @@ from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.prepare import make_plan
 from abhv_mc_vehicle.kernel.laws import columns as ref
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, Vehicle
 from abhv_mc_vehicle.stability.analysis import margins_of_flights
 from abhv_mc_vehicle.stability.steady import make_steady_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle

@@ -13,7 +13,7 @@ from abhv_mc_vehicle.control.controller_file import TlcController
 from abhv_mc_vehicle.control.design.profile import ramp_times
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import nominal_parameters
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 
 INNER = tuple(f"attitude.{name}" for name in ("angle_of_attack", "sideslip", "bank")) + tuple(
     f"rates.{name}" for name in ("roll_rate", "pitch_rate", "yaw_rate")

@@ -23,13 +23,11 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX, CHANNELS
 from abhv_mc_vehicle.flight.metrics import METRICS
-from abhv_mc_vehicle.flight.outcome import Limits
-from abhv_mc_vehicle.flight.plan import NO_SOURCES, FlightPlan
+from abhv_mc_vehicle.flight.plan import NO_SOURCES, FlightPlan, Limits
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc_vehicle.kernel.plant.air_data import no_profile
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.plant.state import N_STATES
-from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, PARAMETER_INDEX, Vehicle
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 

@@ -29,9 +29,13 @@ def write_names(path: Path) -> None:
         REFERENCE,
     )
     from abhv_mc_vehicle.kernel.plant.actuator_step import COLUMNS, SUBSTEPS
-    from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
     from abhv_mc_vehicle.kernel.plant.state import STATES
-    from abhv_mc_vehicle.kernel.plant.vehicle import FIXED_TABLE_ROWS, VARIABLES, Constants
+    from abhv_mc_vehicle.kernel.plant.vehicle import (
+        FIXED_TABLE_ROWS,
+        PARAMETER_INDEX,
+        VARIABLES,
+        Constants,
+    )
     from abhv_mc_vehicle.kernel.world.earth import Earth
 
     groups: dict[str, tuple[str, ...]] = {

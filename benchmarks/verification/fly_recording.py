@@ -14,8 +14,7 @@ from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_error import InputError
 from abhv_mc.io.phrases import quoted
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
-from abhv_mc_vehicle.flight.outcome import Limits
-from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan import FlightPlan, Limits
 from abhv_mc_vehicle.kernel.laws.columns import RECORDED_GAINS, REFERENCE
 from abhv_mc_vehicle.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc_vehicle.kernel.plant import state as s
@@ -23,7 +22,7 @@ from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 from abhv_mc_vehicle.kernel.world.earth import Earth
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.user_code.vehicle_functions import find_code
-from abhv_mc_vehicle.vehicle.effectors import drive
+from abhv_mc_vehicle.vehicle.actuators import drive
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,8 +17,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, Vehicle
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
 from abhv_mc_vehicle.kernel.world.earth import Earth
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle

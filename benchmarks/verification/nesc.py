@@ -13,7 +13,7 @@ from abhv_mc.flights.timing import Timing
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from benchmarks.verification.check_rows import Row
 from benchmarks.verification.fly_recording import (

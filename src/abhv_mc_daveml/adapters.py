@@ -7,8 +7,7 @@ from collections.abc import Collection, Mapping
 from abhv_mc.io.input_error import InputError, Refusal
 from abhv_mc.io.units import parse_unit
 from abhv_mc_daveml.formulas import MODEL
-from abhv_mc_daveml.graph import Model, Variable
-from abhv_mc_daveml.s119_units import parse_s119_unit
+from abhv_mc_daveml.graph import Model, Variable, parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
 from abhv_mc_vehicle.user_code.module_text import Line, call, declare, define, names_in, number
 

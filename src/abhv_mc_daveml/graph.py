@@ -1,16 +1,69 @@
-"""DAVE-ML file as a graph: variables in order of computation, functions, check shots."""
+"""DAVE-ML file as a graph: variables in order of computation, functions, check shots.
+
+Units are in S-119 notation: ``ft_s`` for feet per second, ``_deg`` for one per degree.
+"""
 
 import hashlib
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.units import Exponents, parse_unit
 from abhv_mc.io.xml_reader import Node, read_xml
 from abhv_mc_daveml.formulas import TAKEN, read_formula
 from abhv_mc_daveml.look_ups import LookUp, read_look_ups
-from abhv_mc_daveml.s119_units import parse_s119_unit
 from abhv_mc_vehicle.user_code.module_text import free_name
+
+_SPELLINGS = {
+    "r": "rad",
+    "f": "ft",
+    "sec": "s",
+    "d": "deg",
+    "hr": "h",
+    "lbm": "lb",
+    "nim": "nmi",
+    "kn": "kt",
+    "knot": "kt",
+}
+_SYMBOLS = (
+    "slug", "kPa", "nmi", "nim", "knot", "lbm", "lbf", "rad", "deg", "min", "sec", "kg", "km", "cm",
+    "mm", "ft", "in", "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d", "f",
+)  # fmt: skip  # longest first
+_UNIT = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
+# pattern that also matches spellings such as FT, Deg and LBF
+_ANY_CASE = re.compile(_UNIT.pattern, re.IGNORECASE)
+_EXACT = {symbol.lower(): symbol for symbol in reversed(_SYMBOLS)}
+_NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
+
+
+def parse_s119_unit(text: str) -> tuple[float, Exponents]:
+    """Return the factor from a unit to SI, and its exponents. Raise Refusal if unknown."""
+    if text.lower() in _NUMBERS:
+        return _NUMBERS[text.lower()], (0, 0, 0, 0, 0)
+    above, _, below = text.partition("_")
+    symbols = [
+        _unit_symbols(above, text),
+        *(f"/{word}" for word in _unit_symbols(below, text).split()),
+    ]
+    return parse_unit("1" + "".join(symbols[1:]) if not above else " ".join(symbols))
+
+
+def _unit_symbols(text: str, unit: str) -> str:
+    """Split a unit into symbols with exponents, for :func:`abhv_mc.io.units.parse_unit`."""
+    symbols, position = [], 0
+    while position < len(text):
+        match = _UNIT.match(text, position) or _ANY_CASE.match(text, position)
+        if match is None:
+            raise Refusal(
+                f"unknown unit '{unit}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd"
+            )
+        symbol = match[1] if match[1] in _SYMBOLS else _EXACT[match[1].lower()]
+        symbols.append(_SPELLINGS.get(symbol, symbol) + match[2])
+        position = match.end()
+    return " ".join(symbols)
+
 
 _WITHOUT_TOLERANCE = 1e-6  # default tolerance of check values
 

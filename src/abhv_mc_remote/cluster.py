@@ -35,7 +35,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten
 from abhv_mc_vehicle.kernel.jit import set_compile_listener
-from abhv_mc_vehicle.user_code.c_source import refuse_platform
+from abhv_mc_vehicle.user_code.law_source import refuse_platform
 from abhv_mc_vehicle.vehicle_simulator.stored_plans import Code, code_of, rebuild_sent
 
 if TYPE_CHECKING:

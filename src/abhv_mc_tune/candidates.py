@@ -19,8 +19,8 @@ from abhv_mc_vehicle.control.law_file import NAMING_KEYS
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.stability.analysis import margins_of_flights
 from abhv_mc_vehicle.stability.fly_with_margins import add_margins
+from abhv_mc_vehicle.vehicle_simulator.corner_margins import make_steady
 from abhv_mc_vehicle.vehicle_simulator.make_plans import declare
-from abhv_mc_vehicle.vehicle_simulator.margin_plans import make_steady
 from abhv_mc_vehicle.vehicle_simulator.tuning import Free
 
 _NUMBER = re.compile(

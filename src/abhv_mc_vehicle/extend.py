@@ -38,16 +38,19 @@ from typing import Any, TypeVar
 
 from abhv_mc_vehicle.kernel.jit import scalar
 from abhv_mc_vehicle.kernel.laws.allocation import solve_3x3
-from abhv_mc_vehicle.kernel.numerics.angles import clamp, larger, smaller, wrap
 from abhv_mc_vehicle.kernel.numerics.lane_math import (
     acos,
     asin,
     atan2,
+    clamp,
     exp,
+    larger,
     log,
     power,
     sincos,
+    smaller,
     tan,
+    wrap,
 )
 from abhv_mc_vehicle.user_code.law_interface import (
     Coefficients,

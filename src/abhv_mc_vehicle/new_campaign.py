@@ -15,7 +15,7 @@ from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.shipped import shipped_configs, shipped_files
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.control.law_file import CController
-from abhv_mc_vehicle.user_code.c_source import write_headers
+from abhv_mc_vehicle.user_code.law_source import write_headers
 from abhv_mc_vehicle.vehicle_simulator.references import find_references
 
 DEFAULT = "s_manoeuvre"
@@ -30,7 +30,7 @@ libmy_law.so: my_law.c abhv_law.h abhv_settings.h
 \tcc -shared -fPIC -O2 -Wall -ffp-contract=off -I. -o $@ my_law.c -lm
 
 headers: my_law.yaml
-\tpython3 -m abhv_mc_vehicle.user_code.c_source my_law.yaml
+\tpython3 -m abhv_mc_vehicle.user_code.law_source my_law.yaml
 """
 _QUESTION = "Does my control law track this mission as well as the shipped controllers?"
 

@@ -19,9 +19,8 @@ from daveml.graph import Graph
 
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc_daveml.air_profile import ALTITUDES
 from abhv_mc_daveml.graph import read_model
-from abhv_mc_daveml.import_vehicle import import_daveml
+from abhv_mc_daveml.import_vehicle import ALTITUDES, import_daveml
 from abhv_mc_daveml.writer import make_function, run_shots
 from abhv_mc_vehicle.control.mission_tables import DENSITIES, read_air_table
 from abhv_mc_vehicle.plant.trim import FlightPoint, trim

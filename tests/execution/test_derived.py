@@ -14,7 +14,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc.requests import Request
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 
 ENTRIES = {
     "dispersions": "{atmosphere.density: {distribution: mixture, parts: [{distribution: "

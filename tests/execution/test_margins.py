@@ -19,7 +19,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.topics.topic import Models
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.stability import fly_with_margins
 from abhv_mc_vehicle.vehicle_simulator import corner_margins
 

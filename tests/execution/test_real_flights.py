@@ -17,7 +17,7 @@ from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten
-from abhv_mc_vehicle.kernel.plant.parameter_names import (
+from abhv_mc_vehicle.kernel.plant.vehicle import (
     ACCELERATIONS,
     MORE_SENSORS,
     PARAMETER_INDEX,

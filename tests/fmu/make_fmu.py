@@ -13,8 +13,8 @@ import psutil
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.flight.interface import LANES
 from abhv_mc_vehicle.kernel.laws.columns import LQR_GAINS, REFERENCE
-from abhv_mc_vehicle.user_code.c_source import make_header, make_settings_header
 from abhv_mc_vehicle.user_code.law_interface import COMMAND_FIELDS, Measured
+from abhv_mc_vehicle.user_code.law_source import make_header, make_settings_header
 
 HERE = Path(__file__).parent
 GAINS = (*LQR_GAINS, "earth_radius", "gravitational_parameter")

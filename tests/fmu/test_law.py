@@ -18,7 +18,7 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc_fmu.loop import NAMES, decode, encode, pack
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.stability.linearize import linearize
 from abhv_mc_vehicle.stability.points import flown_points
 from abhv_mc_vehicle.stability.probe import law_memory_rows

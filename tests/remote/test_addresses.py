@@ -14,10 +14,9 @@ from pyarrow import fs
 
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
-from abhv_mc_remote import objects as module
+from abhv_mc_remote import store as module
 from abhv_mc_remote import store as remote
-from abhv_mc_remote.objects import LEASE, LEASE_NAME, Lease, Objects, read_holder
-from abhv_mc_remote.store import Remote
+from abhv_mc_remote.store import LEASE, LEASE_NAME, Lease, Objects, Remote, read_holder
 
 
 class DatedStore(Objects):

@@ -12,9 +12,9 @@ from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.stores import open_store
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
-from abhv_mc_remote import objects as module
+from abhv_mc_remote import store as module
 from abhv_mc_remote import store as remote
-from abhv_mc_remote.objects import Objects
+from abhv_mc_remote.store import Objects
 
 server = pytest.importorskip("moto.server")
 pytestmark = pytest.mark.usefixtures("fake_engine")

@@ -27,7 +27,7 @@ from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.requests import RareRequest, WorstRequest
 from abhv_mc.search.rare import find_rare, find_requirement
 from abhv_mc.search.worst import find_worst, find_worst_margins
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 
 
 @pytest.fixture

@@ -24,9 +24,13 @@ from experiment import CORNERS, ROOT, corner_parameters, random_parameters
 import paper
 from abhv_mc_vehicle.control.design.lqr_design import attitude_slopes, make_lqr_gains, make_nominal
 from abhv_mc_vehicle.control.design.reference import make_mission_trim_tables, solve_reference
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+)
 
 VALUES = box.first_mean(np.random.default_rng(5))
 GHAMES = dict.fromkeys(box.FREE, 1.0) | {

@@ -10,11 +10,10 @@ from abhv_mc.flights.timing import Timing
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, Vehicle
 from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_fixed, make_variables
+from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_fixed, make_variables
 from benchmarks.verification.check_rows import Row
 from benchmarks.verification.fly_recording import make_replay_plan, make_start, replay
 from benchmarks.verification.ghame6 import ned_from_ecef_matrix

@@ -13,7 +13,7 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.one_flight.given import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle

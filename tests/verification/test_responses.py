@@ -26,8 +26,7 @@ from abhv_mc_vehicle.control.mission import read_mission
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.prepare import make_plan
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, VARIABLES, BuildUp, Vehicle
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from benchmarks.verification.check_rows import Row
 

@@ -19,12 +19,12 @@ from abhv_mc.cli.printing import (
 from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
-from abhv_mc_vehicle.cli.announce import announce_compiling
 from abhv_mc_vehicle.cli.options import (
     ControllerFiles,
     FlownFile,
     MissionFile,
     Vehicle,
+    announce_compiling,
     find_controllers,
 )
 

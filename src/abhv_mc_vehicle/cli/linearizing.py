@@ -23,11 +23,11 @@ from abhv_mc.cli.printing import (
 )
 from abhv_mc.io.input_error import InputError, one_of
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
-from abhv_mc_vehicle.cli.announce import announce_compiling
 from abhv_mc_vehicle.cli.options import (
     ControllerFiles,
     MissionOrCampaign,
     Vehicle,
+    announce_compiling,
     find_controllers,
 )
 
@@ -234,7 +234,7 @@ def _find_flown(
     from abhv_mc.campaign.file.kinds import find_kind
     from abhv_mc.campaign.file.user_code import check_user_code
     from abhv_mc_vehicle.control.controller_file import read_controller
-    from abhv_mc_vehicle.vehicle_simulator.campaign_code import check_user_law
+    from abhv_mc_vehicle.vehicle_simulator.stored_plans import check_user_law
 
     if find_kind(mission) == "campaign":
         from abhv_mc.campaign.file.check import read_campaign

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.topics.figure_style import CYCLE, INK, new_figure, styled, write_png
 from abhv_mc_vehicle.stability.lifted import fundamental_gains
-from abhv_mc_vehicle.stability.linear_model import Linear
-from abhv_mc_vehicle.stability.margins import close, loop_gains, make_loops
+from abhv_mc_vehicle.stability.margins import Linear, close, loop_gains, make_loops
 
 _POINTS = 1500
 

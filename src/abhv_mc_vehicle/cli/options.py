@@ -1,11 +1,13 @@
-"""Arguments and options of the vehicle's commands."""
+"""Arguments and options of the vehicle's commands, and messages about kernels."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from abhv_mc.cli import printing
 from abhv_mc.cli.options import controllers_option, of_kinds, parse_names
+from abhv_mc.compiling import tell
 from abhv_mc.io.input_error import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
@@ -46,3 +48,11 @@ def find_controllers(text: str | None) -> dict[str, Path]:
             "--controllers", f"files in '{text}' have the same name", "files with different names"
         )
     return {file.stem: file for file in files}
+
+
+def announce_compiling() -> None:
+    """Enable messages on standard error about kernels that are being compiled."""
+    printing.announce_compiling()
+    from abhv_mc_vehicle.kernel.jit import set_compile_listener
+
+    set_compile_listener(tell)

@@ -15,19 +15,18 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc_vehicle.control.law_file import USER_LAWS
 from abhv_mc_vehicle.flight.compile_metrics import compile_metrics, source_rows
-from abhv_mc_vehicle.flight.outcome import LIMITS
-from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.plan import LIMITS, FlightPlan
 from abhv_mc_vehicle.flight.user_law import dispersable_settings
 from abhv_mc_vehicle.kernel.flight.interface import (
     LQR,
     PYTHON,
     RECORDED,
+    SAVED_ROWS,
     TLC,
     KernelPlan,
     KernelResults,
     Observed,
 )
-from abhv_mc_vehicle.kernel.flight.memory import SAVED_ROWS
 from abhv_mc_vehicle.kernel.flight.observe import find_row
 from abhv_mc_vehicle.kernel.laws.columns import (
     LQR_GAINS,

@@ -22,8 +22,12 @@ from abhv_mc_vehicle.user_code.vehicle_functions import (
     find_code,
     function_line,
 )
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_fixed, evaluate_tables, make_variables
-from abhv_mc_vehicle.vehicle.vehicle_code import VehicleCode
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    VehicleCode,
+    evaluate_fixed,
+    evaluate_tables,
+    make_variables,
+)
 
 MakeState = Callable[[TrimPoint], Floats]
 FindTrim = Callable[[tuple[float, float, float]], TrimPoint]

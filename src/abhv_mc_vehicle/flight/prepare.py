@@ -19,13 +19,13 @@ from abhv_mc_vehicle.control.controller_file import (
 )
 from abhv_mc_vehicle.control.design.design_cache import cache_results
 from abhv_mc_vehicle.control.design.design_model import make_environment, slope, wrench_at
-from abhv_mc_vehicle.control.design.guidance_trim import trim_faults
 from abhv_mc_vehicle.control.design.lqr_design import make_lqr_gains
 from abhv_mc_vehicle.control.design.reference import (
     make_mission_trim_tables,
     make_start_trim,
     on_glide_path,
     solve_reference,
+    trim_faults,
 )
 from abhv_mc_vehicle.control.design.tlc_design import (
     make_limit_settings,
@@ -43,11 +43,9 @@ from abhv_mc_vehicle.control.law_file import (
 )
 from abhv_mc_vehicle.control.mission import Mission, read_mission
 from abhv_mc_vehicle.flight.dynamics_start import start_custom
-from abhv_mc_vehicle.flight.first_ticks import check_first_ticks
 from abhv_mc_vehicle.flight.metrics import effector_metrics
-from abhv_mc_vehicle.flight.native_check import check_native
-from abhv_mc_vehicle.flight.outcome import EndBounds, Limits
-from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.native_check import check_first_ticks, check_native
+from abhv_mc_vehicle.flight.plan import EndBounds, FlightPlan, Limits
 from abhv_mc_vehicle.flight.user_law import check_native_law, open_law, plan_source
 from abhv_mc_vehicle.kernel.flight.interface import LANES
 from abhv_mc_vehicle.kernel.flight.start import multiply
@@ -63,8 +61,7 @@ from abhv_mc_vehicle.kernel.laws.columns import (
 from abhv_mc_vehicle.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
-from abhv_mc_vehicle.kernel.world.earth import Earth
-from abhv_mc_vehicle.kernel.world.surroundings import find_surroundings
+from abhv_mc_vehicle.kernel.world.earth import Earth, find_surroundings
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.plant.trim import GRAVITY, TrimPoint
 from abhv_mc_vehicle.user_code.compiled import COMMANDS, split_columns
@@ -80,10 +77,10 @@ from abhv_mc_vehicle.user_code.settings import (
     make_user_settings,
 )
 from abhv_mc_vehicle.user_code.vehicle_functions import check_finite, find_code, load_vehicle
-from abhv_mc_vehicle.vehicle.effectors import name_effectors
-from abhv_mc_vehicle.vehicle.evaluate import make_variables
+from abhv_mc_vehicle.vehicle.actuators import name_effectors
 from abhv_mc_vehicle.vehicle.pack import valid_range
 from abhv_mc_vehicle.vehicle.shared_keys import choose_sensing, tighter
+from abhv_mc_vehicle.vehicle.vehicle_code import make_variables
 from abhv_mc_vehicle.vehicle.warnings import find_vehicle_warnings
 
 _find_warnings = cache_results(

@@ -12,22 +12,20 @@ from abhv_mc.io.documents import Document
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc_vehicle.control.law_file import NATIVE, PYTHON, USER_LAWS
 from abhv_mc_vehicle.flight.plan import FlightPlan
-from abhv_mc_vehicle.kernel.flight.interface import UserCode
-from abhv_mc_vehicle.kernel.flight.memory import TOGETHER
+from abhv_mc_vehicle.kernel.flight.interface import TOGETHER, UserCode
 from abhv_mc_vehicle.kernel.laws.user import MAX_MEMORY, MEMORY
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import ACCELERATIONS
-from abhv_mc_vehicle.user_code.c_law import find_c_memory, open_c_law
+from abhv_mc_vehicle.kernel.plant.vehicle import ACCELERATIONS
 from abhv_mc_vehicle.user_code.compiled import compile_filter, compile_law
 from abhv_mc_vehicle.user_code.effector_commands import commands_effectors
 from abhv_mc_vehicle.user_code.law_interface import Measured
 from abhv_mc_vehicle.user_code.load_law import is_number, load_law
 from abhv_mc_vehicle.user_code.module import Law
-from abhv_mc_vehicle.user_code.native_loop import LawBackend
+from abhv_mc_vehicle.user_code.native_loop import LawBackend, find_c_memory, open_c_law
 from abhv_mc_vehicle.user_code.plain_law import PlainLaw
 from abhv_mc_vehicle.user_code.user_channels import compile_channels
 from abhv_mc_vehicle.user_code.vehicle_functions import Functions, compile_functions
-from abhv_mc_vehicle.vehicle.effectors import name_effectors
+from abhv_mc_vehicle.vehicle.actuators import name_effectors
 
 PROCESS = "process"
 _ACCELERATIONS = "|".join(ACCELERATIONS)

@@ -9,8 +9,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from abhv_mc_vehicle.kernel.cache import cache_folder
-from abhv_mc_vehicle.kernel.prebuilt import Level, choose_level
+from abhv_mc_vehicle.kernel.cache import Level, cache_folder, choose_level
 
 PUBLIC = "ABHV_MC_PUBLIC_NUMBA"
 

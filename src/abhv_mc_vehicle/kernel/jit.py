@@ -32,14 +32,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from abhv_mc_vehicle.kernel.cache import compilation_lock, is_noted, source_unchanged
+from abhv_mc_vehicle.kernel.cache import compilation_lock, is_noted, source_unchanged, unpack
 from abhv_mc_vehicle.kernel.compiler_target import (
     PUBLIC,
     choose_interface,
     choose_target,
     code_folder,
 )
-from abhv_mc_vehicle.kernel.prebuilt import unpack
 
 F = TypeVar("F", bound=Callable[..., Any])
 # Maximum number of arrays in the arguments of a function that is compiled with noalias. A vehicle

@@ -41,8 +41,7 @@ def fly_once(
     Channels are recorded every `every` control ticks; see :func:`abhv_mc.fly`.
     """
     from abhv_mc_vehicle.flight.fly import fly
-    from abhv_mc_vehicle.vehicle_simulator.end_sentence import describe_end
-    from abhv_mc_vehicle.vehicle_simulator.make_plans import check_rows
+    from abhv_mc_vehicle.vehicle_simulator.make_plans import check_rows, describe_end
 
     plan = make_flight_plan(mission, vehicle, controller).lean_for(dispersions or ())
     parameters = make_parameters(dispersions, plan.vehicle)
@@ -131,7 +130,7 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
     from abhv_mc.execution.dispersion_probes import differs
     from abhv_mc_vehicle.flight.fly import fly
     from abhv_mc_vehicle.flight.vehicle_parameters import vehicle_parameters
-    from abhv_mc_vehicle.kernel.plant.parameter_names import NEVER
+    from abhv_mc_vehicle.kernel.plant.vehicle import NEVER
 
     table = vehicle_parameters(plan.vehicle_code)
     indices = [i for i in map(table.index.get, names) if i is not None]

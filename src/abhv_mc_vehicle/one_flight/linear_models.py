@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from abhv_mc_vehicle.flight.plan import FlightPlan
     from abhv_mc_vehicle.stability.analysis import Stability, Time
-    from abhv_mc_vehicle.stability.linear_model import Linear
+    from abhv_mc_vehicle.stability.margins import Linear
     from abhv_mc_vehicle.stability.point_slopes import Points
 
 _MARGIN_UNITS = {

@@ -23,15 +23,14 @@ from abhv_mc_vehicle.flight.arguments import make_kernel_plan, make_results
 from abhv_mc_vehicle.flight.fly import choose_flight, fly_until
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.user_law import open_law
-from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_vehicle.kernel.flight.memory import Z_ROWS, make_memory
+from abhv_mc_vehicle.kernel.flight.interface import LANES, Z_ROWS, make_memory
 from abhv_mc_vehicle.kernel.flight.observe import ALIVE
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.one_flight.given import Input, temporary_folder, write_inputs
 from abhv_mc_vehicle.user_code.law_interface import Command, Measured
 from abhv_mc_vehicle.user_code.plain_law import SOCKET
-from abhv_mc_vehicle.vehicle.effectors import name_effectors
+from abhv_mc_vehicle.vehicle.actuators import name_effectors
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,7 +8,7 @@ of derivatives is computed once per vehicle.
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc_vehicle.kernel.plant.slopes import INPUTS, N_INPUTS, Effectiveness
+from abhv_mc_vehicle.kernel.plant.aerodynamics import INPUTS, N_INPUTS, Effectiveness
 from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, Vehicle
 
 

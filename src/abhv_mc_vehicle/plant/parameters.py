@@ -1,15 +1,16 @@
 """Dispersible parameters: units, nominal values and descriptions.
 
-To add a parameter, append its name in :mod:`abhv_mc_vehicle.kernel.plant.parameter_names` (which
+To add a parameter, append its name in :mod:`abhv_mc_vehicle.kernel.plant.vehicle` (which
 determines the order), add a line to the table below and use it in the plant. A parameter at its
 nominal value has no effect.
 """
 
 from abhv_mc.flights.parameters import ONE, Parameter, Parameters
-from abhv_mc_vehicle.kernel.plant.parameter_names import (
+from abhv_mc_vehicle.kernel.plant.vehicle import (
     ACCELERATIONS,
     ALL_SENSORS,
     AXES,
+    COEFFICIENTS,
     DENSITY_KNOTS_KM,
     EFFECTORS,
     ENGINES,
@@ -19,7 +20,6 @@ from abhv_mc_vehicle.kernel.plant.parameter_names import (
     SENSOR_NOISES,
     SENSORS,
 )
-from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS
 
 
 def _factor(name: str, doc: str) -> Parameter:

@@ -1,5 +1,7 @@
 """Trim: angle of attack, elevator and equivalence ratio that balance a vehicle.
 
+The nominal air of a mission is the standard atmosphere times the factors of the mission's table.
+
 Forces in the plane of symmetry and the pitching moment about the centre of gravity are balanced
 exactly, with zero aileron, rudder and sideslip. The method follows Zhu & Shen (2014), section 4.3,
 but uses the full tables.
@@ -8,24 +10,37 @@ but uses the full tables.
 import math
 from collections.abc import Callable
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.phrases import joined
 from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS, Vehicle
-from abhv_mc_vehicle.kernel.world.earth import Earth
-from abhv_mc_vehicle.kernel.world.surroundings import find_surroundings
-from abhv_mc_vehicle.plant.air import nominal_air
-from abhv_mc_vehicle.vehicle.effectors import deflection_range
-from abhv_mc_vehicle.vehicle.evaluate import (
+from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth, find_surroundings
+from abhv_mc_vehicle.vehicle.actuators import deflection_range
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    N_THRUST,
     evaluate_coefficients,
     evaluate_fixed,
+    evaluate_functions,
     evaluate_tables,
     make_variables,
 )
-from abhv_mc_vehicle.vehicle.vehicle_code import N_THRUST, evaluate_functions
+
+
+def nominal_air(air: Floats | None, altitude: Any) -> tuple[Floats, Floats]:
+    """Return density (kg/m3) and speed of sound (m/s) [point] at altitudes (m).
+
+    ``air`` has the columns of :mod:`abhv_mc_vehicle.kernel.plant.air_data`; None or a table without
+    rows is the standard atmosphere.
+    """
+    density, sound_speed, *_ = find_surroundings(WGS84, altitude, 0.0, 1.0)
+    if air is None or not len(air):
+        return density, sound_speed
+    factor, warmth = (np.interp(altitude, air[:, 0], air[:, column]) for column in (3, 4))
+    return density * factor, sound_speed * np.sqrt(warmth)
+
 
 GRAVITY = 9.80665  # standard gravity, which defines load factors, m/s2
 # tolerance of forces relative to the weight, and of moments relative to weight times chord

@@ -9,9 +9,10 @@ from abhv_mc.array_types import Complexes, Floats, Ints, Mask
 from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.stability.lifted import find_lifted_margins
-from abhv_mc_vehicle.stability.linear_model import REASONS, Linear
 from abhv_mc_vehicle.stability.linearize import closed_period, linearize
 from abhv_mc_vehicle.stability.margins import (
+    REASONS,
+    Linear,
     Margins,
     disk_gain_and_phase,
     find_margins,

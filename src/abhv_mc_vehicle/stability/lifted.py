@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints
-from abhv_mc_vehicle.stability.linear_model import Linear
 from abhv_mc_vehicle.stability.linearize import open_loop
 from abhv_mc_vehicle.stability.margins import (
+    Linear,
     Loops,
     Margins,
     eigenvalues,

@@ -1,4 +1,6 @@
-"""Stability margins of sampled control loops from their frequency responses.
+"""Linear models of the closed loop, and stability margins from their frequency responses.
+
+A model contains plant, controller, sensors and delay at each point.
 
 The loop gain L of a system is a matrix: all loops are cut at the plant's inputs, and the controller
 commands -L v for an input v. For loop i alone, with the other loops closed, ``L_i = T_ii / S_ii``
@@ -20,13 +22,49 @@ from abhv_mc_vehicle.kernel.stability.structured import (
     peak_of_structured_singular_values,
     structured_singular_values,
 )
-from abhv_mc_vehicle.stability.linear_model import Linear
+from abhv_mc_vehicle.stability.plant_inputs import INPUTS
 from abhv_mc_vehicle.stability.search import (
     Quantity,
     changes_of_sign,
     refine_crossings,
     refine_peaks,
 )
+
+# reasons why an input has no loop
+STUCK, NO_EFFECT = 1, 2
+REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
+
+
+class Linear(NamedTuple):
+    """Continuous and discrete linear models, one per point.
+
+    Discrete models are x+ = A x + B u, y = C x + D u at the control rate.
+    """
+
+    period: float  # control period, s
+    plant_A: (
+        # [point, 10 + custom, 10 + custom] continuous plant; states: path coordinates, custom
+        # states
+        Floats
+    )
+    # [point, 10 + custom, actuator] effect of the positions of surfaces (or effectors) and engine
+    plant_B: Floats
+    # [point, n, n] discrete plant; states: path coordinates, actuators, custom states
+    A: Floats
+    B: Floats  # [point, n, input] effect of the commands
+    # [point, memory, memory] dynamics of the controller's memory, with sensor states last
+    law_A: Floats
+    law_B: Floats  # [point, memory, 10] effect of the measurement on the memory
+    law_C: Floats  # [point, input, memory] effect of the memory on the commands
+    law_D: Floats  # [point, input, 10] effect of the measurement on the commands
+    delay: Ints  # [point] delay of the measurement, control periods
+    # [point, 10, n] measurement without delay; the row of a frozen measurement is zero
+    sense: Floats
+    cut: Ints  # [point, input] STUCK or NO_EFFECT if an input has no loop, else 0
+    phases: "tuple[Linear, ...]" = ()  # one model per tick of a multi-rate controller's period
+    inputs: tuple[str, ...] = INPUTS  # names of the plant inputs commanded by the controller
+    # model with one input per effector, if the controller commands axes
+    apart: "Linear | None" = None
 
 
 class Loops(NamedTuple):

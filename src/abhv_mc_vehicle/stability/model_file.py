@@ -12,17 +12,17 @@ from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.stability import path_coordinates as path
-from abhv_mc_vehicle.stability.linear_model import Linear
 from abhv_mc_vehicle.stability.linearize import (
     actuator_matrices,
     closed_loop,
     closed_period,
     open_loop,
+    sensor_states,
 )
+from abhv_mc_vehicle.stability.margins import Linear
 from abhv_mc_vehicle.stability.plant_inputs import mix_matrix, plant_states, plant_units
 from abhv_mc_vehicle.stability.point_slopes import Points
 from abhv_mc_vehicle.stability.probe import law_memory_rows
-from abhv_mc_vehicle.stability.sensor_states import sensor_states
 
 FORMATS = (".npz", ".mat", ".json")
 

@@ -6,16 +6,15 @@ from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc_vehicle.control.law_file import USER_LAWS
 from abhv_mc_vehicle.flight.arguments import SavedFlights
 from abhv_mc_vehicle.flight.plan import FlightPlan
-from abhv_mc_vehicle.kernel.flight.memory import O_ROWS, Z_ROWS
+from abhv_mc_vehicle.kernel.flight.interface import O_ROWS, Z_ROWS
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import HIGH, LOW
 from abhv_mc_vehicle.kernel.plant.actuators import MOVES, N_EFFECTOR_ROWS, POSITION
-from abhv_mc_vehicle.kernel.plant.parameter_names import EFFECTORS, NEVER
-from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import EFFECTORS, NEVER, Vehicle
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.user_code.effector_commands import commands_effectors
 from abhv_mc_vehicle.user_code.vehicle_functions import find_code
-from abhv_mc_vehicle.vehicle.effectors import name_effectors, surface_list, surface_mix
+from abhv_mc_vehicle.vehicle.actuators import name_effectors, surface_list, surface_mix
 from abhv_mc_vehicle.vehicle.vehicle_code import name_states
 
 INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")

@@ -13,13 +13,12 @@ from abhv_mc_vehicle.flight.arguments import SavedFlights
 from abhv_mc_vehicle.flight.fly import fly_until
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.user_law import measured_count
-from abhv_mc_vehicle.kernel.flight.memory import Z_ROWS
+from abhv_mc_vehicle.kernel.flight.interface import Z_ROWS
 from abhv_mc_vehicle.kernel.flight.observe import ALIVE
 from abhv_mc_vehicle.kernel.laws.columns import N_LIMITS
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuators import POSITION, STAGE
-from abhv_mc_vehicle.kernel.plant.parameter_names import NEVER
-from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, Tables
+from abhv_mc_vehicle.kernel.plant.vehicle import NEVER, VARIABLES, Tables
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.stability.periods import SWITCHES, over_period, switching
 from abhv_mc_vehicle.stability.plant_inputs import (

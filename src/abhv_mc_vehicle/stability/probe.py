@@ -21,16 +21,20 @@ from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.flight.native_check import check_states
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.user_law import law_memory, measured_count, open_law, open_vehicle
-from abhv_mc_vehicle.kernel.flight.interface import LANES, KernelPlan
-from abhv_mc_vehicle.kernel.flight.memory import SAVED_ROWS, Z_ROWS, make_memory
+from abhv_mc_vehicle.kernel.flight.interface import (
+    LANES,
+    SAVED_ROWS,
+    Z_ROWS,
+    KernelPlan,
+    make_memory,
+)
 from abhv_mc_vehicle.kernel.jit import is_cached
 from abhv_mc_vehicle.kernel.laws.columns import N_LIMITS
 from abhv_mc_vehicle.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
 from abhv_mc_vehicle.kernel.laws.user import FAULT
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuators import N_EFFECTOR_ROWS, POSITION
-from abhv_mc_vehicle.kernel.plant.parameter_names import AXES
-from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES
+from abhv_mc_vehicle.kernel.plant.vehicle import AXES, VARIABLES
 from abhv_mc_vehicle.kernel.stability.probes import (
     PlantAnswer,
     make_probe_begin,

@@ -29,9 +29,8 @@ from abhv_mc_vehicle.kernel.world.earth import Earth
 from abhv_mc_vehicle.user_code.law_interface import Reference
 from abhv_mc_vehicle.user_code.load_law import load_law
 from abhv_mc_vehicle.user_code.module import refuse_in_words, run_module
-from abhv_mc_vehicle.user_code.unpack import in_its_folder, unpack
+from abhv_mc_vehicle.user_code.unpack import in_its_folder, unpack, watching
 from abhv_mc_vehicle.user_code.vehicle_functions import find_code, load_functions
-from abhv_mc_vehicle.user_code.watch import watching
 from abhv_mc_vehicle.vehicle.vehicle_code import VehicleCode
 
 STATES = ("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip",

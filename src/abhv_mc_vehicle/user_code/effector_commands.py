@@ -18,7 +18,7 @@ from abhv_mc_vehicle.control.law_file import UserController
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 from abhv_mc_vehicle.user_code.law_source import read_law_source
-from abhv_mc_vehicle.vehicle.effectors import drive, name_effectors
+from abhv_mc_vehicle.vehicle.actuators import drive, name_effectors
 from abhv_mc_vehicle.vehicle.file import pack_vehicle, read_vehicle_file
 
 _EXPECTED = 'Command(..., effectors={"name": ...}), with the same names in each Command of the law'

@@ -30,8 +30,7 @@ from abhv_mc_vehicle.user_code.law_interface import (
     nest,
 )
 from abhv_mc_vehicle.user_code.module import Law, describe_exception, find_line
-from abhv_mc_vehicle.user_code.unpack import in_its_folder
-from abhv_mc_vehicle.user_code.watch import watching
+from abhv_mc_vehicle.user_code.unpack import in_its_folder, watching
 
 SOCKET = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, *4 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_int64, ctypes.c_double

@@ -9,8 +9,8 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.io.phrases import counted
 from abhv_mc_vehicle.kernel.laws.user import CHANNEL, MAX_CHANNELS, MEMORY
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import ACCELERATIONS
 from abhv_mc_vehicle.kernel.plant.state import STATE_INDEX, X, variable_row
+from abhv_mc_vehicle.kernel.plant.vehicle import ACCELERATIONS
 from abhv_mc_vehicle.user_code.compiled import (
     COMMAND_ROWS,
     REFERENCE_TEXT,

@@ -18,10 +18,15 @@ from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.plant.state import aligned_zeros, variable_row
 from abhv_mc_vehicle.kernel.plant.thrust import NOMINAL
-from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS, VARIABLES, Foreign, Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import (
+    COEFFICIENTS,
+    PARAMETER_INDEX,
+    VARIABLES,
+    Foreign,
+    Vehicle,
+)
 from abhv_mc_vehicle.plant.effectiveness import count_rows
 from abhv_mc_vehicle.user_code.compiled import build, compiled_names, lane_of, loop_text, tuple_text
 from abhv_mc_vehicle.user_code.law_interface import Air, Effect, Measured, Motion, Rates, Sensed

@@ -11,15 +11,14 @@ import numpy as np
 
 from abhv_mc.io.phrases import counted, grouped_digits
 from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS, Vehicle
-from abhv_mc_vehicle.vehicle.actuators import slack_warnings
-from abhv_mc_vehicle.vehicle.effectors import deflection_range
-from abhv_mc_vehicle.vehicle.evaluate import (
+from abhv_mc_vehicle.vehicle.actuators import deflection_range, slack_warnings
+from abhv_mc_vehicle.vehicle.pack import nodes_of
+from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
     evaluate_fixed,
     evaluate_tables,
     make_variables,
 )
-from abhv_mc_vehicle.vehicle.pack import nodes_of
 
 _STEP = 0.02  # step of numerical derivatives
 _SMALL_ANGLES = (

@@ -36,7 +36,7 @@ from abhv_mc_vehicle.flight.channels import (
 )
 from abhv_mc_vehicle.flight.metrics import METRICS, effector_metrics
 from abhv_mc_vehicle.flight.vehicle_parameters import read_vehicle_parameters
-from abhv_mc_vehicle.kernel.plant.parameter_names import EFFECTORS, ENGINES, MEMBER
+from abhv_mc_vehicle.kernel.plant.vehicle import EFFECTORS, ENGINES, MEMBER
 from abhv_mc_vehicle.plant.parameters import DISTURBANCES, OURS
 from abhv_mc_vehicle.user_code.effector_commands import find_driven
 from abhv_mc_vehicle.vehicle_simulator.keep_out import Zone

@@ -1,4 +1,8 @@
-"""Preparation and checks of the flight plans of a campaign."""
+"""Preparation and checks of a campaign's flight plans, and sentences on how flights end.
+
+The checks include dispersions of components that a vehicle does not have. The sentences name the
+first quantity that is not finite.
+"""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -11,21 +15,34 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.feasibility import refuse_input, values_of
 from abhv_mc.campaign.file.user_code import check_user_code
+from abhv_mc.custom_code.child import in_child
 from abhv_mc.custom_code.source import read_source
+from abhv_mc.flights.blocks import Recording
 from abhv_mc.flights.metrics import pack_metrics
+from abhv_mc.flights.outcomes import SENTENCES, Outcome
 from abhv_mc.io.documents import InputError
 from abhv_mc_vehicle.control.design.reference import COLUMN_INDEX
 from abhv_mc_vehicle.control.law_file import USER_LAWS
-from abhv_mc_vehicle.flight.channels import REFERENCE_CHANNELS
-from abhv_mc_vehicle.flight.fly import nominal_parameters
+from abhv_mc_vehicle.flight.arguments import make_results
+from abhv_mc_vehicle.flight.channels import CHANNELS, REFERENCE_CHANNELS
+from abhv_mc_vehicle.flight.fly import fly_in_memory, nominal_parameters
 from abhv_mc_vehicle.flight.plan import SENSOR_TIMES, FlightPlan, find_invalid_sensor_time
 from abhv_mc_vehicle.flight.user_law import compile_plan_channels
-from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_vehicle.kernel.plant.parameter_names import AXES, MEMBER, PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.flight.interface import LANES, make_memory
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.actuator_step import COLUMNS, SLACK
+from abhv_mc_vehicle.kernel.plant.vehicle import (
+    AXES,
+    COEFFICIENTS,
+    FIXED_TABLE_ROWS,
+    MEMBER,
+    PARAMETER_INDEX,
+    Vehicle,
+)
 from abhv_mc_vehicle.plant.parameters import DISTURBANCES
 from abhv_mc_vehicle.user_code.effector_commands import find_driven
 from abhv_mc_vehicle.user_code.module import check_closure
-from abhv_mc_vehicle.vehicle.effectors import axis_limits, drive, name_effectors
+from abhv_mc_vehicle.vehicle.actuators import axis_limits, drive, name_effectors, surface_list
 from abhv_mc_vehicle.vehicle.shared_keys import (
     IN_WIND,
     STILL_AIR,
@@ -171,3 +188,107 @@ def reference_of(plan: FlightPlan, stride: int) -> dict[str, Floats]:
             np.degrees(column) if signal.unit == "deg" else np.ascontiguousarray(column)
         )
     return columns
+
+
+def find_lacking(campaign: Experiment, vehicle: Vehicle) -> list[InputError]:
+    """Return errors for dispersions of components that the vehicle does not have."""
+    expected = "a dispersion that affects this vehicle"
+    return [
+        refuse_input(
+            campaign,
+            name,
+            f"'{name}' refers to a component that the vehicle does not have",
+            expected,
+        )
+        for name in campaign.varied
+        if not _has(vehicle, name)
+    ]
+
+
+def _has(vehicle: Vehicle, name: str) -> bool:
+    """Return whether a parameter can affect the vehicle.
+
+    The only parameters without an effect are factors on components that the vehicle does not have.
+    """
+    group, _, suffix = name.partition(".")
+    if (vehicle.foreign.aerodynamics and group == "aero") or (
+        vehicle.foreign.propulsion and group == "propulsion"
+    ):
+        return True
+    if group == "aero" and not suffix.endswith(".increment"):
+        coefficient, _, variable = suffix.partition(".")
+        if variable:
+            return bool(np.any(vehicle.build_up.factor == PARAMETER_INDEX[name]))
+        return bool(np.any(vehicle.build_up.coefficient == COEFFICIENTS.index(coefficient)))
+    if effector := re.match(r"effector_(\d+)", suffix):
+        return int(effector[1]) < len(vehicle.effector_mix)
+    if group in ("actuator", "engine") and suffix in SLACK:
+        places = surface_list(vehicle)[-1:] if group == "engine" else surface_list(vehicle)[:-1]
+        return bool(vehicle.actuators[places, COLUMNS.index(suffix)].any())
+    if group == "engine":
+        return vehicle.constants.equivalence_ratio_max > 0.0
+    thrust = "capture_area_ratio", "thrust_area"
+    rows: dict[str, tuple[str, ...]] = {
+        "propulsion.thrust": thrust,
+        "propulsion.specific_impulse": thrust,
+    }
+    rows["mass.inertia_13"] = ("inertia_13",)
+    return name not in rows or any(np.any(_values(vehicle, row)) for row in rows[name])
+
+
+def _values(vehicle: Vehicle, row: str) -> np.ndarray:
+    """Return the values of one of the FIXED_TABLE_ROWS at all nodes of its table."""
+    tables = vehicle.tables
+    number = int(tables.fixed_row[FIXED_TABLE_ROWS.index(row)])
+    group = int(np.searchsorted(tables.group_row, number, side="right")) - 1
+    stop = np.append(tables.group_start, tables.data.size)[group + 1]
+    block = tables.data[tables.group_start[group] : stop].reshape(-1, tables.group_width[group])
+    values: np.ndarray = block[:, number - tables.group_row[group]]
+    return values
+
+
+_NEVER = "stagnation_heat_flux_w_m2"  # channel that is NaN if the vehicle has no nose radius
+_ORDER = sorted(
+    range(len(CHANNELS)), key=lambda i: "measured" not in CHANNELS[i].name
+)  # Measured values come first, because control laws use them.
+
+
+def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
+    """Return sentences about the end of a flight; re-run the flight if the cause is unknown.
+
+    ``parameters`` is the flight's row [1, parameter].
+    """
+    if outcome != Outcome.NOT_FINITE:
+        return SENTENCES[outcome]
+    quantity = (
+        in_child(_find, plan, parameters) if plan.must_run_in_child else _find(plan, parameters)
+    )
+    return f"{SENTENCES[outcome]} The first non-finite quantity was the {quantity}."
+
+
+def _find(plan: FlightPlan, parameters: Floats) -> str:
+    """Return the first quantity of a flight that is not finite, with its time."""
+    recording, memory = Recording(1, tuple(range(len(CHANNELS)))), make_memory(LANES)
+    results = make_results(plan, 1, recording, False)
+    fly_in_memory(plan, parameters, results, recording, memory)
+    end, lane = int(results.end_tick[0]), memory.Z[:, 0]
+    commands = [
+        name for i, name in enumerate(plan.effectors) if np.isnan(lane[s.EFFECTOR_COMMAND + i])
+    ]
+    for tick in range(max(end - 1, 0), end + 1):
+        row = results.history[0, tick]
+        if np.isfinite(row).any():  # Rows without any finite value were not recorded.
+            broken = [
+                CHANNELS[i]
+                for i in _ORDER
+                if not np.isfinite(row[i]) and CHANNELS[i].name != _NEVER
+            ]
+            if broken and not (
+                commands and broken[0].source.startswith("cmd_")
+            ):  # Axis commands are sums over all effectors and do not show which effector is NaN.
+                return f"{broken[0].doc} ({broken[0].name}) at {tick * plan.timing.tick:g} s"
+    states = [name for name, value in zip(s.STATES, lane, strict=False) if not np.isfinite(value)]
+    description = (
+        f"command of the effector {commands[0]}" if commands else f"state {', '.join(states[:1])}"
+    )
+    return f"{description} at {end * plan.timing.tick:g} s"

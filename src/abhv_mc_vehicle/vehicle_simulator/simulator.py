@@ -70,9 +70,9 @@ class VehicleSimulator(Simulator):
         pass
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
-        from abhv_mc_vehicle.vehicle_simulator.campaign_code import find_code
+        from abhv_mc_vehicle.vehicle_simulator.stored_plans import find_campaign_code
 
-        return find_code(self.experiment.model)
+        return find_campaign_code(self.experiment.model)
 
     def pack(self, take: Callable[..., str], copies: dict[str, Path]) -> dict[str, Any]:
         from abhv_mc.campaign.file.kinds import locate
@@ -115,7 +115,7 @@ class VehicleSimulator(Simulator):
         return {name: read_trusted_plan(stored, self.experiment, name, trusted) for name in names}
 
     def add_margins(self, plans: Mapping[str, FlightPlan]) -> Mapping[str, FlightPlan]:
-        from abhv_mc_vehicle.vehicle_simulator.margin_plans import make_margin_plans
+        from abhv_mc_vehicle.vehicle_simulator.corner_margins import make_margin_plans
 
         return make_margin_plans(self.experiment, plans)
 
@@ -170,26 +170,26 @@ class VehicleSimulator(Simulator):
         return compiler()
 
     def trim_margins(self, names: Sequence[str]) -> dict[str, TrimMargins]:
-        from abhv_mc_vehicle.vehicle_simulator.margin_plans import trim_margins
+        from abhv_mc_vehicle.vehicle_simulator.corner_margins import trim_margins
 
         return trim_margins(self.experiment, names)
 
     def describe_end(self, system: str, row: Floats, outcome: int) -> str:
-        from abhv_mc_vehicle.vehicle_simulator.end_sentence import describe_end
+        from abhv_mc_vehicle.vehicle_simulator.make_plans import describe_end
 
         plan: Any = self.experiment.systems[system].plan
         return describe_end(plan, self.experiment.rows(row), Outcome(outcome))
 
     def find_lacking(self) -> list[InputError]:
         from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-        from abhv_mc_vehicle.vehicle_simulator.lacking_parts import find_lacking
+        from abhv_mc_vehicle.vehicle_simulator.make_plans import find_lacking
 
         return find_lacking(self.experiment, load_vehicle(self.experiment.model.vehicle))
 
 
 def make_engine() -> Engine:
     """Return the engine that prepares and runs compiled flights."""
-    from abhv_mc_vehicle.flight.child_flights import describe_last_tick
+    from abhv_mc_vehicle.flight.fly import describe_last_tick
     from abhv_mc_vehicle.flight.prepare import prepare
     from abhv_mc_vehicle.stability.fly_with_margins import fly_with_margins
     from abhv_mc_vehicle.vehicle_simulator.corner_margins import describe_stability, is_compiled

@@ -1,4 +1,8 @@
-"""Functions that rebuild plans stored in results folders or sent to workers."""
+"""Functions that rebuild stored plans, and access to the custom code of a campaign.
+
+Plans are stored in results folders or sent to workers. Channels, control laws and vehicle functions
+may be custom code.
+"""
 
 import dataclasses
 from collections.abc import Iterable, Iterator
@@ -9,12 +13,13 @@ import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.custom_code.source import UserSource, read_source
-from abhv_mc.custom_code.trust import check_trusted
+from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
+from abhv_mc.io.documents import read_document
 from abhv_mc.io.input_error import InputError
-from abhv_mc_vehicle.control.controller_file import read_controller
+from abhv_mc_vehicle.control.controller_file import Controller, read_controller
 from abhv_mc_vehicle.control.design.trim_tables import rebuild_trim_tables
-from abhv_mc_vehicle.control.law_file import UserController
+from abhv_mc_vehicle.control.law_file import USER_LAWS, UserController
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten, is_stored, rebuild
 from abhv_mc_vehicle.kernel.laws.columns import (
@@ -29,13 +34,13 @@ from abhv_mc_vehicle.kernel.plant.state import N_STATES
 from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.stability.fly_with_margins import MarginPlan
-from abhv_mc_vehicle.user_code.c_source import with_library
-from abhv_mc_vehicle.user_code.law_source import read_law_source
+from abhv_mc_vehicle.user_code.law_source import law_place, read_law_source, with_library
 from abhv_mc_vehicle.user_code.vehicle_functions import (
     check_vehicle_trusted,
     find_code,
     load_vehicle,
 )
+from abhv_mc_vehicle.vehicle.file import read_vehicle_file
 from abhv_mc_vehicle.vehicle_simulator.make_plans import declare_metrics
 
 Code = dict[str, Any]  # fields of a plan that are not stored, such as custom code
@@ -138,3 +143,27 @@ def rebuild_sent(arrays: Arrays, code: Code) -> FlightPlan:
     if isinstance(plan, MarginPlan):
         code = code | {"steady": dataclasses.replace(plan.steady, **code["steady"])}
     return dataclasses.replace(plan, **code)
+
+
+def find_campaign_code(model: Any) -> list[tuple[Path, UserSource]]:
+    """Return the files and code of the channels, control laws and vehicle."""
+    code = [(model.channels, read_source(model.channels))] if model.channels is not None else []
+    for path in model.controllers.values():
+        data = read_document(path).data
+        if isinstance(data, dict) and data.get("law") in USER_LAWS:
+            controller = read_controller(path)
+            if isinstance(controller, UserController):
+                code.append((law_place(controller), read_law_source(controller)))
+    vehicle = read_vehicle_file(model.vehicle).code
+    if vehicle is not None:
+        code += [
+            (Path(function.file), UserSource(function.text, function.file))
+            for function in vehicle.functions()
+        ]
+    return code
+
+
+def check_user_law(controller: Controller, trusted: bool = False) -> None:
+    """Raise InputError if a controller in a results folder has untrusted code."""
+    if isinstance(controller, UserController) and is_in_a_folder(law_place(controller)):
+        check_trusted(read_law_source(controller), trusted)

@@ -16,7 +16,7 @@ from abhv_mc.campaign.sampling.sines import sine
 from abhv_mc.io.documents import InputError, Refusal
 from abhv_mc.search.space import make_space
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.plant.parameters import OURS
 
 WIND = "{wind.turbulence: {distribution: uniform, low: 1 m/s, high: 2 m/s}, \

@@ -19,8 +19,8 @@ from abhv_mc_vehicle.kernel.plant.actuator_step import BANDWIDTH as BAND
 from abhv_mc_vehicle.kernel.plant.actuator_step import COLUMNS, RATE_LIMIT
 from abhv_mc_vehicle.kernel.plant.actuator_step import HIGH as HIGH_LIMIT
 from abhv_mc_vehicle.kernel.plant.actuator_step import LOW as LOW_LIMIT
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc_vehicle.vehicle_simulator.end_sentence import describe_end
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
+from abhv_mc_vehicle.vehicle_simulator.make_plans import describe_end
 
 DT, FINE = 5e-6, 2000  # s, and steps of a tick
 SURFACES, RATES = slice(s.AILERON, s.ELEVATOR + 1), slice(s.AILERON_RATE, s.ELEVATOR_RATE + 1)

@@ -25,15 +25,13 @@ from abhv_mc_vehicle.flight.channels import (
 from abhv_mc_vehicle.flight.compile_metrics import compile_metrics, source_rows
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX, METRICS
-from abhv_mc_vehicle.flight.outcome import LIMITS
-from abhv_mc_vehicle.flight.plan import NO_SOURCES
-from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_vehicle.kernel.flight.memory import Z_ROWS
+from abhv_mc_vehicle.flight.plan import LIMITS, NO_SOURCES
+from abhv_mc_vehicle.kernel.flight.interface import LANES, Z_ROWS
 from abhv_mc_vehicle.kernel.flight.observe import find_row
 from abhv_mc_vehicle.kernel.laws import user
 from abhv_mc_vehicle.kernel.laws.columns import SETTLED
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.vehicle_simulator.keep_out import Zone
 from abhv_mc_vehicle.vehicle_simulator.user_metrics import MetricEntry, declare_metrics
 

@@ -13,7 +13,7 @@ from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 
 TICKS = COMPACTION + 111  # lanes are compacted once, in the middle of a bin of some widths
 FLIGHTS = 2 * LANES + 5

@@ -15,10 +15,13 @@ from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.kernel.plant import failures
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import FAILURE_TIMES, NEVER, PARAMETER_NAMES
-from abhv_mc_vehicle.kernel.plant.vehicle import Inlet
+from abhv_mc_vehicle.kernel.plant.vehicle import FAILURE_TIMES, NEVER, PARAMETER_NAMES, Inlet
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+)
 
 
 @pytest.fixture(scope="module")

@@ -21,11 +21,10 @@ from abhv_mc_vehicle.flight import fly as flying
 from abhv_mc_vehicle.flight.arguments import make_kernel_plan
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.flight.fly_lanes import COMPACTION, make_fly_lanes
-from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_vehicle.kernel.flight.memory import TOGETHER
-from abhv_mc_vehicle.kernel.plant.parameter_names import FAILURE_TIMES, PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.flight.interface import LANES, TOGETHER
+from abhv_mc_vehicle.kernel.plant.vehicle import FAILURE_TIMES, PARAMETER_INDEX
 from abhv_mc_vehicle.plant.parameters import OURS, PARAMETERS
-from abhv_mc_vehicle.vehicle_simulator.end_sentence import describe_end
+from abhv_mc_vehicle.vehicle_simulator.make_plans import describe_end
 
 FLIGHTS = LANES
 FACTOR = 0.05

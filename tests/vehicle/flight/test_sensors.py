@@ -8,9 +8,9 @@ from short_flights import rows_of, short_plan, write_law
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.kernel.flight import sensors
-from abhv_mc_vehicle.kernel.flight.memory import Z_ROWS
+from abhv_mc_vehicle.kernel.flight.interface import Z_ROWS
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import (
+from abhv_mc_vehicle.kernel.plant.vehicle import (
     ACCELERATIONS,
     ALL_SENSORS,
     MORE_SENSORS,

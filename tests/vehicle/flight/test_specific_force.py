@@ -10,7 +10,7 @@ from abhv_mc.flights.timing import Timing
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import ACCELERATIONS
+from abhv_mc_vehicle.kernel.plant.vehicle import ACCELERATIONS
 
 # The law is stable for some seconds. It outputs the measurements as commanded bank and angles.
 WATCH = """\

@@ -15,7 +15,7 @@ from abhv_mc_vehicle.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere, warm_pressure
 from abhv_mc_vehicle.one_flight.given import make_flight_plan
 

@@ -8,7 +8,7 @@ from short_flights import rows_of, short_plan
 
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_fixed, evaluate_tables, make_variables
+from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_fixed, evaluate_tables, make_variables
 
 UP, RIGHT = 0.02, -0.03  # rad
 MORE = 1.0  # relative increase of thrust, from which its force is computed

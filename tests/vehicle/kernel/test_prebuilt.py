@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from abhv_mc_vehicle.kernel import prebuilt
-from abhv_mc_vehicle.kernel.prebuilt import LEVELS, choose_level, pack, unpack
+from abhv_mc_vehicle.kernel import cache as kernel_cache
+from abhv_mc_vehicle.kernel.cache import LEVELS, choose_level, pack, unpack
 
 V4, V3 = LEVELS
 HERE = dict.fromkeys(V4.needed, True)
@@ -20,7 +20,7 @@ def wheel(tmp_path, monkeypatch):
     folder.mkdir()
     for name in ("tried", "module/kernel.nbi", "module/kernel.lock"):
         (cache / name).write_text(name)
-    monkeypatch.setattr(prebuilt, "FOLDER", folder)
+    monkeypatch.setattr(kernel_cache, "FOLDER", folder)
     for level in LEVELS:
         pack(level, cache, folder)
     return folder

@@ -12,8 +12,14 @@ from scipy import signal
 from abhv_mc_vehicle.kernel.jit import kernel
 from abhv_mc_vehicle.kernel.world import atmosphere as module
 from abhv_mc_vehicle.kernel.world.atmosphere import GAS_CONSTANT, GEOPOTENTIAL_RADIUS, atmosphere
-from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth, gravity_ned, radii
-from abhv_mc_vehicle.kernel.world.surroundings import find_surroundings, standard_air
+from abhv_mc_vehicle.kernel.world.earth import (
+    WGS84,
+    Earth,
+    find_surroundings,
+    gravity_ned,
+    radii,
+    standard_air,
+)
 from abhv_mc_vehicle.kernel.world.turbulence import (
     dryden_first,
     dryden_second,

@@ -6,7 +6,11 @@ from abhv_mc.shipped import find_input
 from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.plant.trim import FlightPoint, trim
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+)
 
 STILL = WGS84._replace(rotation_rate=0.0)
 LATITUDE = math.radians(29.3)

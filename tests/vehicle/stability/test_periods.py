@@ -16,7 +16,7 @@ from vehicle.stability.systems import (
 )
 
 from abhv_mc.io.input_error import InputError
-from abhv_mc_vehicle.kernel.plant.parameter_names import SENSORS
+from abhv_mc_vehicle.kernel.plant.vehicle import SENSORS
 from abhv_mc_vehicle.stability.analysis import analyse, margins_of_flights
 from abhv_mc_vehicle.stability.lifted import find_lifted_margins
 from abhv_mc_vehicle.stability.linearize import closed_period, linearize

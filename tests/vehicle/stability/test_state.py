@@ -9,8 +9,8 @@ from vehicle.stability.systems import assert_predicted, flight_plan, parameters,
 
 from abhv_mc_vehicle.flight.prepare import make_plan
 from abhv_mc_vehicle.stability.analysis import analyse, make_rows
-from abhv_mc_vehicle.stability.linear_model import NO_EFFECT, STUCK
 from abhv_mc_vehicle.stability.linearize import closed_loop, linearize
+from abhv_mc_vehicle.stability.margins import NO_EFFECT, STUCK
 from abhv_mc_vehicle.stability.points import flown_points
 from abhv_mc_vehicle.stability.steady import trim_points
 

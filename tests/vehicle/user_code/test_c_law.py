@@ -15,15 +15,14 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
-from abhv_mc_vehicle.kernel.numerics.angles import clamp, wrap
-from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, sincos, wrap
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.one_flight.given import make_flight_plan
 from abhv_mc_vehicle.stability.analysis import analyse
 from abhv_mc_vehicle.stability.linearize import linearize
 from abhv_mc_vehicle.stability.points import flown_points
-from abhv_mc_vehicle.user_code.c_source import make_header, make_settings_header
-from abhv_mc_vehicle.vehicle_simulator.end_sentence import describe_end
+from abhv_mc_vehicle.user_code.law_source import make_header, make_settings_header
+from abhv_mc_vehicle.vehicle_simulator.make_plans import describe_end
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 

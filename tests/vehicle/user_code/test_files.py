@@ -11,10 +11,11 @@ import pytest
 from abhv_mc.custom_code.source import UserSource, find_package_versions
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.control.controller_file import read_controller
-from abhv_mc_vehicle.kernel.flight.memory import Z_ROWS
+from abhv_mc_vehicle.kernel.flight.interface import Z_ROWS
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.user_code import compiled, watch
+from abhv_mc_vehicle.user_code import compiled
+from abhv_mc_vehicle.user_code import unpack as unpacking
 from abhv_mc_vehicle.user_code.compiled import compile_law
 from abhv_mc_vehicle.user_code.law_source import read_law_source
 from abhv_mc_vehicle.user_code.module import _run_watched, check_closure
@@ -154,12 +155,12 @@ def test_packages_of_any_entry_of_the_path_may_be_imported(
         (tmp_path / "site" / f"{name}-1.0.dist-info").mkdir()
     monkeypatch.syspath_prepend(tmp_path / "site")
     source = write(f"from {name} import K\n" + LAW)
-    watch._allowed.cache_clear()
+    unpacking._allowed.cache_clear()
     try:
         with nullcontext() if is_installed else pytest.raises(InputError, match=name):
             _run_watched(source)
     finally:
-        watch._allowed.cache_clear()
+        unpacking._allowed.cache_clear()
 
 
 @pytest.mark.parametrize("entry", ["../law.yaml", "/etc/hosts", "nothing.csv"])

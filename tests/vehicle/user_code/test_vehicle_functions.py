@@ -17,8 +17,8 @@ from abhv_mc_vehicle.stability.analysis import analyse
 from abhv_mc_vehicle.stability.linearize import linearize
 from abhv_mc_vehicle.stability.points import flown_points
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, make_variables
 from abhv_mc_vehicle.vehicle.file import read_vehicle_file
+from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_coefficients, make_variables
 
 CONFIGS = shipped_configs()
 _FACTOR = {

@@ -9,7 +9,11 @@ from scipy.interpolate import RegularGridInterpolator
 
 from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+)
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "vehicle"
 N = 300

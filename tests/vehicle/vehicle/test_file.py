@@ -14,12 +14,16 @@ from abhv_mc_vehicle.kernel.plant.actuator_step import (
     KINDS,
     RATE_LIMIT,
 )
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.plant.state import MAX_AXES, MAX_TABLE_ROWS
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.effectors import axis_limits
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc_vehicle.vehicle.actuators import axis_limits
 from abhv_mc_vehicle.vehicle.file import pack_vehicle, read_mass_points, read_vehicle_file
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+)
 from abhv_mc_vehicle.vehicle.warnings import find_vehicle_warnings
 
 SMALL = """\

@@ -12,16 +12,16 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Numbers
 from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc_vehicle.kernel.world.earth import Earth
-from abhv_mc_vehicle.kernel.world.surroundings import find_surroundings
-from abhv_mc_vehicle.plant.air import nominal_air
-from abhv_mc_vehicle.vehicle.evaluate import (
+from abhv_mc_vehicle.kernel.world.earth import Earth, find_surroundings
+from abhv_mc_vehicle.plant.trim import nominal_air
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    N_THRUST,
     evaluate_coefficients,
     evaluate_fixed,
+    evaluate_functions,
     make_variables,
     table_rows,
 )
-from abhv_mc_vehicle.vehicle.vehicle_code import N_THRUST, evaluate_functions
 
 _RISE = 1.0  # half step of the derivatives with respect to altitude, m
 _STEP = 1e-30

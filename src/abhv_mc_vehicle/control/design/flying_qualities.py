@@ -11,7 +11,7 @@ from abhv_mc_vehicle.control.design.lqr_design import Nominal, attitude_slopes
 from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 from abhv_mc_vehicle.kernel.world.earth import Earth
 from abhv_mc_vehicle.plant.trim import FlightPoint, TrimPoint
-from abhv_mc_vehicle.vehicle.evaluate import (
+from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
     evaluate_fixed,
     make_variables,

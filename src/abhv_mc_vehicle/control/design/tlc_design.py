@@ -12,8 +12,8 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc_vehicle.control.controller_file import Channel, CommandLimits, Schedule, TlcController
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
-from abhv_mc_vehicle.vehicle.effectors import axis_limits
-from abhv_mc_vehicle.vehicle.evaluate import make_variables, table_rows
+from abhv_mc_vehicle.vehicle.actuators import axis_limits
+from abhv_mc_vehicle.vehicle.vehicle_code import make_variables, table_rows
 
 # condition number of B above which the effect of an input is only a rounding error
 _LARGEST_CONDITION = 1e12

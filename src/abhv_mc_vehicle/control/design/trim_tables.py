@@ -9,16 +9,16 @@ from abhv_mc.array_types import Floats
 from abhv_mc_vehicle.control.design.design_model import Environment, engine_at, thrust_at, wrench_at
 from abhv_mc_vehicle.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIABLES, Tables, Vehicle
-from abhv_mc_vehicle.kernel.world.surroundings import standard_air
-from abhv_mc_vehicle.plant.air import nominal_air
-from abhv_mc_vehicle.vehicle.effectors import deflection_range
-from abhv_mc_vehicle.vehicle.evaluate import (
+from abhv_mc_vehicle.kernel.world.earth import standard_air
+from abhv_mc_vehicle.plant.trim import nominal_air
+from abhv_mc_vehicle.vehicle.actuators import deflection_range
+from abhv_mc_vehicle.vehicle.pack import Axis, Table, nodes_of, pack_tables
+from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
     evaluate_fixed,
     make_variables,
     table_rows,
 )
-from abhv_mc_vehicle.vehicle.pack import Axis, Table, nodes_of, pack_tables
 
 # Largest cell sizes for which errors are below 0.0005 deg in angle of attack and 0.01 deg in
 # elevator deflection.

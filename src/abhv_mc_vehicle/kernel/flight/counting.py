@@ -14,8 +14,7 @@ from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flights.statistic import MAX_DECLARED, Operation, Statistic
 from abhv_mc_vehicle.kernel.jit import lanes
 from abhv_mc_vehicle.kernel.laws import columns as ref
-from abhv_mc_vehicle.kernel.numerics.angles import larger, smaller
-from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
+from abhv_mc_vehicle.kernel.numerics.lane_math import larger, sincos, smaller
 from abhv_mc_vehicle.kernel.numerics.tables import natural
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ACTUATORS

@@ -17,7 +17,7 @@ from abhv_mc_vehicle.kernel.flight.ripple import (
 from abhv_mc_vehicle.kernel.flight.sensors import END_ROW
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.laws import columns as ref
-from abhv_mc_vehicle.kernel.numerics.angles import wrap
+from abhv_mc_vehicle.kernel.numerics.lane_math import wrap
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import HIGH
 from abhv_mc_vehicle.kernel.plant.state import X

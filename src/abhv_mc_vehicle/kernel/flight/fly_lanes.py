@@ -4,7 +4,7 @@ Vehicle, mission, controller and gains are arguments of one kernel. Lanes are in
 results of a flight do not depend on the flights in other lanes, and are bit-identical in any
 grouping. The arguments are three named tuples: the plan
 (:class:`abhv_mc_vehicle.kernel.flight.interface.KernelPlan`), the working memory
-(:class:`abhv_mc_vehicle.kernel.flight.memory.Memory`) and the results
+(:class:`abhv_mc_vehicle.kernel.flight.interface.Memory`) and the results
 (:class:`abhv_mc_vehicle.kernel.flight.interface.KernelResults`).
 """
 
@@ -14,8 +14,11 @@ from typing import Any, NamedTuple
 from abhv_mc_vehicle.kernel.flight import observe
 from abhv_mc_vehicle.kernel.flight.counting import count_tick, finish_counting
 from abhv_mc_vehicle.kernel.flight.derived import derive, follow_ripples
-from abhv_mc_vehicle.kernel.flight.interface import LQR, PYTHON, RECORDED, TLC
-from abhv_mc_vehicle.kernel.flight.memory import (
+from abhv_mc_vehicle.kernel.flight.interface import (
+    LQR,
+    PYTHON,
+    RECORDED,
+    TLC,
     Z_ROWS,
     copy_lanes,
     end_spare_lanes,
@@ -71,14 +74,6 @@ from abhv_mc_vehicle.kernel.plant.disturbance import (
     calm,
     disturb,
 )
-from abhv_mc_vehicle.kernel.plant.dynamics import (
-    add_sensed,
-    finish_states,
-    keep_motion,
-    load_settings,
-    run_dynamics,
-    start_states,
-)
 from abhv_mc_vehicle.kernel.plant.effectors import (
     begin_effectors,
     count_driven,
@@ -103,7 +98,16 @@ from abhv_mc_vehicle.kernel.plant.failures import (
     start_failures,
     watch_inlet,
 )
-from abhv_mc_vehicle.kernel.plant.foreign import find_dispersed, foreign_coefficients
+from abhv_mc_vehicle.kernel.plant.foreign import (
+    add_sensed,
+    find_dispersed,
+    finish_states,
+    foreign_coefficients,
+    keep_motion,
+    load_settings,
+    run_dynamics,
+    start_states,
+)
 from abhv_mc_vehicle.kernel.plant.thrust import (
     add_thrust,
     foreign_thrust,

@@ -1,4 +1,7 @@
-"""Inputs and results of the simulation kernel, as named tuples of numbers and arrays."""
+"""Inputs, results and working memory of the simulation kernel, as named tuples of arrays.
+
+The working memory of a group of lanes is allocated once per call.
+"""
 
 from typing import NamedTuple
 
@@ -7,8 +10,15 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flights.timing import Timing
+from abhv_mc_vehicle.kernel.flight import observe
 from abhv_mc_vehicle.kernel.flight.counting import Counted
-from abhv_mc_vehicle.kernel.plant.slopes import Effectiveness
+from abhv_mc_vehicle.kernel.jit import lanes
+from abhv_mc_vehicle.kernel.laws.trim_lookup import TrimCells, make_trim_cells
+from abhv_mc_vehicle.kernel.laws.user import FAULT, MEMORY, ONBOARD
+from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.aerodynamics import Effectiveness, TableCells, make_cells
+from abhv_mc_vehicle.kernel.plant.effectors import A_ROWS
+from abhv_mc_vehicle.kernel.plant.state import aligned_zeros
 from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc_vehicle.kernel.world.earth import Earth
 
@@ -86,3 +96,104 @@ class KernelResults(NamedTuple):
     high: Floats
     saved: Floats  # [flight, row] lane memory before the last tick; empty unless requested
     samples: Floats  # [quantile, flight, tick] values of quantile metrics; NaN if not counted
+
+
+TOGETHER = 256  # number of flights whose saved memory fits into the processor's cache
+
+BLOCK = 64  # number of rows that are copied together; all lanes of them fit into a first cache
+
+Z_ROWS = observe.END_ROW  # number of rows of Z
+O_ROWS = observe.N_ROWS
+SAVED_ROWS = Z_ROWS + O_ROWS + A_ROWS
+
+
+class Memory(NamedTuple):
+    """Working memory of the lanes, and saved memory of flights that wait for a lane."""
+
+    Z: Floats  # [row, lane] state, parameters, air data, ... see abhv_mc_vehicle.kernel.plant.state
+    # [row, lane] end of the flight and metrics, see abhv_mc_vehicle.kernel.flight.observe
+    O: Floats
+    A: Floats  # [row, lane] effectors with actuators, see abhv_mc_vehicle.kernel.plant.effectors
+    # [2 channel + side, lane] extremes of a bin, see abhv_mc_vehicle.kernel.flight.observe
+    E: Floats
+    T: Floats  # table values [table row, lane]
+    cells: TableCells
+    trim: TrimCells
+    high: Floats  # [table row] buffer for slopes
+    saved: Floats  # [flight, row] rows of Z, O and A of waiting flights
+    order: Ints  # [flight] numbers of the waiting flights
+
+
+def make_memory(width: int) -> Memory:
+    """Return working memory for ``width`` lanes, large enough for any vehicle."""
+    return Memory(
+        aligned_zeros((Z_ROWS, width)),
+        aligned_zeros((O_ROWS, width)),
+        aligned_zeros((A_ROWS, width)),
+        aligned_zeros((observe.E_ROWS, width)),
+        aligned_zeros((s.MAX_TABLE_ROWS, width)),
+        make_cells(width),
+        make_trim_cells(width),
+        aligned_zeros(s.MAX_TABLE_ROWS),
+        aligned_zeros((TOGETHER, SAVED_ROWS)),
+        np.zeros(TOGETHER, np.int64),
+    )
+
+
+@lanes
+def has_width(memory, width):
+    """Return whether the memory has ``width`` lanes, to tell the compiler the row stride."""
+    return (
+        memory.Z.shape[1] == width
+        and memory.O.shape[1] == width
+        and memory.A.shape[1] == width
+        and memory.E.shape[1] == width
+        and memory.T.shape[1] == width
+        and memory.cells.cell.shape[1] == width
+        and memory.cells.fraction.shape[1] == width
+        and memory.cells.weight.shape[1] == width
+        and memory.trim.cell.shape[1] == width
+        and memory.trim.low.shape[1] == width
+        and memory.trim.high.shape[1] == width
+        and memory.trim.per_step.shape[1] == width
+        and memory.trim.fraction.shape[1] == width
+    )
+
+
+@lanes
+def _copy(rows, begin, end, saved, column, first, flights, n, saves):
+    for block in range(begin, end, BLOCK):
+        for lane in range(n if saves else rows.shape[1]):
+            row = saved[flights[min(lane, n - 1)] - first]
+            for i in range(block, min(block + BLOCK, end)):
+                if saves:
+                    row[column + i] = rows[i, lane]
+                else:
+                    rows[i, lane] = row[column + i]
+
+
+@lanes
+def copy_lanes(memory, saved, first, flights, n, driven, custom, own, saves):
+    """Save lanes to ``saved`` [flight, SAVED_ROWS], whose first flight is ``first``, or restore.
+
+    Lanes from ``n`` repeat the last of ``flights`` and are marked as ended. The memory of effectors
+    with actuators, of custom functions and of a custom control law is copied only if ``driven``,
+    ``custom`` and ``own`` are true.
+    """
+    Z = memory.Z
+    _copy(Z, 0, s.LAW if custom else s.CUSTOM_STATE, saved, 0, first, flights, n, saves)
+    _copy(Z, s.LAW, ONBOARD if own else MEMORY, saved, 0, first, flights, n, saves)
+    _copy(Z, ONBOARD, Z_ROWS, saved, 0, first, flights, n, saves)
+    _copy(memory.O, 0, O_ROWS, saved, Z_ROWS, first, flights, n, saves)
+    if driven:
+        _copy(memory.A, 0, A_ROWS, saved, Z_ROWS + O_ROWS, first, flights, n, saves)
+    if not saves:
+        end_spare_lanes(memory, Z.shape[1], n)
+
+
+@lanes
+def end_spare_lanes(memory, width, n):
+    """Mark the lanes from ``n`` as ended; they repeat a flight, but no law is called for them."""
+    for lane in range(n, width):
+        memory.O[observe.ALIVE, lane] = 0.0
+        memory.Z[FAULT, lane] = 1.0

@@ -9,7 +9,7 @@ from abhv_mc_vehicle.kernel.flight import counting, derived
 from abhv_mc_vehicle.kernel.flight.derived import VERDICT, end_ripples, remember_start
 from abhv_mc_vehicle.kernel.jit import lanes
 from abhv_mc_vehicle.kernel.laws.user import FAULT, NOT_FINITE
-from abhv_mc_vehicle.kernel.numerics.angles import larger, smaller
+from abhv_mc_vehicle.kernel.numerics.lane_math import larger, smaller
 from abhv_mc_vehicle.kernel.numerics.tables import natural
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.state import STATE_INDEX, X

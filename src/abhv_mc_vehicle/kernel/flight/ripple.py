@@ -11,7 +11,7 @@ its frequency is the reciprocal of the time between the farthest points of its f
 import math
 
 from abhv_mc_vehicle.kernel.jit import lanes
-from abhv_mc_vehicle.kernel.numerics.angles import larger
+from abhv_mc_vehicle.kernel.numerics.lane_math import larger
 
 # MEAN is the mean error, deg. FARTHEST and TICK are the error and the tick at the farthest point of
 # the current side; FARTHEST is NaN before the first side. LAST and LAST_TICK describe the farthest

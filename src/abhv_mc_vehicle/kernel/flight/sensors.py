@@ -8,17 +8,16 @@ from typing import NamedTuple
 
 from abhv_mc_vehicle.kernel.jit import lanes
 from abhv_mc_vehicle.kernel.laws.user import N_ROWS as N_LAW_ROWS
-from abhv_mc_vehicle.kernel.numerics.angles import wrap
-from abhv_mc_vehicle.kernel.numerics.lane_math import exp
+from abhv_mc_vehicle.kernel.numerics.lane_math import exp, wrap
 from abhv_mc_vehicle.kernel.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc_vehicle.kernel.plant.disturbance import any_lane, draw_normals, seed_stream
-from abhv_mc_vehicle.kernel.plant.parameter_names import (
+from abhv_mc_vehicle.kernel.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parameter_row
+from abhv_mc_vehicle.kernel.plant.vehicle import (
     ACCELERATIONS,
     ALL_SENSORS,
     MORE_SENSORS,
     SCALED_SENSORS,
 )
-from abhv_mc_vehicle.kernel.plant.state import LAW, MEASURED, N_MEASURED, N_SEEN, parameter_row
 
 MAX_DELAY_TICKS = 25
 

@@ -8,8 +8,8 @@ motion.
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.aerodynamics import N_INPUTS
 from abhv_mc_vehicle.kernel.plant.equations import aerodynamic_force
-from abhv_mc_vehicle.kernel.plant.slopes import N_INPUTS
 from abhv_mc_vehicle.kernel.plant.thrust import thrust
 
 
@@ -76,7 +76,7 @@ def moment_slope(Z, lane, constants, q_bar, first_slope, deflection):
     """Return the derivative of :func:`nominal_moment` with respect to a deflection, N m/rad.
 
     Deflection 0 is the aileron, 1 the rudder and 2 the elevator. ``first_slope`` is the first row
-    of :func:`abhv_mc_vehicle.kernel.plant.slopes.slopes_of_coefficients`.
+    of :func:`abhv_mc_vehicle.kernel.plant.aerodynamics.slopes_of_coefficients`.
     """
     row = first_slope + deflection
     fx, fy, fz = force_of(Z, lane, constants, q_bar, row, N_INPUTS)

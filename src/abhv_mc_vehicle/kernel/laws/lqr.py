@@ -8,8 +8,7 @@ the reference and to the coordinated-turn rates.
 from abhv_mc_vehicle.kernel.jit import lanes
 from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.laws.columns import LQR_ELEVATOR, LQR_GUIDANCE, LQR_LATERAL
-from abhv_mc_vehicle.kernel.numerics.angles import clamp, wrap
-from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, sincos, wrap
 from abhv_mc_vehicle.kernel.plant import state as s
 
 

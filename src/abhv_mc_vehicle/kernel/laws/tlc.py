@@ -27,13 +27,17 @@ from abhv_mc_vehicle.kernel.laws.tlc_loops import (
     rate_gains,
 )
 from abhv_mc_vehicle.kernel.laws.trim_lookup import look_up_trim
-from abhv_mc_vehicle.kernel.numerics.angles import clamp, wrap
-from abhv_mc_vehicle.kernel.numerics.lane_math import exp, sincos
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, exp, sincos, wrap
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.aerodynamics import build_up, look_up
+from abhv_mc_vehicle.kernel.plant.aerodynamics import (
+    N_INPUTS,
+    build_up,
+    look_up,
+    slopes_of_coefficients,
+    table_slopes,
+)
 from abhv_mc_vehicle.kernel.plant.effectors import set_effectors
 from abhv_mc_vehicle.kernel.plant.foreign import nominal_coefficients, nominal_slopes
-from abhv_mc_vehicle.kernel.plant.slopes import N_INPUTS, slopes_of_coefficients, table_slopes
 from abhv_mc_vehicle.kernel.plant.state import LAW, N_COEFFICIENTS
 from abhv_mc_vehicle.kernel.plant.thrust import nominal_thrust
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere_lanes

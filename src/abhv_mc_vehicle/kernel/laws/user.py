@@ -18,7 +18,7 @@ from abhv_mc_vehicle.kernel.laws.tlc import (
     nominal_variables,
     nominal_vehicle,
 )
-from abhv_mc_vehicle.kernel.numerics.angles import clamp
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.effectors import count_driven, leave_effectors, share_commands
 from abhv_mc_vehicle.kernel.plant.state import LAW
@@ -38,7 +38,7 @@ CHANNEL = ONBOARD + N_ONBOARD  # custom channels
 MAX_CHANNELS = 16
 N_ROWS = CHANNEL + MAX_CHANNELS - LAW
 
-NOT_FINITE = 4.0  # outcome code, see abhv_mc_vehicle.flight.outcome
+NOT_FINITE = 4.0  # outcome code, see abhv_mc_vehicle.flight.plan
 
 # Step of finite differences, in rad and in equivalence ratio. Its size is uncritical, because
 # tables are linear within a cell.

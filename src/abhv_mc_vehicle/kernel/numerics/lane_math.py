@@ -1,4 +1,6 @@
-"""Elementary functions without libm, so that loops over lanes become SIMD code.
+"""Elementary functions without libm, and functions that wrap angles and limit values.
+
+Without libm and branches, loops over lanes become SIMD code.
 
 A call to libm prevents vectorization; these functions consist of arithmetic, selects and one
 bitcast. Errors are at most 2 ulp in the ranges that the docstrings state. Floating point is strict,
@@ -290,3 +292,29 @@ def acos(x: float) -> float:
     x = 1.0 if x > 1.0 else x
     x = -1.0 if x < -1.0 else x
     return atan2(math.sqrt((1.0 - x) * (1.0 + x)), x)
+
+
+@scalar
+def wrap(angle):
+    """Wrap an angle difference (rad) in [-3 pi, 3 pi] to [-pi, pi]."""
+    angle = angle - 2.0 * math.pi if angle > math.pi else angle
+    return angle + 2.0 * math.pi if angle < -math.pi else angle
+
+
+@scalar
+def clamp(x, low, high):
+    """Limit ``x`` to [low, high]; NaN stays NaN."""
+    x = low if x < low else x
+    return high if x > high else x
+
+
+@scalar
+def larger(a, b):
+    """Return the larger of two numbers, or ``a`` if ``b`` is NaN."""
+    return b if b > a else a
+
+
+@scalar
+def smaller(a, b):
+    """Return the smaller of two numbers, or ``a`` if ``b`` is NaN."""
+    return b if b < a else a

@@ -9,8 +9,7 @@ short steps.
 from typing import NamedTuple
 
 from abhv_mc_vehicle.kernel.jit import scalar
-from abhv_mc_vehicle.kernel.numerics.angles import clamp
-from abhv_mc_vehicle.kernel.numerics.lane_math import exp
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, exp
 
 # Columns of ``Vehicle.actuators``, the list of actuators, in SI units and radians. For first-order
 # actuators the damping ratio is 0.5, and 2 damping / bandwidth is the time constant. The dead zone

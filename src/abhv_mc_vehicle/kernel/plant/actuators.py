@@ -10,8 +10,7 @@ Functions receive one of these two memories as ``M``.
 from typing import NamedTuple
 
 from abhv_mc_vehicle.kernel.jit import lanes, routine, scalar
-from abhv_mc_vehicle.kernel.numerics.angles import clamp
-from abhv_mc_vehicle.kernel.numerics.lane_math import exp
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, exp
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import (
     AXES,

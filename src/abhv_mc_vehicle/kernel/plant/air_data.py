@@ -11,9 +11,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
-from abhv_mc_vehicle.kernel.numerics.angles import larger
 from abhv_mc_vehicle.kernel.numerics.lane_math import (
     is_shallow,
+    larger,
     reciprocals,
     shallow_angles,
     sincos,

@@ -18,8 +18,8 @@ from abhv_mc_vehicle.kernel.numerics.random_numbers import (
     seed_word,
 )
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.parameter_names import DENSITY_KNOTS_KM
 from abhv_mc_vehicle.kernel.plant.state import FILTERS, TURBULENCE, X, parameter_row
+from abhv_mc_vehicle.kernel.plant.vehicle import DENSITY_KNOTS_KM
 from abhv_mc_vehicle.kernel.world.turbulence import (
     dryden_first,
     dryden_second,

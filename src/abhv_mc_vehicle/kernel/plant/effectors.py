@@ -8,7 +8,7 @@ the memory ``A[row, lane]``.
 import math
 
 from abhv_mc_vehicle.kernel.jit import lanes
-from abhv_mc_vehicle.kernel.numerics.angles import clamp
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp
 from abhv_mc_vehicle.kernel.numerics.tables import natural
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import FIRST_EFFECTOR

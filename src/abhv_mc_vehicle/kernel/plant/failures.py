@@ -8,8 +8,7 @@ time.
 from typing import NamedTuple
 
 from abhv_mc_vehicle.kernel.jit import lanes
-from abhv_mc_vehicle.kernel.numerics.angles import clamp
-from abhv_mc_vehicle.kernel.numerics.lane_math import exp
+from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, exp
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import (
     BANDWIDTH,
@@ -22,15 +21,15 @@ from abhv_mc_vehicle.kernel.plant.actuator_step import (
 from abhv_mc_vehicle.kernel.plant.actuators import COMMAND, MOVES, N_EFFECTOR_ROWS, POSITION, SLOWED
 from abhv_mc_vehicle.kernel.plant.disturbance import any_lane
 from abhv_mc_vehicle.kernel.plant.effectors import command_effectors
-from abhv_mc_vehicle.kernel.plant.parameter_names import (
+from abhv_mc_vehicle.kernel.plant.state import XS, X, parameter_row, parameter_rows
+from abhv_mc_vehicle.kernel.plant.vehicle import (
     AXES,
     EFFECTORS,
     ENGINES,
     FAILURE_TIMES,
+    MAX_ACTUATORS,
     NEVER,
 )
-from abhv_mc_vehicle.kernel.plant.state import XS, X, parameter_row, parameter_rows
-from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ACTUATORS
 
 N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
 _N_FIRST = 4  # number of effectors whose failures are in the first block of parameters

@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from abhv_mc_vehicle.kernel.numerics.random_numbers import N_STREAM_ROWS
 from abhv_mc_vehicle.kernel.plant.actuator_step import N_ACTUATOR_ROWS
-from abhv_mc_vehicle.kernel.plant.parameter_names import (
+from abhv_mc_vehicle.kernel.plant.vehicle import (
     ALL_SENSORS,
+    COEFFICIENTS,
     ENGINES,
+    FIXED_TABLE_ROWS,
+    MAX_ACTUATORS,
     PARAMETER_INDEX,
     PARAMETER_NAMES,
     SENSORS,
-)
-from abhv_mc_vehicle.kernel.plant.vehicle import (
-    COEFFICIENTS,
-    FIXED_TABLE_ROWS,
-    MAX_ACTUATORS,
     VARIABLES,
 )
 from abhv_mc_vehicle.kernel.world.turbulence import N_FILTER_STATES

@@ -14,8 +14,7 @@ from abhv_mc_vehicle.kernel.flight.fly_lanes import (
     lean_active,
     named_kernel,
 )
-from abhv_mc_vehicle.kernel.flight.interface import LANES
-from abhv_mc_vehicle.kernel.flight.memory import has_width
+from abhv_mc_vehicle.kernel.flight.interface import LANES, has_width
 from abhv_mc_vehicle.kernel.flight.navigation import navigate
 from abhv_mc_vehicle.kernel.jit import lanes
 from abhv_mc_vehicle.kernel.plant import state as s
@@ -24,8 +23,8 @@ from abhv_mc_vehicle.kernel.plant.air_data import nominal_density
 from abhv_mc_vehicle.kernel.plant.disturbance import calm, density_profile
 from abhv_mc_vehicle.kernel.plant.equations import Stage
 from abhv_mc_vehicle.kernel.plant.failures import Failures, fail_plant, fail_sensors
-from abhv_mc_vehicle.kernel.plant.parameter_names import NEVER
 from abhv_mc_vehicle.kernel.plant.state import SUM, XS, X
+from abhv_mc_vehicle.kernel.plant.vehicle import NEVER
 
 
 class PlantAnswer(NamedTuple):

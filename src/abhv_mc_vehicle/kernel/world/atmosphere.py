@@ -10,8 +10,7 @@ import math
 from typing import NamedTuple
 
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
-from abhv_mc_vehicle.kernel.numerics.angles import smaller
-from abhv_mc_vehicle.kernel.numerics.lane_math import exp, log
+from abhv_mc_vehicle.kernel.numerics.lane_math import exp, log, smaller
 
 GEOPOTENTIAL_RADIUS = 6356766.0  # r0 in the geopotential altitude H = r0 Z / (r0 + Z), m
 GAS_CONSTANT = 8314.32 / 28.9644  # R* / M0 with the standard's own R*, J/(kg K)

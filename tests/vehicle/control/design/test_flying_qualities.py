@@ -10,7 +10,11 @@ from abhv_mc_vehicle.control.design.flying_qualities import FlyingQualities, fin
 from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.plant.trim import FlightPoint, TrimPoint, trim
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import evaluate_coefficients, evaluate_fixed, make_variables
+from abhv_mc_vehicle.vehicle.vehicle_code import (
+    evaluate_coefficients,
+    evaluate_fixed,
+    make_variables,
+)
 
 VEHICLES = Path(__file__).parents[4] / "configs" / "vehicle"
 EARTH = WGS84._replace(rotation_rate=0.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from abhv_mc_vehicle.control.design.design_model import Environment, guidance_rates
-from abhv_mc_vehicle.control.design.guidance_trim import trim_along, trim_faults
-from abhv_mc_vehicle.kernel.laws.trim_search import (
+from abhv_mc_vehicle.control.design.reference import trim_along, trim_faults
+from abhv_mc_vehicle.kernel.laws.trim_lookup import (
     NO_ANGLE_OF_ATTACK,
     NO_BANK,
     NO_EQUIVALENCE_RATIO,

@@ -19,7 +19,7 @@ from abhv_mc_vehicle.kernel.laws.trim_lookup import TRIM_ROWS
 from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, Vehicle
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.evaluate import (
+from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
     evaluate_fixed,
     make_variables,

@@ -14,13 +14,11 @@ from abhv_mc_vehicle.kernel.jit import kernel
 from abhv_mc_vehicle.kernel.laws.allocation import moment_slope, nominal_moment, side_force_slope
 from abhv_mc_vehicle.kernel.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.aerodynamics import make_cells
-from abhv_mc_vehicle.kernel.plant.parameter_names import PARAMETER_INDEX
-from abhv_mc_vehicle.kernel.plant.slopes import INPUTS, N_INPUTS
-from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.plant.aerodynamics import INPUTS, N_INPUTS, make_cells
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, Vehicle
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
-from abhv_mc_vehicle.vehicle.evaluate import make_variables
 from abhv_mc_vehicle.vehicle.file import pack_vehicle, read_vehicle_file
+from abhv_mc_vehicle.vehicle.vehicle_code import make_variables
 
 # Parts of the kernel's plan and memory that the nominal vehicle needs.
 Plan = namedtuple("Plan", "vehicle effectiveness unit_factors user_code")
