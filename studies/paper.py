@@ -51,7 +51,7 @@ from robust_flights import read_case
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc_vehicle.control.controller_file import TlcController
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.pack import nodes_of
+from abhv_mc_vehicle.vehicle.table_file import nodes_of
 
 # Table 1 of the paper: damping and bandwidth (rad/s).
 TABLE_1 = {

@@ -15,7 +15,7 @@ from abhv_mc_vehicle.control.design.design_model import make_environment
 from abhv_mc_vehicle.control.design.lqr_design import Nominal, attitude_slopes
 from abhv_mc_vehicle.kernel.plant.actuator_step import HIGH
 from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
-from abhv_mc_vehicle.vehicle.pack import nodes_of
+from abhv_mc_vehicle.vehicle.table_file import nodes_of
 from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_fixed, make_variables, table_rows
 
 MACHS = np.linspace(4.0, 5.5, 7)

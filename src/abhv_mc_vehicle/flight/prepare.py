@@ -78,8 +78,8 @@ from abhv_mc_vehicle.user_code.settings import (
 )
 from abhv_mc_vehicle.user_code.vehicle_functions import check_finite, find_code, load_vehicle
 from abhv_mc_vehicle.vehicle.actuators import name_effectors
-from abhv_mc_vehicle.vehicle.pack import valid_range
 from abhv_mc_vehicle.vehicle.shared_keys import choose_sensing, tighter
+from abhv_mc_vehicle.vehicle.table_file import valid_range
 from abhv_mc_vehicle.vehicle.vehicle_code import make_variables
 from abhv_mc_vehicle.vehicle.warnings import find_vehicle_warnings
 

@@ -132,7 +132,7 @@ def take_point(
 
     from abhv_mc_vehicle.control.mission import read_mission
     from abhv_mc_vehicle.flight.prepare import prepare, read_law
-    from abhv_mc_vehicle.stability.periods import find_period
+    from abhv_mc_vehicle.stability.point_slopes import find_period
     from abhv_mc_vehicle.stability.points import AT_LIMIT, flown_points, near_nodes
     from abhv_mc_vehicle.stability.steady import make_steady_plan, trim_points
     from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle

@@ -199,7 +199,7 @@ def _find_range_warnings(
     vehicle: "Vehicle", trims: "list[TrimPoint]", altitude: float, mass: float
 ) -> list[str]:
     """Return a sentence if a trimmed point is outside the ranges of the tables or the limits."""
-    from abhv_mc_vehicle.vehicle.pack import valid_range
+    from abhv_mc_vehicle.vehicle.table_file import valid_range
 
     outside = []
     for name in ("mach", "angle_of_attack", "elevator", "equivalence_ratio", "altitude", "mass"):

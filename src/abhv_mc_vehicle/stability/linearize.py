@@ -33,7 +33,6 @@ from abhv_mc_vehicle.kernel.plant.vehicle import (
 )
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.stability.margins import NO_EFFECT, STUCK, Linear
-from abhv_mc_vehicle.stability.periods import LONGEST, law_phases
 from abhv_mc_vehicle.stability.plant_inputs import (
     INPUTS,
     held_at,
@@ -42,7 +41,7 @@ from abhv_mc_vehicle.stability.plant_inputs import (
     name_inputs,
     sticks_here,
 )
-from abhv_mc_vehicle.stability.point_slopes import Points, plant_slopes
+from abhv_mc_vehicle.stability.point_slopes import LONGEST, Points, law_phases, plant_slopes
 from abhv_mc_vehicle.vehicle.actuators import surface_list
 
 _LAG, _INTERVAL = (

@@ -20,7 +20,6 @@ from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuators import POSITION, STAGE
 from abhv_mc_vehicle.kernel.plant.vehicle import NEVER, VARIABLES, Tables
 from abhv_mc_vehicle.stability import path_coordinates as path
-from abhv_mc_vehicle.stability.periods import SWITCHES, over_period, switching
 from abhv_mc_vehicle.stability.plant_inputs import (
     actuator_columns,
     as_axes,
@@ -28,7 +27,7 @@ from abhv_mc_vehicle.stability.plant_inputs import (
     held_at,
     range_of,
 )
-from abhv_mc_vehicle.stability.point_slopes import Points, ask_at
+from abhv_mc_vehicle.stability.point_slopes import SWITCHES, Points, ask_at, over_period, switching
 from abhv_mc_vehicle.stability.probe import begin, law_at, law_memory_rows, law_tick
 
 AT_LIMIT = "a command is at a limit"

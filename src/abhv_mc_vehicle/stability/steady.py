@@ -31,7 +31,6 @@ from abhv_mc_vehicle.kernel.laws.trim_lookup import GuidancePoints
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import NEVER, PARAMETER_INDEX, Vehicle
 from abhv_mc_vehicle.stability import path_coordinates as path
-from abhv_mc_vehicle.stability.periods import SWITCHES, find_period, over_period, switching
 from abhv_mc_vehicle.stability.plant_inputs import (
     as_axes,
     custom_of,
@@ -42,7 +41,16 @@ from abhv_mc_vehicle.stability.plant_inputs import (
     range_of,
     solved_states,
 )
-from abhv_mc_vehicle.stability.point_slopes import Points, Slopes, newton_step, plant_slopes
+from abhv_mc_vehicle.stability.point_slopes import (
+    SWITCHES,
+    Points,
+    Slopes,
+    find_period,
+    newton_step,
+    over_period,
+    plant_slopes,
+    switching,
+)
 from abhv_mc_vehicle.stability.points import AT_LIMIT, Found
 from abhv_mc_vehicle.stability.probe import begin, law_memory_rows
 from abhv_mc_vehicle.user_code.design import DesignModel

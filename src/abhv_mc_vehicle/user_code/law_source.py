@@ -223,14 +223,6 @@ def write_headers(folder: Path, layout: Layout, onboard: bool) -> list[Path]:
     return [folder / name for name in texts]
 
 
-if __name__ == "__main__":
-    from abhv_mc_vehicle.control.controller_file import read_controller
-
-    controller_file = read_controller(sys.argv[1])
-    if isinstance(controller_file, CController):
-        write_headers(Path(sys.argv[1]).parent, controller_file.layout, controller_file.onboard)
-
-
 _NEEDED = COMMAND_FIELDS[:4]
 _ALL_INPUTS = ("time", *(f"measured.{name}" for name in Measured._fields))
 _GROUPS = {"measured": Measured._fields, "reference": REFERENCE, "onboard": onboard_fields()}
@@ -338,3 +330,11 @@ def read_trusted_law(controller: UserController) -> UserSource:
     if is_in_a_folder(law_place(controller)):
         check_trusted(source)
     return with_library(source)
+
+
+if __name__ == "__main__":
+    from abhv_mc_vehicle.control.controller_file import read_controller
+
+    controller_file = read_controller(sys.argv[1])
+    if isinstance(controller_file, CController):
+        write_headers(Path(sys.argv[1]).parent, controller_file.layout, controller_file.onboard)

@@ -1,12 +1,13 @@
-"""Pydantic models of the engine and control surface keys in a vehicle file."""
+"""Pydantic models of the keys for engine, control surfaces and custom dynamics in vehicle files."""
 
+import keyword
 import math
 from collections.abc import Collection, Iterable
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel
+from abhv_mc.io.documents import File, Refusal, StrictModel, YesNo, describe
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import (
     Acceleration,
@@ -17,7 +18,12 @@ from abhv_mc.io.units import (
     Frequency,
     Length,
     Time,
+    check_angle,
+    dimension_of,
+    parse_any,
+    parse_quantity,
 )
+from abhv_mc_vehicle.kernel.plant.state import MAX_STATES
 from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ENGINES, Inlet
 from abhv_mc_vehicle.vehicle.shared_keys import AngleRange, Positive, Range, Rising
 
@@ -410,3 +416,71 @@ class Effector(SurfaceActuator):
         unused = {name for name, value in own.items() if value is not None} - {*DYNAMICS[kind]}
         check_dynamics(kind, {*dynamics, *unused}, "an effector")
         return kind, dynamics
+
+
+Number = float | str
+
+
+class CustomState(StrictModel):
+    """Custom state: its unit and, if it has no equilibrium, its initial value."""
+
+    unit: str = Field(description="SI unit of the state, such as m, rad/s or K; - if dimensionless")
+    start: Number | None = Field(
+        default=None,
+        description="initial value of the state; default: its equilibrium value in trim",
+    )
+
+    circular: YesNo = Field(
+        False, description="whether the state is an angle of which a full turn changes nothing"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "CustomState":
+        dimension_of(self.unit)
+        if self.circular:
+            check_angle(self.unit)
+        if self.start is not None:
+            parse_quantity(self.start, dimension_of(self.unit))
+        return self
+
+
+def _state(value: object) -> object:
+    return {"unit": value} if isinstance(value, str) else value
+
+
+class Dynamics(StrictModel):
+    """Custom dynamics: states that cause forces and moments and affect the sensors."""
+
+    file: File = Field(
+        description=(
+            "path of a Python file with one function decorated with @dynamics, relative to the "
+            "vehicle file"
+        )
+    )
+    states: dict[
+        str,
+        Annotated[CustomState, BeforeValidator(_state, json_schema_input_type=str | CustomState)],
+    ] = Field(
+        min_length=1, max_length=MAX_STATES, description="custom states by name, each with its unit"
+    )
+    settings: dict[str, Number] = Field(
+        default_factory=dict,
+        description="numbers passed to the function; a campaign may disperse them",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Dynamics":
+        for key in ("states", "settings"):
+            for name in getattr(self, key):
+                if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+                    raise Refusal(
+                        f"invalid name {describe(name)}",
+                        "an identifier such as mode_1",
+                        (key, name),
+                    )
+        for name, value in self.settings.items():
+            try:
+                parse_any(value)
+            except Refusal as refusal:
+                raise Refusal(refusal.found, refusal.expected, ("settings", name)) from None
+        return self

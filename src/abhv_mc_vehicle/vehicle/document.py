@@ -26,12 +26,13 @@ from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS, MAX_EFFECTORS
 from abhv_mc_vehicle.vehicle.actuator_keys import (
     AXIS_DEFLECTIONS,
     PROPULSION_TABLES,
+    Dynamics,
     Effector,
+    Number,
     Propulsion,
     PythonFunction,
     Surfaces,
 )
-from abhv_mc_vehicle.vehicle.dynamics_keys import Dynamics, Number
 from abhv_mc_vehicle.vehicle.shared_keys import (
     AngleRange,
     LoadLimits,

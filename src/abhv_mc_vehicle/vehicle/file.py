@@ -47,9 +47,15 @@ from abhv_mc_vehicle.vehicle.document import (
     MassPoints,
     VehicleDocument,
 )
-from abhv_mc_vehicle.vehicle.pack import Axis, Table, make_constant, pack_tables
 from abhv_mc_vehicle.vehicle.shared_keys import choose_sensing
-from abhv_mc_vehicle.vehicle.table_file import parse_role, read_table
+from abhv_mc_vehicle.vehicle.table_file import (
+    Axis,
+    Table,
+    make_constant,
+    pack_tables,
+    parse_role,
+    read_table,
+)
 from abhv_mc_vehicle.vehicle.vehicle_code import CustomState, FunctionCode, VehicleCode
 
 

@@ -40,7 +40,7 @@ def make_margin_plans(
         return {}
 
     from abhv_mc_vehicle.stability.linearize import repeats_after, sensor_ticks
-    from abhv_mc_vehicle.stability.periods import find_period
+    from abhv_mc_vehicle.stability.point_slopes import find_period
 
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:

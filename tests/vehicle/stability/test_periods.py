@@ -22,7 +22,7 @@ from abhv_mc_vehicle.stability.lifted import find_lifted_margins
 from abhv_mc_vehicle.stability.linearize import closed_period, linearize
 from abhv_mc_vehicle.stability.margins import loop_gains, make_loops
 from abhv_mc_vehicle.stability.model_file import make_model
-from abhv_mc_vehicle.stability.periods import SWITCHES, find_period
+from abhv_mc_vehicle.stability.point_slopes import SWITCHES, find_period
 from abhv_mc_vehicle.stability.points import flown_points
 from abhv_mc_vehicle.stability.steady import trim_points
 

@@ -10,7 +10,7 @@ from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
 from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.plant.trim import GRAVITY, FlightPoint, TrimPoint, trim
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.pack import nodes_of
+from abhv_mc_vehicle.vehicle.table_file import nodes_of
 from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_coefficients, make_variables
 
 VEHICLES = ("abhv", "ghame", "ghame_x", "ghame_x_coupled", "winged_cone")

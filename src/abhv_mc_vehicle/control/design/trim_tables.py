@@ -12,7 +12,7 @@ from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, FIXED_TABLE_ROWS, VARIAB
 from abhv_mc_vehicle.kernel.world.earth import standard_air
 from abhv_mc_vehicle.plant.trim import nominal_air
 from abhv_mc_vehicle.vehicle.actuators import deflection_range
-from abhv_mc_vehicle.vehicle.pack import Axis, Table, nodes_of, pack_tables
+from abhv_mc_vehicle.vehicle.table_file import Axis, Table, nodes_of, pack_tables
 from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
     evaluate_fixed,
