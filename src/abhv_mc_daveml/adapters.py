@@ -98,8 +98,12 @@ def factor_to_si(model: Model, variable: Variable, quantity: str) -> float:
             model.path, refusal.found, f"a unit of {quantity}", variable.line
         ) from None
     if exponents != parse_unit(SI[quantity])[1]:
-        problem = f"'{variable.identifier}', the {quantity}, has the unit '{variable.units}'"
-        raise InputError(model.path, problem, f"a unit such as {SI[quantity]}", variable.line)
+        raise InputError(
+            model.path,
+            f"'{variable.identifier}', the {quantity}, has the unit '{variable.units}'",
+            f"a unit such as {SI[quantity]}",
+            variable.line,
+        )
     return factor
 
 
@@ -150,8 +154,12 @@ def signed_factor(model: Model, variable: Variable, quantity: str) -> float:
     """Return the factor that converts an output to the unit and sign convention of abhv-mc."""
     sign = sign_of(quantity, variable)
     if sign is None and variable.sign:
-        problem = f"'{variable.identifier}', the {quantity}, has the sign '{variable.sign}'"
-        raise InputError(model.path, problem, "a sign convention of S-119", variable.line)
+        raise InputError(
+            model.path,
+            f"'{variable.identifier}', the {quantity}, has the sign '{variable.sign}'",
+            "a sign convention of S-119",
+            variable.line,
+        )
     return (sign or 1) * factor_to_si(model, variable, quantity)
 
 

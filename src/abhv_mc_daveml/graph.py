@@ -181,8 +181,12 @@ def read_model(path: Path) -> Model:
     for name, look_up in look_ups.items():
         for used in (name, *(argument.variable for argument in look_up.arguments)):
             if used not in variables:
-                problem = f"the function '{look_up.name}' uses '{used}', which is not a variable"
-                raise InputError(path, problem, one_of(variables, used), look_up.line)
+                raise InputError(
+                    path,
+                    f"the function '{look_up.name}' uses '{used}', which is not a variable",
+                    one_of(variables, used),
+                    look_up.line,
+                )
     header = root.first("fileHeader") or root
     return Model(
         path=path,
@@ -205,8 +209,7 @@ def _name_variables(nodes: Iterable[Node]) -> dict[str, str]:
     for node in nodes:
         identifier = node.attributes.get("varID")
         if identifier is None or identifier in names:
-            problem = f"'{node.name}' has the varID '{identifier or ''}'"
-            raise node.refuse(problem, "a unique varID")
+            raise node.refuse(f"'{node.name}' has the varID '{identifier or ''}'", "a unique varID")
         names[identifier] = free_name(identifier, {*TAKEN, *names.values()})
     return names
 
@@ -308,10 +311,8 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
     def read(group: str) -> Iterator[tuple[Node, str, float]]:
         """Yield each signal with its variable and the factor to the variable's units."""
         for signal in (signal for section in shot.all(group) for signal in section.all("signal")):
-            name, identified = (
-                signal.words("signalName"),
-                signal.words("varID") or signal.words("signalID"),
-            )
+            name = signal.words("signalName")
+            identified = signal.words("varID") or signal.words("signalID")
             identifier = identified
             if identified not in variables:
                 identifier = find(name, signal.words("signalUnits"))
@@ -329,10 +330,8 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
     outputs = []
     for group in ("internalValues", "checkOutputs"):
         for signal, identifier, factor in read(group):
-            value, tolerance = (
-                factor * signal.number(signal.words("signalValue")),
-                signal.words("tol"),
-            )
+            value = factor * signal.number(signal.words("signalValue"))
+            tolerance = signal.words("tol")
             allowed = (
                 abs(factor) * signal.number(tolerance)
                 if tolerance
@@ -349,10 +348,8 @@ def _conversion(signal: Node, variable: Variable) -> float:
     if not units or units == variable.units:
         return 1.0
     try:
-        (factor, dimension), (own_factor, own_dimension) = (
-            parse_s119_unit(units),
-            parse_s119_unit(variable.units),
-        )
+        factor, dimension = parse_s119_unit(units)
+        own_factor, own_dimension = parse_s119_unit(variable.units)
     except Refusal:
         dimension, own_dimension = (1, 0, 0, 0, 0), (0, 0, 0, 0, 0)
     if dimension != own_dimension:

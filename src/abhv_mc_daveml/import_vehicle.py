@@ -70,8 +70,11 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
             for name, (factor, offset) in zip(quantities, scales, strict=True)
         ]
         if not all(0.0 < value < math.inf for value in values):
-            problem = f"the {joined(list(quantities), 'or')} at {altitude:g} m is not positive"
-            raise InputError(model.path, problem, f"positive values up to {ALTITUDES[-1]:g} m")
+            raise InputError(
+                model.path,
+                f"the {joined(list(quantities), 'or')} at {altitude:g} m is not positive",
+                f"positive values up to {ALTITUDES[-1]:g} m",
+            )
         if quantities == ("density", "pressure"):
             density, pressure = values
             values = [pressure, pressure / (density * _GAS_CONSTANT)]
@@ -85,8 +88,12 @@ def _scale_of(model: Model, variable: Variable, quantity: str) -> tuple[float, f
     if quantity != "temperature":
         return signed_factor(model, variable, quantity), 0.0
     if variable.units.lower() not in _TEMPERATURES:
-        problem = f"'{variable.identifier}', the temperature, has the unit '{variable.units}'"
-        raise InputError(model.path, problem, one_of(_TEMPERATURES), variable.line)
+        raise InputError(
+            model.path,
+            f"'{variable.identifier}', the temperature, has the unit '{variable.units}'",
+            one_of(_TEMPERATURES),
+            variable.line,
+        )
     return KELVIN[_TEMPERATURES[variable.units.lower()]]
 
 
@@ -147,8 +154,11 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
         if texts:
             folder.mkdir(parents=True, exist_ok=True)
             write_text(path, texts[ANSWERS])
-        problem = f"values are missing for {quoted(left)}"
-        raise InputError(path, problem, "values in this file (enter them and repeat the command)")
+        raise InputError(
+            path,
+            f"values are missing for {quoted(left)}",
+            "values in this file (enter them and repeat the command)",
+        )
     if texts:
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / ANSWERS, texts[ANSWERS])
@@ -199,8 +209,11 @@ def _read_answers(
                     (name, key), f"unknown signal '{key}'", one_of(variables, key)
                 )
             if isinstance(value, bool) or not isinstance(value, float | int | str | None):
-                expected = "a number in the units of the file, or a sum of signals"
-                raise document.error((name, key), found_value(value), expected)
+                raise document.error(
+                    (name, key),
+                    found_value(value),
+                    "a number in the units of the file, or a sum of signals",
+                )
             if isinstance(value, str):
                 try:
                     parse_answer(by_name[name], variables[key], value, effectors)
@@ -291,9 +304,10 @@ def _vehicle(
 ) -> str:
     for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
         if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
-            problem = f"the {name.replace('_', ' ')} is {values[name]:g}"
             raise InputError(
-                models[0].path, problem, "a vehicle that is symmetric about the x-z plane"
+                models[0].path,
+                f"the {name.replace('_', ' ')} is {values[name]:g}",
+                "a vehicle that is symmetric about the x-z plane",
             )
     lines = [
         (

@@ -74,7 +74,10 @@ class ExploreServer(ThreadingHTTPServer):
         trust_code: bool = False,
     ) -> None:
         super().__init__((_HOST, port), _Handler)
-        self.root, self.table, self.fly, self.trust_code = root, table, fly, trust_code
+        self.root = root
+        self.table = table
+        self.fly = fly
+        self.trust_code = trust_code
         self.token = secrets.token_urlsafe(24)
         self.one_flight = threading.Lock()  # only one flight is simulated at a time
 
@@ -118,10 +121,8 @@ class ExploreServer(ThreadingHTTPServer):
         if not block.history.size:
             return {}
         every = max(1, -(-block.times.size // _MOST_TIMES))
-        flown, records = (
-            block.history[0, ::every].astype(float),
-            self.table.results.campaign.channels,
-        )
+        flown = block.history[0, ::every].astype(float)
+        records = self.table.results.campaign.channels
         channels = {channel.name: flown[:, i] for i, channel in enumerate(records)}
         return {"time": block.times[::every], **channels}
 

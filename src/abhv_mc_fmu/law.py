@@ -79,8 +79,11 @@ def _describe(source: UserSource) -> tuple[Path, Any]:
     try:
         import fmpy
     except ImportError:
-        remedy = "the package fmpy, which FMUs require (pip install fmpy)"
-        raise InputError(source.file, "the package fmpy is not installed", remedy) from None
+        raise InputError(
+            source.file,
+            "the package fmpy is not installed",
+            "the package fmpy, which FMUs require (pip install fmpy)",
+        ) from None
     recipe: Any = source.recipe
     try:
         file = str(unpack(source) / recipe["file"])
@@ -106,13 +109,10 @@ def load_fmu(source: UserSource) -> Fmu:
         or simulation is None
         or simulation.canBeInstantiatedOnlyOncePerProcess
     ):
-        problem = (
-            f"the FMU (FMI {description.fmiVersion}) has no co-simulation, or allows only one "
-            "instance per process"
-        )
         raise InputError(
             source.file,
-            problem,
+            f"the FMU (FMI {description.fmiVersion}) has no co-simulation, or allows only one "
+            "instance per process",
             "an FMU for co-simulation (FMI 2.0 or 3.0) that allows several instances",
         )
     platform = fmpy.platform if version == 2 else fmpy.platform_tuple
@@ -128,9 +128,14 @@ def load_fmu(source: UserSource) -> Fmu:
             getattr(dll, f"fmi{version}{name}") for name in _FUNCTIONS[version]
         )
     except (OSError, AttributeError) as error:
-        problem = f"the library of the FMU cannot be loaded ({error})"
-        raise InputError(source.file, problem, "an FMU with binaries for this platform") from None
-    create.restype, free.restype, free.argtypes = ctypes.c_void_p, None, [ctypes.c_void_p]
+        raise InputError(
+            source.file,
+            f"the library of the FMU cannot be loaded ({error})",
+            "an FMU with binaries for this platform",
+        ) from None
+    create.restype = ctypes.c_void_p
+    free.restype = None
+    free.argtypes = [ctypes.c_void_p]
     (params, inputs, outputs), misfits = _read_wires(description, recipe, source.file)
     if misfits:
         raise InputErrors([InputError(source.file, *misfit[1:]) for misfit in misfits])
@@ -142,9 +147,10 @@ def load_fmu(source: UserSource) -> Fmu:
             if wire.kind != FLOAT
         ]
     except AttributeError as error:
-        problem = f"the FMU lacks a function ({error})"
         raise InputError(
-            source.file, problem, "an FMU with all functions of the standard"
+            source.file,
+            f"the FMU lacks a function ({error})",
+            "an FMU with all functions of the standard",
         ) from None
     return Fmu(
         version=version,
@@ -265,8 +271,11 @@ def _wire(
     kinds = _KINDS[int(description.fmiVersion[0])]
     kind = kinds.get(variable.type)
     if kind is None or variable.shape:
-        problem = f"the variable '{name}' has the type {variable.type}"
-        raise InputError(file, problem, f"a scalar with a type that is {one_of(kinds)}")
+        raise InputError(
+            file,
+            f"the variable '{name}' has the type {variable.type}",
+            f"a scalar with a type that is {one_of(kinds)}",
+        )
     unit = variable.unit or (
         variable.declaredType.unit if variable.declaredType is not None else None
     )
@@ -282,8 +291,11 @@ def _wire(
             else (base.factor, (base.m, base.kg, base.s, base.rad, base.K))
         )
     except Refusal:
-        problem = f"the FMU does not define the unit '{unit}' of '{name}'"
-        raise InputError(file, problem, "a unit that is defined by base units") from None
+        raise InputError(
+            file,
+            f"the FMU does not define the unit '{unit}' of '{name}'",
+            "a unit that is defined by base units",
+        ) from None
     expected = find_unit(quantity) if value is None else unit_of(value)
     dimension = parse_unit(expected or "")[1]
     # Units of FMUs often omit the radian, so it is not compared for quantities with a dimension.

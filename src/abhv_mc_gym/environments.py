@@ -109,8 +109,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
         try:
             values = pd.eval(text, engine="python", local_dict=self._values, global_dict={})
         except (NameError, SyntaxError, TypeError, ValueError) as error:
-            expected = "an expression of measured quantities, channels and 'failed'"
-            raise InputError(text, str(error), expected) from None
+            raise InputError(
+                text, str(error), "an expression of measured quantities, channels and 'failed'"
+            ) from None
         return np.broadcast_to(np.asarray(values, np.float64), self.num_envs)
 
 

@@ -84,7 +84,9 @@ class Aerodynamics:
         self.body: list[Line] = []
         self._taken = {*reserved, *_NAMES}
         self._expressions = Expressions(self._resolve, self._taken)
-        self._known, self._values, self._full = metrics, values, full_deflections
+        self._known = metrics
+        self._values = values
+        self._full = full_deflections
         self._functions: dict[str, tuple[Node, str | None]] = {}  # function and axis, by property
         self._done: dict[str, str] = {}  # expression of each property that has been read
         self._pending: list[str] = []

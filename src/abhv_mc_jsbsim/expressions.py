@@ -16,7 +16,9 @@ from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.io.xml_reader import Node
 from abhv_mc_vehicle.user_code.module_text import Line, call, free_name, number, sequence
 
-_PROPERTY, _VALUE, _TABLE = ("property", "p"), ("value", "v"), ("table", "t")
+_PROPERTY = ("property", "p")
+_VALUE = ("value", "v")
+_TABLE = ("table", "t")
 _WORDS = ("description", "documentation", "title")
 _JOINED = {"sum": "+", "difference": "-", "product": "*", "quotient": "/"}
 _FOLDED = {"max": "larger({}, {})", "min": "smaller({}, {})"}

@@ -16,12 +16,10 @@ CONSTANTS = {  # constants that a generated module defines if it uses them
     "PSF": (47.88025898033584, "Pa"),
     "SLUG_FT3": (SLUG / FOOT**3, "kg/m3"),
 }
-DYNAMIC_PRESSURE, AREA, SPAN, CHORD = (
-    "aero/qbar-psf",
-    "metrics/Sw-sqft",
-    "metrics/bw-ft",
-    "metrics/cbarw-ft",
-)
+DYNAMIC_PRESSURE = "aero/qbar-psf"
+AREA = "metrics/Sw-sqft"
+SPAN = "metrics/bw-ft"
+CHORD = "metrics/cbarw-ft"
 PRESSURE_AREA = "aero/qbar-area"  # product of DYNAMIC_PRESSURE and AREA
 LIFT_SQUARED = "aero/cl-squared"
 UNKNOWN_RATES = (

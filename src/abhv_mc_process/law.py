@@ -69,7 +69,9 @@ class ProcessLaw:
 
     def __init__(self, source: UserSource, width: int, effectors: tuple[str, ...]) -> None:
         recipe: Any = source.recipe
-        self._source, self._width, self._limit = source, width, recipe["time_limit"]
+        self._source = source
+        self._width = width
+        self._limit = recipe["time_limit"]
         self._is_binary = recipe["protocol"] == "binary"
         self._inputs, self._outputs = tuple(recipe["inputs"]), tuple(recipe["outputs"])
         self._positions = [_POSITIONS[name] for name in self._inputs]

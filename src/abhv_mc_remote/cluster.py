@@ -211,11 +211,11 @@ class Cluster:
         except UnusableError:
             raise
         except KilledWorker as error:
-            problem = (
+            raise FlightLostError(
                 "several workers of the cluster terminated while computing the block "
-                f"({error.last_worker.address})"
-            )
-            raise FlightLostError(problem, process=True) from None
+                f"({error.last_worker.address})",
+                process=True,
+            ) from None
         except (CancelledError, OSError) as error:
             raise UnusableError(
                 f"the connection to the cluster was lost ({type(error).__name__}: {error})"
@@ -233,14 +233,20 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
     try:
         from distributed import Client
     except ImportError:
-        expected = "the packages dask and distributed (pip install dask distributed)"
-        raise InputError("--scheduler", "Dask is not installed", expected) from None
+        raise InputError(
+            "--scheduler",
+            "Dask is not installed",
+            "the packages dask and distributed (pip install dask distributed)",
+        ) from None
     try:
         client: Any = Client(address, timeout=_CONNECT, set_as_default=False)
     except Exception as error:  # Another program at this address may send any reply.
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        problem = f"no scheduler at '{address}' ({reason})"
-        raise InputError("--scheduler", problem, "an address such as tcp://host:8786") from None
+        raise InputError(
+            "--scheduler",
+            f"no scheduler at '{address}' ({reason})",
+            "an address such as tcp://host:8786",
+        ) from None
     # The client need not log connection errors, because abhv-mc reports them.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with client:

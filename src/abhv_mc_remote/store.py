@@ -44,7 +44,9 @@ class Objects:
     """Objects in a folder; methods raise OSError or errors of pyarrow if the store fails."""
 
     def __init__(self, address: Address, system: Any, base: str) -> None:
-        self.address, self.system, self.base = address, system, base
+        self.address = address
+        self.system = system
+        self.base = base
 
     def below(self, name: str) -> "Objects":
         """Return a subfolder of this folder."""
@@ -91,9 +93,11 @@ def open_objects(address: Address) -> Objects:
     try:
         system, base = pyarrow_fs.FileSystem.from_uri(uri)
     except (pa.ArrowException, OSError, ValueError) as error:
-        problem = f"the address '{address}' cannot be used ({address.explain(error)})"
-        expected = "s3://bucket/folder, gs://bucket/folder or a path"
-        raise InputError("address", problem, expected) from None
+        raise InputError(
+            "address",
+            f"the address '{address}' cannot be used ({address.explain(error)})",
+            "s3://bucket/folder, gs://bucket/folder or a path",
+        ) from None
     return Objects(address, system, base.rstrip("/"))
 
 
@@ -172,12 +176,12 @@ class Lease:
         """Raise InputError if another process holds a lease that is not `abandoned`."""
         holder = read_holder(self._store)
         if holder is not None and holder[1] != self._token and not abandoned:
-            problem = f"{holder[0]} is running a campaign at this address"
-            expected = (
+            raise InputError(
+                str(self._store.address),
+                f"{holder[0]} is running a campaign at this address",
                 f"the process to end (or {LEASE:g} s to pass after it was killed), or another "
-                "address"
+                "address",
             )
-            raise InputError(str(self._store.address), problem, expected)
 
 
 def read_holder(store: Objects) -> tuple[str, str] | None:
@@ -203,7 +207,9 @@ class Remote:
 
     def __init__(self, store: Objects, local: Path, lease: Lease | None = None) -> None:
         """Pair a folder with its local copy; uploads stop if ``lease`` is lost."""
-        self.store, self.local, self._lease = store, local, lease
+        self.store = store
+        self.local = local
+        self._lease = lease
         # Size and time of the local file for each object, by name.
         self._stamps: dict[str, tuple[int, int] | None] = {}
 
@@ -218,9 +224,10 @@ class Remote:
             ):
                 continue
             if not is_inside(name):  # Names of objects can be any string.
-                problem = f"the name of the object '{name}' points outside the folder"
                 raise InputError(
-                    str(self.store.address), problem, "the unchanged folder of a campaign"
+                    str(self.store.address),
+                    f"the name of the object '{name}' points outside the folder",
+                    "the unchanged folder of a campaign",
                 )
             path = self.local / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -387,5 +394,6 @@ def _explain_store_error(address: Address) -> Iterator[None]:
     try:
         yield
     except (OSError, pa.ArrowException) as error:
-        expected = "an address that can be reached"
-        raise InputError(str(address), address.explain(error), expected) from error
+        raise InputError(
+            str(address), address.explain(error), "an address that can be reached"
+        ) from error

@@ -92,8 +92,11 @@ def read_controller_numbers(
     numbers = dict(_numbers(document.data))
     for i, entry in enumerate(free):
         if entry.key not in numbers:
-            problem = f"'{entry.key}' is not a positive number in {path.name}"
-            raise block.error((*keys, "free", i), problem, one_of(numbers, entry.key))
+            raise block.error(
+                (*keys, "free", i),
+                f"'{entry.key}' is not a positive number in {path.name}",
+                one_of(numbers, entry.key),
+            )
     return ControllerNumbers(document, tuple(free))
 
 

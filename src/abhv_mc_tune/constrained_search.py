@@ -97,7 +97,9 @@ def tune(
     # CMA-ES needs at least two dimensions, so a dummy dimension is added if there is only one.
     bounds = np.tile([-1.0, 1.0], (max(dimension, 2), 1))
     cma: CMA | None = None
-    starts, stale, best = 0, 0, 0
+    starts = 0
+    stale = 0
+    best = 0
     while len(points) + population <= candidates:
         if cma is None or cma.should_stop() or stale >= _STALE:
             mean = np.zeros(max(dimension, 2))

@@ -95,7 +95,9 @@ def plot_front(
 
 def _answers(result: TuneFound) -> Records:
     """Return the improvement on new flights, the missed limits and the scope as records."""
-    gain, block, main = result.difference, result.block, result.comparisons[0]
+    gain = result.difference
+    block = result.block
+    main = result.comparisons[0]
     start, best = (result.objective.with_unit(f"{x:.4g}") for x in (main.start, main.best))
     quantile = f"{100 * block.minimise.quantile:g} % quantile of {result.objective.phrase}"
     is_searched = result.tuning.best > 0

@@ -48,7 +48,9 @@ from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 from abhv_mc_vehicle.vehicle_simulator.tuning import Aim, Limit, Tune
 
 # Suffixes of the candidates' folder, the page and the file of a rejected candidate.
-_CANDIDATES, _PAGE, _REJECTED = ".tuning", ".html", ".rejected.yaml"
+_CANDIDATES = ".tuning"
+_PAGE = ".html"
+_REJECTED = ".rejected.yaml"
 
 
 @dataclass(frozen=True)
@@ -191,8 +193,11 @@ def _check_margins(block: Tune, document: Document, keys: tuple[str, ...], durat
     """Raise InputError if a time for margins is outside the mission."""
     for i, time in enumerate(block.margins_at):
         if time != "trim" and not 0.0 <= time <= duration:
-            expected = f"trim, or a time of the mission, 0 to {duration:g} s"
-            raise document.error((*keys, "margins_at", i), f"found {time:g} s", expected)
+            raise document.error(
+                (*keys, "margins_at", i),
+                f"found {time:g} s",
+                f"trim, or a time of the mission, 0 to {duration:g} s",
+            )
 
 
 def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
@@ -212,8 +217,11 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     campaign.simulator.check("tuning")
     block, document, keys = read_tune_block(campaign, request.block)
     if out.suffix in (_CANDIDATES, _PAGE):
-        problem = f"the suffix '{out.suffix}' is used for other files of the tuning"
-        raise InputError(out, problem, "another file (-o NEW.yaml)")
+        raise InputError(
+            out,
+            f"the suffix '{out.suffix}' is used for other files of the tuning",
+            "another file (-o NEW.yaml)",
+        )
     if out.exists():
         raise InputError(out, "the file already exists", "a new file (-o NEW.yaml)")
     numbers = read_controller_numbers(model.controllers[name], block.free, document, keys)
@@ -341,7 +349,9 @@ def _validate(
 
 def _comment(result: TuneFound, request: TuneRequest, seed: int) -> str:
     """Return the comment at the beginning of the new file."""
-    main, gain, block = result.comparisons[0], result.difference, result.block
+    main = result.comparisons[0]
+    gain = result.difference
+    block = result.block
     command = (
         f"abhv-mc tune {request.campaign} --controller {result.controller} -o {request.output}"
         f" --seed {seed}"

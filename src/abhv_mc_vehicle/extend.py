@@ -279,7 +279,9 @@ def allocate(onboard: Onboard, roll: float, pitch: float, yaw: float) -> tuple[f
     --------
     In a law: ``aileron, rudder, elevator = allocate(onboard, 0.0, 2e5, 0.0)``.
     """
-    a, r, e = onboard.moment_by_aileron, onboard.moment_by_rudder, onboard.moment_by_elevator
+    a = onboard.moment_by_aileron
+    r = onboard.moment_by_rudder
+    e = onboard.moment_by_elevator
     return solve_3x3(
         a.roll, r.roll, e.roll, a.pitch, r.pitch, e.pitch, a.yaw, r.yaw, e.yaw, roll, pitch, yaw
     )

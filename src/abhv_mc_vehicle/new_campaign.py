@@ -97,7 +97,7 @@ def write_new_campaign(
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
         written.append(target)
-    written[0].write_text(text + _TUNE * tune, encoding="utf-8")
+    written[0].write_text(text + _TUNE * tune, "utf-8")
     try:
         if law is not None:
             written += _add_law(folder, written[0], law)
@@ -114,7 +114,7 @@ def _rename(campaign: Path, folder: Path) -> str:
     Campaigns with different names have different results folders.
     """
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", folder.resolve().name).lstrip("_.-")[:80]
-    text = campaign.read_text(encoding="utf-8")
+    text = campaign.read_text("utf-8")
     return re.sub(r"(?m)^name: .*$", f'name: "{name}"', text) if name else text
 
 
@@ -185,13 +185,13 @@ def write_schemas(folder: Path, files: list[Path], kinds: Iterable[str] = ()) ->
     (folder / _SCHEMAS).mkdir()
     for kind in kinds or find_kinds():
         written.append(folder / _SCHEMAS / f"{kind}.schema.json")
-        written[-1].write_text(json.dumps(make_schema(kind), indent=1) + "\n", encoding="utf-8")
+        written[-1].write_text(json.dumps(make_schema(kind), indent=1) + "\n", "utf-8")
     for file in files:
         schema = Path(
             os.path.relpath(folder / _SCHEMAS / f"{find_kind(file)}.schema.json", file.parent)
         )
         line = f"# yaml-language-server: $schema={schema.as_posix()}\n"
-        file.write_text(line + file.read_text(encoding="utf-8"), encoding="utf-8")
+        file.write_text(line + file.read_text("utf-8"), "utf-8")
     return written
 
 
@@ -201,14 +201,12 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
     The C example includes a design, headers and a Makefile.
     """
     source, target = shipped_configs() / "control", folder / "control"
-    python, text = (
-        (source / f"cascade.{ending}").read_text(encoding="utf-8") for ending in ("py", "yaml")
-    )
+    python, text = ((source / f"cascade.{ending}").read_text("utf-8") for ending in ("py", "yaml"))
     contents = {"my_law.py": python, "my_law.yaml": text.replace("cascade.py", "my_law.py")}
     if law == "c":
         inside = source / "cascade_c"
         code, text = (
-            (inside / name).read_text(encoding="utf-8") for name in ("cascade.c", "cascade_c.yaml")
+            (inside / name).read_text("utf-8") for name in ("cascade.c", "cascade_c.yaml")
         )
         contents = {
             "my_law.c": code.replace("../cascade.py", "my_design.py"),
@@ -220,17 +218,17 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
         }
     files = [target / name for name in contents]
     for file, content in zip(files, contents.values(), strict=True):
-        file.write_text(content, encoding="utf-8")
+        file.write_text(content, "utf-8")
     controller = read_controller(target / "my_law.yaml")
     if isinstance(controller, CController):
         files += write_headers(target, controller.layout, controller.onboard)
-    text = campaign.read_text(encoding="utf-8")
+    text = campaign.read_text("utf-8")
     mine = f"  my_law: control/my_law.yaml # your own: control/{files[0].name}\n"
     text = re.sub(r"(?m)^(controllers:.*\n)", rf"\1{mine}", text)
     text = re.sub(r"(?m)^under_test: \[.*?\]", "under_test: [my_law]", text)
     text = re.sub(r"(?m)^question:.*$", f"question: {_QUESTION}", text)
     text = re.sub(r"(?m)^asks:.*\n", "", text)  # 'asks' would not name my_law.
-    campaign.write_text(text, encoding="utf-8")
+    campaign.write_text(text, "utf-8")
     return files
 
 
@@ -254,7 +252,7 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
             "line; built from:\n"
         )
         text = re.sub(r"(?m)^  python:.*\n", f"{called}  files: [rocket.c, Makefile]\n", text)
-    written[0].write_text(text, encoding="utf-8")
+    written[0].write_text(text, "utf-8")
     files = sorted(filter(Path.is_file, (source / kind).iterdir()))
     written += [Path(shutil.copyfile(file, folder / file.name)) for file in files]
     written += write_schemas(folder, written[:1], ["campaign"])

@@ -65,10 +65,8 @@ def margins(
         str | None,
         typer.Option(
             metavar="STATES",
-            help=(
-                "Quantities (altitude, speed, heading; separated by commas) that are held constant "
-                "if the controller does not control them."
-            ),
+            help="Quantities (altitude, speed, heading; separated by commas) that are held "
+            "constant if the controller does not control them.",
         ),
     ] = None,
     json: Json = None,
@@ -320,10 +318,8 @@ def linearize(
         typer.Option(
             "--at",
             metavar="POINT",
-            help=(
-                "Operating point: trim, a time of the nominal flight such as 30s, or a range of "
-                "times such as 0s:60s:1s."
-            ),
+            help="Operating point: trim, a time of the nominal flight such as 30s, or a range of "
+            "times such as 0s:60s:1s.",
         ),
     ] = "trim",
     bank: Annotated[

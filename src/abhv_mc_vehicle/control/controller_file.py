@@ -188,10 +188,8 @@ class TlcController(ControllerModel):
         """Return a warning for each outer loop that is not slower than its inner loop."""
         warnings = []
         for outer, inner in _OUTER_AND_INNER:
-            outer_bandwidth, inner_bandwidth = (
-                max(attrgetter(outer)(self).bandwidths()),
-                min(attrgetter(inner)(self).bandwidths()),
-            )
+            outer_bandwidth = max(attrgetter(outer)(self).bandwidths())
+            inner_bandwidth = min(attrgetter(inner)(self).bandwidths())
             if outer_bandwidth >= inner_bandwidth:
                 warnings.append(
                     f"the bandwidth of {outer} ({outer_bandwidth:g} rad/s) is not below that of "

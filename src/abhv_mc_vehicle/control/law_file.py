@@ -55,24 +55,18 @@ class PythonController(ControllerModel):
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
         {},
-        description=(
-            "values for the fields of the class Settings, with units if the Python file declares "
-            "units"
-        ),
+        description="values for the fields of the class Settings, with units if the Python file "
+        "declares units",
     )
     commands: dict[str, Any] = Field(
         {},
-        description=(
-            "values for the fields of the class Commands: constants, or values by start time such"
-            " as {0 s: 100 m, 5 s: 130 m}"
-        ),
+        description="values for the fields of the class Commands: constants, or values by start "
+        "time such as {0 s: 100 m, 5 s: 130 m}",
     )
     around: File | None = Field(
         None,
-        description=(
-            "TLC or LQR controller file; the function filters the measurements for this "
-            "controller, at the rate of this controller"
-        ),
+        description="TLC or LQR controller file; the function filters the measurements for this "
+        "controller, at the rate of this controller",
     )
 
     @model_validator(mode="after")
@@ -101,19 +95,16 @@ class CController(ControllerModel):
     )
     design: File | None = Field(
         None,
-        description=(
-            "gains: a Python file with design(), or a CSV file of gains as a function of time"
-        ),
+        description="gains: a Python file with design(), or a CSV file of gains as a function of "
+        "time",
     )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
     period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
     settings: dict[str, Any] = Field(
         {},
-        description=(
-            "values of the members of the struct abhv_settings: numbers or lists of numbers, with"
-            " units"
-        ),
+        description="values of the members of the struct abhv_settings: numbers or lists of "
+        "numbers, with units",
     )
     units: dict[str, str] = Field(
         {},
@@ -123,16 +114,13 @@ class CController(ControllerModel):
     effectors: tuple[str, ...] = Field(
         (),
         max_length=MAX_ACTUATORS,
-        description=(
-            "commanded effectors of the vehicle, in the order of the members of the C struct"
-        ),
+        description="commanded effectors of the vehicle, in the order of the members of the C "
+        "struct",
     )
     onboard: bool = Field(
         False,
-        description=(
-            "whether measured->onboard contains data of the nominal vehicle, as in Python control"
-            " laws"
-        ),
+        description="whether measured->onboard contains data of the nominal vehicle, as in Python "
+        "control laws",
     )
 
     @model_validator(mode="after")
@@ -188,19 +176,16 @@ class FmuController(ControllerModel):
         "gains.NAME, time, or a constant such as true, 3 or 20 deg"
     )
     outputs: dict[str, str] = Field(
-        description=(
-            "name of the FMU output that supplies each field of the command (such as elevator) or"
-            " each commanded effector of the vehicle"
-        )
+        description="name of the FMU output that supplies each field of the command (such as "
+        "elevator) or each commanded effector of the vehicle"
     )
     params: dict[str, Any] = Field(
         {}, description="initial values of the FMU's parameters, with units if they have any"
     )
     design: File | None = Field(
         None,
-        description=(
-            "gains: a Python file with design(), or a CSV file of gains as a function of time"
-        ),
+        description="gains: a Python file with design(), or a CSV file of gains as a function of "
+        "time",
     )
     files: tuple[str, ...] = Field((), description=_FILES)
     rate: Rate = Field(100.0, description=_RATE)
@@ -249,10 +234,8 @@ class ProcessController(ControllerModel):
     )
     inputs: tuple[str, ...] = Field(
         (),
-        description=(
-            "values in a request: time, measured.NAME, reference.NAME or onboard.NAME; by default "
-            "time and all measured quantities"
-        ),
+        description="values in a request: time, measured.NAME, reference.NAME or onboard.NAME; by "
+        "default time and all measured quantities",
     )
     outputs: tuple[str, ...] = Field(
         ("aileron", "rudder", "elevator", "equivalence_ratio"),

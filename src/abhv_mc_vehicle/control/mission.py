@@ -87,10 +87,8 @@ class Phase(StrictModel):
 
     name: str | None = Field(
         None,
-        description=(
-            "name of the manoeuvre; the key 'phase' of a metric can select its time window by "
-            "this name"
-        ),
+        description="name of the manoeuvre; the key 'phase' of a metric can select its time "
+        "window by this name",
     )
 
 
@@ -138,10 +136,8 @@ class SManoeuvre(Phase):
     length: Annotated[Time, Positive] = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
         0.0,
-        description=(
-            "duration of the bank ramp at each end of the manoeuvre, at most half the manoeuvre's"
-            " length"
-        ),
+        description="duration of the bank ramp at each end of the manoeuvre, at most half the "
+        "manoeuvre's length",
     )
     sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
         1.0,
@@ -300,10 +296,8 @@ class Ensemble(CommaKeys):
     """Atmospheres of which each flight of a campaign has one."""
 
     ensemble: File = Field(
-        description=(
-            "CSV or Parquet file with the columns member, altitude, those of 'wind' and of "
-            "'density', and optionally weight"
-        )
+        description="CSV or Parquet file with the columns member, altitude, those of 'wind' and of "
+        "'density', and optionally weight"
     )
     columns: dict[str, str] = Field(
         {}, description="column headers in the table by quantity, such as {altitude: HGHT}"
@@ -370,16 +364,13 @@ class Mission(StrictModel):
     )
     atmosphere: Ensemble | None = Field(
         None,
-        description=(
-            "members that campaigns draw as `atmosphere.member`; a member replaces the tables of "
-            "'wind' and 'density', which remain those of the nominal flight"
-        ),
+        description="members that campaigns draw as `atmosphere.member`; a member replaces the "
+        "tables of 'wind' and 'density', which remain those of the nominal flight",
     )
     sensing: SensingKeys = Field(
         SensingKeys(),
-        description=(
-            "reference for the measured quantities; default: the reference in the vehicle file"
-        ),
+        description="reference for the measured quantities; default: the reference in the vehicle "
+        "file",
     )
     step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
         0.01, description="time step of the integrator"
@@ -412,10 +403,8 @@ class Mission(StrictModel):
                         (*key, "offset"),
                     )
             if isinstance(manoeuvre, Climb):
-                altitude, speed = (
-                    altitude + manoeuvre.altitude_change,
-                    speed + manoeuvre.speed_change,
-                )
+                altitude = altitude + manoeuvre.altitude_change
+                speed = speed + manoeuvre.speed_change
                 if not low <= altitude <= high:
                     raise Refusal(
                         f"the altitude changes to {altitude:g} m",
@@ -494,8 +483,11 @@ class Mission(StrictModel):
         blocks = [nominal, *members]
         # The kernel finds the members by the fall of the altitude.
         if self.atmosphere and any(a[-1, 0] <= b[0, 0] for a, b in pairwise(blocks)):
-            problem = "a member begins above the end of the member, or the nominal air, before it"
-            raise InputError(self.atmosphere.ensemble, problem, "altitudes that overlap")
+            raise InputError(
+                self.atmosphere.ensemble,
+                "a member begins above the end of the member, or the nominal air, before it",
+                "altitudes that overlap",
+            )
         return np.vstack(blocks)
 
     def find_air_warnings(self, altitude: Floats) -> list[str]:

@@ -35,14 +35,16 @@ def read_trajectory(path: str | Path, duration: float) -> Floats:
     samples = table.values
     table.check_rising("time", "s")
     for row in np.flatnonzero(samples[:, 2] <= 0.0)[:1]:
-        problem = f"the speed is {samples[row, 2]:g} m/s"
-        raise table.error(int(row), "speed", problem, "a positive speed")
+        raise table.error(
+            int(row), "speed", f"the speed is {samples[row, 2]:g} m/s", "a positive speed"
+        )
     if len(samples) < 4:
         raise InputError(path, f"found {counted(len(samples), 'sample')}", "at least 4 samples")
     first, last = samples[0, 0], samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
-        problem = f"the times range from {first:g} to {last:g} s"
-        raise InputError(path, problem, f"times from 0 to {duration:g} s")
+        raise InputError(
+            path, f"the times range from {first:g} to {last:g} s", f"times from 0 to {duration:g} s"
+        )
     samples[:, 3] = np.unwrap(samples[:, 3])
     return samples
 
@@ -104,8 +106,12 @@ def _take_air(
     if "temperature" in names:
         column = columns["temperature"]
         if column.unit not in KELVIN:
-            problem = f"the temperature has the unit '{column.unit}'"
-            raise table.error(None, column.position, problem, one_of(KELVIN))
+            raise table.error(
+                None,
+                column.position,
+                f"the temperature has the unit '{column.unit}'",
+                one_of(KELVIN),
+            )
         factor, offset = KELVIN[column.unit]
         columns["temperature"] = column._replace(unit="")
     dimensions = {"altitude": LENGTH, **{name: AIR[name] for name in names}}
@@ -122,8 +128,12 @@ def _take_air(
     if "temperature" in names:
         kelvin = values[1] * factor + offset
         for row in np.flatnonzero(kelvin <= 0.0)[:1]:
-            problem = f"the temperature is {kelvin[row]:g} K"
-            raise numbers.error(int(row), "temperature", problem, "a temperature above 0 K")
+            raise numbers.error(
+                int(row),
+                "temperature",
+                f"the temperature is {kelvin[row]:g} K",
+                "a temperature above 0 K",
+            )
         values[1] = kelvin / standard[:, 2]
         if names in DENSITIES:
             values[0] = values[0] / (GAS_CONSTANT * kelvin)
@@ -133,8 +143,12 @@ def _take_air(
         if names[0] != "density_factor":
             values[0] = values[0] / standard[:, 0]
         for row in np.flatnonzero((values[0] <= 0.0) | ~np.isfinite(values[0]))[:1]:
-            problem = f"the density is {values[0][row]:g} times that of the standard atmosphere"
-            raise numbers.error(int(row), names[0], problem, "a factor above zero")
+            raise numbers.error(
+                int(row),
+                names[0],
+                f"the density is {values[0][row]:g} times that of the standard atmosphere",
+                "a factor above zero",
+            )
     order = np.argsort(altitude)
     return np.column_stack([altitude, *values])[order]
 
@@ -163,12 +177,20 @@ def read_ensemble(
         wind, density = (_take_air(own, choices, heads) for choices in (WIND, DENSITIES))
         members.append(join_air(wind, density))
         if not len(members[-1]):
-            expected = "columns of wind, of density, or of pressure and temperature"
-            raise table.error(None, None, "the required columns are missing", expected)
+            raise table.error(
+                None,
+                None,
+                "the required columns are missing",
+                "columns of wind, of density, or of pressure and temperature",
+            )
         weight = own.numbers([columns["weight"].position]) if "weight" in columns else np.ones(1)
         if not weight.min() == weight.max() > 0.0:
-            problem = f"member '{name}' has the weights {weight.min():g} to {weight.max():g}"
-            raise table.error(rows[0], columns["weight"].position, problem, "a positive weight")
+            raise table.error(
+                rows[0],
+                columns["weight"].position,
+                f"member '{name}' has the weights {weight.min():g} to {weight.max():g}",
+                "a positive weight",
+            )
         weights.append(float(weight.flat[0]))
     if len(members) < 2:
         raise table.error(None, None, f"found {counted(len(members), 'member')}", "at least 2")

@@ -21,10 +21,8 @@ def s_shape(
     inside = (since >= -_SAME_TIME) & (since < length - _SAME_TIME)
     if bank_time == 0.0 and sharpness == 1.0:
         wave = np.pi / length
-        speed, acceleration = (
-            0.5 * offset * wave * np.sin(wave * since),
-            0.5 * offset * wave**2 * np.cos(wave * since),
-        )
+        speed = 0.5 * offset * wave * np.sin(wave * since)
+        acceleration = 0.5 * offset * wave**2 * np.cos(wave * since)
         return np.where(inside, speed, 0.0), np.where(inside, acceleration, 0.0)
     nodes = np.linspace(0.0, 0.5 * length, _CELLS + 1)
     h = nodes[1]

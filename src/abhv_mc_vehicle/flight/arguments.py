@@ -73,9 +73,9 @@ def make_results(
     bins = (samples if recording.extremes else 0, channels)
     return KernelResults(
         metrics=np.empty((flights, len(plan.metrics))),
-        outcome=np.empty(flights, dtype=np.int64),
-        end_tick=np.empty(flights, dtype=np.int64),
-        history=np.full((flights, samples, channels), np.nan, dtype=np.float32),
+        outcome=np.empty(flights, np.int64),
+        end_tick=np.empty(flights, np.int64),
+        history=np.full((flights, samples, channels), np.nan, np.float32),
         states=np.full((flights, samples if keep_states else 0, N_STATES), np.nan),
         low=np.full(bins, np.inf),
         high=np.full(bins, -np.inf),

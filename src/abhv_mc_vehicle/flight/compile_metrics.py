@@ -98,7 +98,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
         ),
         Programs(
             code=np.array(
-                [line for program in programs for line in program.code], dtype=np.int64
+                [line for program in programs for line in program.code], np.int64
             ).reshape(-1, 4),
             constant=np.array(
                 [value for program in programs for value in program.constant], np.float64

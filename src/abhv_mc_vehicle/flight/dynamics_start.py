@@ -156,8 +156,12 @@ def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push:
     bad = np.flatnonzero(~np.isfinite([*rates, *point.effect]))
     if bad.size == 0:
         return
-    problem = f"the {names[bad[0]]} is not finite at the start of the mission"
-    raise InputError(_file_of(code), problem, "finite numbers", function_line(code.dynamics))
+    raise InputError(
+        _file_of(code),
+        f"the {names[bad[0]]} is not finite at the start of the mission",
+        "finite numbers",
+        function_line(code.dynamics),
+    )
 
 
 def _check_step(
@@ -174,9 +178,12 @@ def _check_step(
     phrase = f"an eigenvalue of {fastest:.3g} rad/s, but the step is {1e3 * step:g} ms"
     longest_step = f"{1e3 * _NOTED / fastest:.2g} ms" if fastest > 0.0 else ""
     if fastest * step > _REJECTED:
-        expected = f"a 'step:' of at most {longest_step} in the mission file"
-        problem = f"the custom dynamics have {phrase}"
-        raise InputError(_file_of(code), problem, expected, function_line(code.dynamics))
+        raise InputError(
+            _file_of(code),
+            f"the custom dynamics have {phrase}",
+            f"a 'step:' of at most {longest_step} in the mission file",
+            function_line(code.dynamics),
+        )
     if fastest * step <= _NOTED:
         return []
     return [
@@ -202,7 +209,9 @@ class _StartPoint:
     ) -> None:
         self.mission, self.vehicle = mission, vehicle
         self.loop = compile_functions(code, WIDTH).dynamics
-        self.make_state, self.find_trim, self.states = make_state, find_trim, len(code.states)
+        self.make_state = make_state
+        self.find_trim = find_trim
+        self.states = len(code.states)
         self.trims: dict[bytes, TrimPoint] = {}
         self.effect = np.zeros(0)  # force, moment and sensed quantities of the last evaluation
 
@@ -216,11 +225,9 @@ class _StartPoint:
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
         """Return the rates of the states and the resulting load, in the trim with ``push``."""
         trim, start = self.trim(push), self.mission.start
-        x, alpha, mass = (
-            self.make_state(trim),
-            trim.angle_of_attack,
-            self.vehicle.constants.mass_start,
-        )
+        x = self.make_state(trim)
+        alpha = trim.angle_of_attack
+        mass = self.vehicle.constants.mass_start
         local_gravity = gravity_ned(
             self.mission.make_earth(),
             start.altitude,

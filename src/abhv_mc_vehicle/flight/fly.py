@@ -172,10 +172,8 @@ def nominal_parameters(flights: int = 1) -> Floats:
 def make_block(plan: FlightPlan, results: KernelResults, recording: Recording) -> FlightBlock:
     """Convert the results of the kernel to a block of flights."""
     tick = plan.timing.tick
-    end_time = np.asarray(results.end_tick * tick, dtype=np.float64)
-    times = np.asarray(
-        np.arange(results.history.shape[1]) * recording.every * tick, dtype=np.float64
-    )
+    end_time = np.asarray(results.end_tick * tick, np.float64)
+    times = np.asarray(np.arange(results.history.shape[1]) * recording.every * tick, np.float64)
     block = FlightBlock(
         results.outcome, end_time, results.metrics, results.history, times, results.states
     )

@@ -41,21 +41,20 @@ def check_native(plan: FlightPlan) -> None:
         is_independent = _try_once(_is_same, plan, _TICKS)
     except LostError as error:
         reason = f"{error.words}{describe_last_tick(error.process)}"
-        problem = (
-            f"the control law fails in the first {_TICKS} ticks of a nominal flight ({reason})"
-        )
         raise InputError(
-            file, problem, "a control law that returns a command at each tick"
+            file,
+            f"the control law fails in the first {_TICKS} ticks of a nominal flight ({reason})",
+            "a control law that returns a command at each tick",
         ) from None
     if not is_independent:
-        problem = "the control law has hidden memory, so a flight depends on other flights"
-        expected = (
+        raise InputError(
+            file,
+            "the control law has hidden memory, so a flight depends on other flights",
             "all memory in the state of the flight; for generated code with global structures, "
             "add three lines around its step: 'model_DW = saved->dw; model_step(); saved->dw = "
             "model_DW;' "
-            "(docs/how-to/generated-code.md)"
+            "(docs/how-to/generated-code.md)",
         )
-        raise InputError(file, problem, expected)
 
 
 def check_states(plan: FlightPlan) -> None:
@@ -124,16 +123,20 @@ def check_first_ticks(plan: FlightPlan) -> None:
     try:
         block = run_in_thread(lambda: fly(start, nominal_parameters(), 1), _LONGEST)
     except TimeoutError:
-        problem = f"the first ticks of the control law take more than {_LONGEST:g} s"
         raise InputError(
-            source.file, problem, "a control law without endless loops", line
+            source.file,
+            f"the first ticks of the control law take more than {_LONGEST:g} s",
+            "a control law without endless loops",
+            line,
         ) from None
     if block.outcome[0] in (Outcome.LAW_FAILED, *LAW_LOST):
         raised, exception = failures.get(source.hash, (None, ""))
         failure = f"raised an exception ({exception})" if exception else "returned an error"
-        problem = f"{_at(block.end_time[0])}, the control law {failure}"
         raise InputError(
-            source.file, problem, "a control law that returns commands", raised or line
+            source.file,
+            f"{_at(block.end_time[0])}, the control law {failure}",
+            "a control law that returns commands",
+            raised or line,
         )
     if block.outcome[0] != Outcome.NOT_FINITE:
         return
@@ -144,12 +147,12 @@ def check_first_ticks(plan: FlightPlan) -> None:
             if channel.source.startswith(_COMMANDS) and not np.isfinite(value)
         ]
         if broken and np.isfinite(row).any():  # Rows after the end of the flight contain only NaN.
-            expected = (
-                f"finite numbers in {returned}(...); check divisions by control errors, which "
-                "are zero at the start"
-            )
             raise InputError(
-                source.file, f"the {broken[0]} is not finite {_at(time)}", expected, line
+                source.file,
+                f"the {broken[0]} is not finite {_at(time)}",
+                f"finite numbers in {returned}(...); check divisions by control errors, which "
+                "are zero at the start",
+                line,
             )
 
 

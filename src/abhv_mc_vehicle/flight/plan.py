@@ -129,7 +129,7 @@ LIMITS: tuple[Limit, ...] = (
 )
 
 
-NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), dtype=np.str_)
+NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), np.str_)
 
 
 # Prefixes of dispersed parameters that lean kernels do not support.
@@ -179,9 +179,9 @@ class FlightPlan:
     settings: Floats  # constants of the control law (differentiator bandwidths, command limits)
     # [knot, column] nominal atmosphere
     profile: Floats = field(default_factory=no_profile)
-    warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))
     # names of the gains of a custom control law
-    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))
     # declared metrics, packed by pack_metrics
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)
     # [channel, 2] name and unit of custom channels
@@ -190,7 +190,7 @@ class FlightPlan:
     # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
     # dispersed settings of control laws, after the vehicle's settings in parameter arrays
-    law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))
     filter_settings: Floats = field(
         default_factory=lambda: np.empty(0)
     )  # settings of a custom measurement filter

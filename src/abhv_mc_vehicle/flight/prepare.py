@@ -100,27 +100,26 @@ def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> Flight
     law, user_code = read_law(controller)
     glides = packed_vehicle.constants.equivalence_ratio_max == 0.0
     if packed_vehicle.constants.surface_limit == 0.0 or (glides and user_code is None):
-        problem = "the vehicle has no control surfaces or no engine"
-        expected = (
-            "a vehicle with both, because this controller requires them (custom control laws also "
-            "work without an engine)"
-        )
-        raise InputError(vehicle, problem, expected)
-    if isinstance(law, TlcController) and not has_authority(packed_vehicle, parsed_mission):
-        problem = "the moments caused by the deflections are not linearly independent"
         raise InputError(
             vehicle,
-            problem,
+            "the vehicle has no control surfaces or no engine",
+            "a vehicle with both, because this controller requires them (custom control laws also "
+            "work without an engine)",
+        )
+    if isinstance(law, TlcController) and not has_authority(packed_vehicle, parsed_mission):
+        raise InputError(
+            vehicle,
+            "the moments caused by the deflections are not linearly independent",
             "aileron, rudder and elevator that together control roll, yaw and pitch",
         )
     try:
         plan = make_plan(packed_vehicle, parsed_mission, law, name, mission, user_code)
     except np.linalg.LinAlgError as error:
-        problem = (
-            f"{law.law} has no gains for this vehicle along the mission ({str(error).lower()})"
-        )
-        expected = "a mission along which the vehicle is controllable"
-        raise InputError(mission, problem, expected) from None
+        raise InputError(
+            mission,
+            f"{law.law} has no gains for this vehicle along the mission ({str(error).lower()})",
+            "a mission along which the vehicle is controllable",
+        ) from None
     if plan.law in NATIVE:
         check_native(plan)
     else:
@@ -155,7 +154,7 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
     if not isinstance(law, PythonController):
         check_native_law(document, law.law, source)
         numbers = law.numbers if isinstance(law, CController) else []
-        return law, UserLaw(source, np.array(numbers, dtype=np.float64))
+        return law, UserLaw(source, np.array(numbers, np.float64))
     check_closure(source)
     loaded = load_law(source)
     around = read_around(law)
@@ -165,11 +164,12 @@ def read_law(controller: Path) -> tuple[Controller, UserLaw | None]:
             if around is None
             else "the function is a control law, but the key 'around' is set"
         )
-        expected = (
+        raise document.error(
+            ("file",) if around is None else ("around",),
+            problem,
             "'around:' with a TLC or LQR controller file if, and only if, the function is "
-            "decorated with @measurement_filter"
+            "decorated with @measurement_filter",
         )
-        raise document.error(("file",) if around is None else ("around",), problem, expected)
     if around is not None:
         law = law.model_copy(update={"rate": around.rate})
     commands = make_commands(document, law, loaded)
@@ -265,8 +265,9 @@ def make_plan(
     reference, nominal = solve_reference(mission, vehicle, trim_tables, timing.tick, timing.ticks)
     warnings = trim_faults(nominal, reference[:, TIME])
     if nominal.status.all():
-        expected = "a mission that this vehicle can fly"
-        raise InputError(mission_file or mission.name, "; ".join(warnings), expected)
+        raise InputError(
+            mission_file or mission.name, "; ".join(warnings), "a mission that this vehicle can fly"
+        )
     if not isinstance(controller, UserController):
         warnings += limit_faults(controller, reference)
     warnings += _find_warnings(vehicle)
@@ -288,9 +289,10 @@ def make_plan(
     constants = vehicle.constants
     loads = tighter(mission.limits.bounds(), constants.bounds)
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
-        problem = "the heat flux has a limit, but the vehicle has no nose radius"
         raise InputError(
-            mission_file or mission.name, problem, "reference.nose_radius in the vehicle file"
+            mission_file or mission.name,
+            "the heat flux has a limit, but the vehicle has no nose radius",
+            "reference.nose_radius in the vehicle file",
         )
     return FlightPlan(
         controller=name,
@@ -317,8 +319,8 @@ def make_plan(
         gains=gains,
         settings=settings,
         profile=mission.stack_air(),
-        warnings=np.array(warnings, dtype=np.str_),
-        gain_names=np.array(names, dtype=np.str_),
+        warnings=np.array(warnings, np.str_),
+        gain_names=np.array(names, np.str_),
         period=controller.period if isinstance(controller, UserController) else 0,
         around=user_code.around.law if user_code and user_code.around else "",
         filter_settings=user_code.settings if user_code and user_code.around else np.empty(0),
@@ -423,7 +425,9 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     """
     start = mission.start
     x = np.zeros(s.N_STATES)
-    x[s.ALTITUDE], x[s.LONGITUDE], x[s.LATITUDE] = start.altitude, start.longitude, start.latitude
+    x[s.ALTITUDE] = start.altitude
+    x[s.LONGITUDE] = start.longitude
+    x[s.LATITUDE] = start.latitude
     alpha = trim.angle_of_attack
     x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)

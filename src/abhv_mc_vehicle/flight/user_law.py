@@ -68,7 +68,10 @@ def open_law(
     each flight has its own settings of the control law. Raise ValueError if a source is missing, as
     in a stored plan.
     """
-    address, channels, context, onboard = 0, 0, 0, int(sees_onboard(plan))
+    address = 0
+    channels = 0
+    context = 0
+    onboard = int(sees_onboard(plan))
     runner: Any = None  # This reference keeps the control law alive while the kernel uses it.
     if plan.law == PYTHON:
         law = load_plan_law(plan)
@@ -130,12 +133,16 @@ def extra_measurements(plan: FlightPlan) -> int:
         return 0
     source = plan_source(plan)
     files = {name: content.decode(errors="replace") for name, content in source.files}
-    texts, before, copies = [source.text], r"\.", ""
+    texts = [source.text]
+    before = r"\."
+    copies = ""
     if plan.law == "c":
         if (source.recipe or {})["library"] is not None:
             return 2  # A compiled library may read any measurement.
         # Code that copies the whole struct may read any measurement.
-        texts, before, copies = [*files.values()], r"\b", "|memcpy|memmove"
+        texts = [*files.values()]
+        before = r"\b"
+        copies = "|memcpy|memmove"
     elif plan.law == PYTHON:
         if "measured" not in load_plan_law(plan).arguments:
             return 0
@@ -184,8 +191,11 @@ def _find_backend(law: str, file: str) -> LawBackend:
         return LawBackend(open_c_law, find_c_memory)
     backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
     if backend is None:
-        problem = f"no installed package supports control laws of kind '{law}'"
-        raise InputError(file, problem, "'law: c' or 'law: python'")
+        raise InputError(
+            file,
+            f"no installed package supports control laws of kind '{law}'",
+            "'law: c' or 'law: python'",
+        )
     return backend
 
 
@@ -226,9 +236,11 @@ def _python_memory(law: Law) -> dict[str, float]:
         or len(names) > MAX_MEMORY
         or not all(is_number(defaults.get(name)) for name in names)
     ):
-        problem = "the memory of the control law in plain Python is not a NamedTuple of numbers"
-        expected = "a class Memory that is a NamedTuple of numbers, which linearization requires"
-        raise InputError(law.source.file, problem, expected)
+        raise InputError(
+            law.source.file,
+            "the memory of the control law in plain Python is not a NamedTuple of numbers",
+            "a class Memory that is a NamedTuple of numbers, which linearization requires",
+        )
     return {name: float(defaults[name]) for name in names}
 
 

@@ -60,8 +60,11 @@ def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> P
             continue
         for name in _find_dispersable(controller.file):
             if name not in controller.settings:
-                expected = f"'settings: {{{name}: ...}}' with the nominal value"
-                raise InputError(path, f"the dispersable setting '{name}' has no value", expected)
+                raise InputError(
+                    path,
+                    f"the dispersable setting '{name}' has no value",
+                    f"'settings: {{{name}: ...}}' with the nominal value",
+                )
             text = controller.settings[name]
             parameter = Parameter(
                 f"law.{name}",
@@ -71,12 +74,11 @@ def add_law_parameters(parameters: Parameters, controllers: Iterable[Path]) -> P
                 of_user=True,
             )
             if added.setdefault(parameter.name, parameter) != parameter:
-                problem = (
-                    f"the dispersable setting '{name}: {text}' differs from the value in another "
-                    "controller file"
-                )
                 raise InputError(
-                    path, problem, "the same value in all controllers, or another name"
+                    path,
+                    f"the dispersable setting '{name}: {text}' differs from the value in another "
+                    "controller file",
+                    "the same value in all controllers, or another name",
                 )
     return Parameters((*parameters.records, *added.values())) if added else parameters
 
@@ -92,7 +94,11 @@ def _find_dispersable(path: Path) -> tuple[str, ...]:
                     except ValueError:
                         names = None
                     if not isinstance(names, tuple) or not all(isinstance(n, str) for n in names):
-                        expected = 'a tuple of names: dispersable=("bandwidth",)'
-                        raise InputError(path, "invalid 'dispersable'", expected, word.value.lineno)
+                        raise InputError(
+                            path,
+                            "invalid 'dispersable'",
+                            'a tuple of names: dispersable=("bandwidth",)',
+                            word.value.lineno,
+                        )
                     return names
     return ()

@@ -186,7 +186,7 @@ def _archive(level: Level) -> Path:
 def _find_misfit(archive: Path) -> str:
     """Return the reason why a build cannot be used; '' if it can be used."""
     try:
-        manifest = json.loads(archive.with_suffix(".json").read_text(encoding="utf-8"))
+        manifest = json.loads(archive.with_suffix(".json").read_text("utf-8"))
         for name in _COMPILERS:
             if manifest[name] != version(name):
                 return f"the wheel's kernels were compiled with {name} {manifest[name]}"

@@ -92,7 +92,9 @@ class _Deferred:
 
     def __init__(self, kind: str, function: Any, options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
-        self.py_func, self._kind, self._options = function, kind, options
+        self.py_func = function
+        self._kind = kind
+        self._options = options
         self._made: Any = None
 
     @property

@@ -10,7 +10,9 @@ class Uncompilable(Exception):
 
     def __init__(self, file: str | None, line: int | None, message: str) -> None:
         super().__init__(file, line, message)
-        self.file, self.line, self.message = file, line, message
+        self.file = file
+        self.line = line
+        self.message = message
 
 
 def _call_address(

@@ -59,9 +59,10 @@ def make_document(kind: str, source: Input) -> Document:
         for i, name in enumerate(path):
             if not isinstance(node, dict) or name not in node:
                 keys = node if isinstance(node, dict) else ()
-                problem = f"unknown entry '{'.'.join(path[: i + 1])}'"
                 raise InputError(
-                    document.path, problem, one_of(keys, name) if keys else "the key of a mapping"
+                    document.path,
+                    f"unknown entry '{'.'.join(path[: i + 1])}'",
+                    one_of(keys, name) if keys else "the key of a mapping",
                 )
             node = node[name]
         if not isinstance(node, dict):
@@ -80,9 +81,9 @@ def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
     folder = temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
     folder.mkdir(exist_ok=True)
     file = folder / f"{law.__name__}.py"
-    file.write_text(text, encoding="utf-8")
+    file.write_text(text, "utf-8")
     path = file.with_suffix(".yaml")
-    path.write_text(f"law: python\nfile: {file.name}\n", encoding="utf-8")
+    path.write_text(f"law: python\nfile: {file.name}\n", "utf-8")
     return read_document(path)
 
 

@@ -154,9 +154,10 @@ def take_point(
     mission_document: Any = make_document("mission", mission)
     name, packed = law.path.stem, load_vehicle(craft)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
-        problem = "the vehicle has no control surfaces or no engine"
         raise InputError(
-            craft.path, problem, "a vehicle with both, because controllers require them"
+            craft.path,
+            "the vehicle has no control surfaces or no engine",
+            "a vehicle with both, because controllers require them",
         )
     parameters = make_parameters(dispersions, packed)
     warnings = slack_warnings(packed)
@@ -169,14 +170,17 @@ def take_point(
             plan = plan.lean_for(dispersions or ())
             taken = trim_points(plan, parameters)
         except np.linalg.LinAlgError as error:
-            message = f"the vehicle is not controllable in steady flight ({str(error).lower()})"
-            expected = "surfaces with independent moments, and a weight that can be trimmed"
-            raise InputError(craft.path, message, expected) from None
+            raise InputError(
+                craft.path,
+                f"the vehicle is not controllable in steady flight ({str(error).lower()})",
+                "surfaces with independent moments, and a weight that can be trimmed",
+            ) from None
         if taken.faults[0]:
-            expected = (
-                "an initial condition with a trim, or a time of the flight instead of the trim"
+            raise InputError(
+                mission_document.path,
+                f"at the start, {taken.faults[0]}",
+                "an initial condition with a trim, or a time of the flight instead of the trim",
             )
-            raise InputError(mission_document.path, f"at the start, {taken.faults[0]}", expected)
     else:
         plan = prepare(craft, mission_document, law, name).lean_for(dispersions or ())
         if not 0.0 <= time <= plan.timing.duration:
@@ -185,8 +189,11 @@ def take_point(
             )
         taken = flown_points(plan, parameters, time)
         if taken.faults[0] not in ("", AT_LIMIT):
-            expected = f"a time before the flight of {name} ends, at which derivatives exist"
-            raise InputError("at", f"{time:g} s: {taken.faults[0]}", expected)
+            raise InputError(
+                "at",
+                f"{time:g} s: {taken.faults[0]}",
+                f"a time before the flight of {name} ends, at which derivatives exist",
+            )
         if taken.faults[0]:
             warnings.append(
                 f"{name} at {time:g} s: {taken.faults[0]}; the linear model neglects limits"

@@ -200,7 +200,7 @@ class Plant:
             self._kernel_plan = make_kernel_plan(self._plan, self._parameters, self._recording)
         self._tick, self._rows = fly_until(self._plan, self._parameters, 0)
         self._rows[:, self._columns] = self.nominal
-        self._outcome = np.full(self.flights, "", dtype="<U24")
+        self._outcome = np.full(self.flights, "", "<U24")
         self._metrics = np.full((self.flights, len(self._plan.metrics)), np.nan)
         return self._observe({}, True)
 
@@ -288,7 +288,7 @@ class Plant:
         )
         values |= dict(zip(_SURFACES, axes, strict=True)) | dict.fromkeys(_MOMENTS, 0.0)
         values |= {"equivalence_ratio": eta, "throttle": eta}
-        return np.array([values[name] for name in self.commands], dtype=np.float64)
+        return np.array([values[name] for name in self.commands], np.float64)
 
     def _conform(self, commands: ArrayLike | Mapping[str, ArrayLike]) -> Floats:
         """Return commands [flight, command]."""
@@ -299,7 +299,7 @@ class Plant:
                 for name, column in commands.items():
                     values[:, self.commands.index(name)] = column
             else:
-                array = np.asarray(commands, dtype=np.float64)
+                array = np.asarray(commands, np.float64)
                 if array.shape not in (shape, shape[1:]):
                     raise ValueError(f"an array of shape {array.shape}")
                 values[:] = array
@@ -385,6 +385,6 @@ def _make_law(commands: tuple[str, ...], rate: str) -> dict[str, Any]:
     )
     folder = temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
     folder.mkdir(exist_ok=True)
-    (folder / "plant.py").write_text(text, encoding="utf-8")
+    (folder / "plant.py").write_text(text, "utf-8")
     settings = dict.fromkeys(commands, 0.0)
     return {"law": "python", "file": f"{folder}/plant.py", "rate": rate, "settings": settings}

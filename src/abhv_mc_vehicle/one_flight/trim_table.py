@@ -162,7 +162,9 @@ def trim(
     earth = earth if rotating else earth._replace(rotation_rate=0.0)
     weighed = craft.constants.mass_start if kilograms is None else kilograms
     craft = craft._replace(constants=craft.constants._replace(mass_start=weighed))
-    rows, faults, trims = [], [], []
+    rows = []
+    faults = []
+    trims = []
     for angle in angles:
         banked = start.model_copy(update={"bank": angle})
         case = on_glide_path(flown.model_copy(update={"start": banked}), craft)
@@ -261,6 +263,9 @@ def _quantity(name: str, value: Quantity) -> float:
     dimension, low, high = _LIMITS[name]
     number = to_si(value, dimension, name)
     if not low <= number <= high:
-        expected = f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
-        raise InputError(name, found_value(value), expected)
+        raise InputError(
+            name,
+            found_value(value),
+            f"{format_quantity(low, dimension)} to {format_quantity(high, dimension)}",
+        )
     return number

@@ -268,7 +268,9 @@ def _control(
             - vehicle.foreign.engine_x * propulsion[2]
         )
         thrust, fuel_flow = propulsion[0], propulsion[6]
-    x, z, moment = x + point.push[0], z + point.push[1], moment + point.push[2]
+    x = x + point.push[0]
+    z = z + point.push[1]
+    moment = moment + point.push[2]
     upward = x * sin_a - z * cos_a
     return TrimPoint(
         angle_of_attack=alpha,

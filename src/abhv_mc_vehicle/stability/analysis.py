@@ -28,7 +28,9 @@ GROWTH = 1e-5  # growth rate below which a pole counts as neutral because of rou
 _TOGETHER = 64  # number of flights analysed together; the states of one flight take 1 MB
 
 # values of the margin metrics if no perturbation destabilizes a loop
-NO_GAIN_MARGIN_DB, NO_PHASE_MARGIN_DEG, NO_DELAY_MARGIN_MS = 60.0, 180.0, 1000.0
+NO_GAIN_MARGIN_DB = 60.0
+NO_PHASE_MARGIN_DEG = 180.0
+NO_DELAY_MARGIN_MS = 1000.0
 
 NO_SLOPES = "the derivatives of the vehicle or the controller are not finite"
 

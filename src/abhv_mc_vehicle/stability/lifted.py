@@ -102,7 +102,10 @@ def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: floa
     parts = []
     for ticks in systems:
         (n, k), count = ticks[0][1].shape, len(ticks)
-        state, driven, out, ahead = np.eye(n), np.zeros((n, k, count)), [], []
+        state = np.eye(n)
+        driven = np.zeros((n, k, count))
+        out = []
+        ahead = []
         for tick, (A, B, C) in enumerate(ticks):
             out.append(C @ state)
             ahead.append(np.tensordot(C, driven, 1))
@@ -127,7 +130,7 @@ def _gains(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
 def _harmonics(law: _Lifted, omega: Floats) -> Floats:
     """Return the frequencies [point, harmonic] within +-pi / T excited by `omega`."""
     m = (np.arange(law.ticks) + (law.ticks - 1) // 2) % law.ticks - (law.ticks - 1) // 2
-    return np.asarray(omega[:, None] + 2.0 * np.pi / (law.ticks * law.period) * m)
+    return omega[:, None] + 2.0 * np.pi / (law.ticks * law.period) * m
 
 
 def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
@@ -138,9 +141,7 @@ def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
     wave = np.exp(1j * law.period * _harmonics(law, omega)[:, None, :] * np.arange(count)[:, None])[
         :, None, None
     ]
-    return np.asarray(
-        (wave.conj().swapaxes(-1, -2) @ ticks @ wave / count).swapaxes(2, 3).reshape(L.shape)
-    )
+    return (wave.conj().swapaxes(-1, -2) @ ticks @ wave / count).swapaxes(2, 3).reshape(L.shape)
 
 
 def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Floats:
@@ -150,7 +151,7 @@ def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Fl
     points, nearest = np.arange(omega.size), np.abs(values - locus[:, None]).argmin(axis=1)
     share = share[points, nearest].reshape(omega.size, values.shape[1] // law.ticks, law.ticks)
     content = share.sum(axis=1)
-    return np.asarray(_harmonics(law, omega)[points, content.argmax(axis=1)])
+    return _harmonics(law, omega)[points, content.argmax(axis=1)]
 
 
 def _loci(matrices: Complexes) -> Complexes:
@@ -158,7 +159,7 @@ def _loci(matrices: Complexes) -> Complexes:
     values, vectors = np.linalg.eig(matrices)
     condition = np.linalg.norm(inverse(vectors), axis=-1)
     size = np.linalg.norm(matrices, axis=(-2, -1))[..., None]
-    return np.asarray(np.where(np.abs(values) > _ROUNDING * condition * size, values, 0.0))
+    return np.where(np.abs(values) > _ROUNDING * condition * size, values, 0.0)
 
 
 def _phase_margins(law: _Lifted, grid: Floats, L: Complexes) -> tuple[Floats, Floats, Floats]:
@@ -200,7 +201,7 @@ def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tupl
 
 
 def _norm(matrices: Complexes) -> Floats:
-    return np.asarray(np.linalg.norm(matrices, 2, axis=(-2, -1)))
+    return np.linalg.norm(matrices, 2, axis=(-2, -1))
 
 
 def _largest_scaled(
@@ -212,11 +213,9 @@ def _largest_scaled(
     """
     eye = np.eye(L.shape[-1])
     M = inverse(eye + L) - 0.5 * eye
-    bounds, scales, tight = (
-        np.linalg.norm(M, axis=(1, 2)),
-        np.zeros(inputs),
-        np.zeros(omega.size, bool),
-    )
+    bounds = np.linalg.norm(M, axis=(1, 2))
+    scales = np.zeros(inputs)
+    tight = np.zeros(omega.size, bool)
     while not tight[best := int(bounds.argmax())]:
         bounds[best], scales = _least_norm(M[best], scales)
         tight[best] = True
@@ -234,7 +233,7 @@ def _largest_scaled(
 
 def _scaled(M: Complexes, log_scales: Floats) -> Complexes:
     d = np.exp(np.repeat(log_scales, M.shape[-1] // len(log_scales)))
-    return np.asarray(d[:, None] * M / d)
+    return d[:, None] * M / d
 
 
 def _least_norm(M: Complexes, start: Floats) -> tuple[float, Floats]:
@@ -247,4 +246,4 @@ def _least_norm(M: Complexes, start: Floats) -> tuple[float, Floats]:
         return float(np.log(size[0])), slope.reshape(len(x), -1).sum(axis=1)
 
     optimum = minimize(norm, start, jac=True, method="BFGS")
-    return float(np.exp(optimum.fun)), np.asarray(optimum.x)
+    return float(np.exp(optimum.fun)), optimum.x

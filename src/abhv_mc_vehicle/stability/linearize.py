@@ -86,10 +86,9 @@ def repeats_after(ticks: Ints, law: int) -> int:
     """
     count = math.lcm(law, *ticks.tolist())
     if count > LONGEST:
-        problem = f"the common period of the sensors and the controller is {counted(count, 'tick')}"
         raise InputError(
             "sensor intervals",
-            problem,
+            f"the common period of the sensors and the controller is {counted(count, 'tick')}",
             f"at most {LONGEST} ticks, as margins and linear models require",
         )
     return count
@@ -172,7 +171,9 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     continuous plant are zero.
     """
     plant = plant_slopes(plan, points)
-    m, n, k = points.memory.shape[1], points.measured.shape[1], points.controls.shape[1]
+    m = points.memory.shape[1]
+    n = points.measured.shape[1]
+    k = points.controls.shape[1]
     # rows and columns of the path coordinates and custom states, without sideslip, measurements and
     # controls
     rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
@@ -187,10 +188,8 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     A, B = hold(plan, points.lane, plant_A, plant_B, held_B)
     felt = np.abs(plant_B).max(axis=1) + np.abs(held_B).max(axis=1)
     cut = np.where(felt < _FELT, NO_EFFECT, 0)
-    stuck, sticks = (
-        held_at(plan.vehicle, points.lane) != NEVER,
-        sticks_here(plan.vehicle, points.lane),
-    )
+    stuck = held_at(plan.vehicle, points.lane) != NEVER
+    sticks = sticks_here(plan.vehicle, points.lane)
     cut[:, :-1][stuck] = STUCK
     for i in range(stuck.shape[1]):
         B[stuck[:, i], :, i] = 0.0

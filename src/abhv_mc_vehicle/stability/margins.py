@@ -96,7 +96,9 @@ def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floa
 
     if A.shape[1] == 0:
         return A.copy(), B.copy(), C.copy()
-    A, B, C = A.copy(), B.copy(), C.copy()
+    A = A.copy()
+    B = B.copy()
+    C = C.copy()
     for i in range(len(A)):
         A[i], Q = hessenberg(A[i], calc_q=True)
         B[i], C[i] = Q.T @ B[i], C[i] @ Q
@@ -106,7 +108,7 @@ def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floa
 def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
     """Return the loop gain L [point, input, input] of `system` [point] at `omega` (rad/s)."""
     points, inputs = len(omega), loops.law_D.shape[1]
-    result = np.empty((points, inputs, inputs), dtype=np.complex128)
+    result = np.empty((points, inputs, inputs), np.complex128)
     fill_loop_gains(
         *loops[:8],
         np.asarray(system, np.int64),
@@ -163,7 +165,7 @@ def close(L: Complexes) -> tuple[Complexes, Closed]:
     S = inverse(np.eye(L.shape[-1]) + L)
     alone = np.einsum("...ij,...ji->...i", S, L)
     own = np.einsum("...ii->...i", S)
-    return S, Closed(np.asarray(alone / own), own)
+    return S, Closed((alone / own), own)
 
 
 def inverse(matrices: Complexes) -> Complexes:
@@ -244,9 +246,9 @@ def _crossings(
     def at(branch: Ints, frequency: Floats) -> Complexes:
         candidates = loci(branch // count, frequency)
         order = np.argsort(quantity(candidates), axis=-1)
-        return np.asarray(
-            np.take_along_axis(candidates, order, axis=-1)[np.arange(branch.size), branch % count]
-        )
+        return np.take_along_axis(candidates, order, axis=-1)[
+            np.arange(branch.size), branch % count
+        ]
 
     grids = np.repeat(grid, count, axis=0)
     where = refine_crossings(lambda i, w: quantity(at(i, w)), ranked, grids, branch, interval)
@@ -316,7 +318,7 @@ def phase_margins(
 
 def _log_size(gains: Complexes) -> Floats:
     """Return the logarithm of the magnitude of gains, which are zero for cut loops."""
-    return np.asarray(np.log(np.maximum(np.abs(gains), 1e-300)))
+    return np.log(np.maximum(np.abs(gains), 1e-300))
 
 
 def disk_gain_and_phase(alpha: Floats) -> tuple[Floats, Floats]:

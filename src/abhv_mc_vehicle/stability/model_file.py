@@ -47,12 +47,12 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     A[10:last, 10:last] = actuator_A[0]
     B[10:last] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
     loop_A, loop_B, loop_C = open_loop(linear, 0)
-    n, C, none = len(loop_A), np.eye(10, p), np.zeros((10, k))
+    n = len(loop_A)
+    C = np.eye(10, p)
+    none = np.zeros((10, k))
     # names of states, inputs and outputs with their units
-    truth, commands = (
-        _Named(path.COORDINATES, path.UNITS),
-        _Named(linear.inputs, (*["rad"] * (k - 1), "-")),
-    )
+    truth = _Named(path.COORDINATES, path.UNITS)
+    commands = _Named(linear.inputs, (*["rad"] * (k - 1), "-"))
     memory = _Named(
         [*(f"law_{name}" for name in law_memory_rows(plan)), *sensor_states(plan, points)], [""] * m
     )
@@ -163,7 +163,7 @@ def _write_to(stream: BinaryIO, suffix: str, model: dict[str, Any]) -> None:
     def cells(value: Any) -> Any:
         if isinstance(value, dict):
             return {name: cells(array) for name, array in value.items()}
-        return np.array(value, dtype=object) if isinstance(value, list) else value
+        return np.array(value, object) if isinstance(value, list) else value
 
     savemat(stream, cells(model), oned_as="column")
 
@@ -171,5 +171,8 @@ def _write_to(stream: BinaryIO, suffix: str, model: dict[str, Any]) -> None:
 def check_format(file: Path) -> None:
     """Raise InputError if the suffix of a file name is not in FORMATS."""
     if file.suffix not in FORMATS:
-        problem = f"found the ending '{file.suffix}'"
-        raise InputError(file, problem, "a file name that ends in .npz, .mat or .json")
+        raise InputError(
+            file,
+            f"found the ending '{file.suffix}'",
+            "a file name that ends in .npz, .mat or .json",
+        )

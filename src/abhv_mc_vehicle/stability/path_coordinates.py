@@ -34,8 +34,12 @@ def make_states(path: Floats, controls: Floats, latitude: Floats, mass: Floats) 
     `path` has shape [point, 10] and `controls` [point, 4]; the longitude is 0.
     """
     x = np.zeros((len(path), s.N_STATES))
-    V, alpha, beta = path[:, SPEED], path[:, ALPHA], path[:, BETA]
-    x[:, s.ALTITUDE], x[:, s.LATITUDE], x[:, s.MASS] = path[:, ALTITUDE], latitude, mass
+    V = path[:, SPEED]
+    alpha = path[:, ALPHA]
+    beta = path[:, BETA]
+    x[:, s.ALTITUDE] = path[:, ALTITUDE]
+    x[:, s.LATITUDE] = latitude
+    x[:, s.MASS] = mass
     x[:, s.U], x[:, s.V] = V * np.cos(beta) * np.cos(alpha), V * np.sin(beta)
     x[:, s.W] = V * np.cos(beta) * np.sin(alpha)
     turns = [(path[:, CHI], 3), (path[:, GAMMA], 2), (path[:, BANK], 1), (-beta, 3), (alpha, 2)]
@@ -90,10 +94,8 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     C = _axes(q)
     # The matrix is quadratic in the quaternion, so any central difference is exact.
     dC = 0.5 * (_axes(q + dq) - _axes(q - dq))
-    n, dn = (
-        np.einsum("ijp,jp->ip", C, v),
-        np.einsum("ijp,jp->ip", dC, v) + np.einsum("ijp,jp->ip", C, dv),
-    )
+    n = np.einsum("ijp,jp->ip", C, v)
+    dn = np.einsum("ijp,jp->ip", dC, v) + np.einsum("ijp,jp->ip", C, dv)
     V, dV = _length(v, dv)
     plane, d_plane = _length(v[[0, 2]], dv[[0, 2]])
     level, d_level = _length(n[:2], dn[:2])
@@ -102,13 +104,14 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     alpha, d_alpha = _angle(v[2], v[0], dv[2], dv[0])
     beta, d_beta = _angle(v[1], plane, dv[1], d_plane)
     # The bank follows from the down components of the path's y and z axes.
-    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    sa = np.sin(alpha)
+    ca = np.cos(alpha)
+    sb = np.sin(beta)
+    cb = np.cos(beta)
     (x_d, y_d, z_d), (dx_d, dy_d, dz_d) = C[2], dC[2]
     ahead, d_ahead = ca * x_d + sa * z_d, ca * dx_d + sa * dz_d + d_alpha * (ca * z_d - sa * x_d)
-    right, d_right = (
-        cb * y_d - sb * ahead,
-        cb * dy_d - sb * d_ahead - d_beta * (sb * y_d + cb * ahead),
-    )
+    right = cb * y_d - sb * ahead
+    d_right = cb * dy_d - sb * d_ahead - d_beta * (sb * y_d + cb * ahead)
     below = ca * z_d - sa * x_d
     d_below = ca * dz_d - sa * dx_d - d_alpha * (sa * z_d + ca * x_d)
     bank, d_bank = _angle(right, below, d_right, d_below)

@@ -50,7 +50,7 @@ def solved_states(plan: FlightPlan) -> Ints:
     A trim determines the custom states that have no initial value.
     """
     states = plan.vehicle_code.states if plan.vehicle_code else ()
-    return np.array([i for i, state in enumerate(states) if state.start is None], dtype=np.int64)
+    return np.array([i for i, state in enumerate(states) if state.start is None], np.int64)
 
 
 def custom_of(vehicle: Vehicle, lane: Floats) -> Floats:
@@ -99,7 +99,7 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
     names = EFFECTORS[: len(vehicle.effector_mix)] if vehicle.constants.driven else INPUTS[:3]
     for i, name in enumerate(names):
         stuck[:, i] &= lane[:, s.parameter_row(f"failure.{name}.stuck_at")] == NEVER
-    return np.asarray(stuck)
+    return stuck
 
 
 def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:

@@ -71,7 +71,7 @@ class Slopes(NamedTuple):
 
 def cells_of(tables: Tables, variables: Floats) -> Ints:
     """Return indices [point, axis] of the table cells that contain each point's variables."""
-    cells = np.empty((len(variables), tables.axis_start.size), dtype=np.int64)
+    cells = np.empty((len(variables), tables.axis_start.size), np.int64)
     for axis, (start, length) in enumerate(zip(tables.axis_start, tables.axis_length, strict=True)):
         grid = tables.grid[start : start + length]
         cells[:, axis] = np.searchsorted(
@@ -84,7 +84,7 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
     """Return the slopes at `points` [point, coordinate] with `steps` of the same shape."""
     count, width = points.shape
     value, cells = function(points, np.arange(count))
-    expected = np.ones((count, width), dtype=bool)
+    expected = np.ones((count, width), bool)
     # Differences that would leave the table cell are one-sided instead of central.
     answer, near = _ask(function, points, steps, expected, np.tile(_CENTRAL[0], (count, width, 1)))
     inside = (near == cells[:, None, None, :]).all(axis=-1)
@@ -102,10 +102,8 @@ def differentiate(function: Function, points: Floats, steps: Floats) -> Slopes:
 
 def newton_step(J: Floats, left: Floats) -> Floats:
     """Return the least-squares Newton step [point, unknown], or zero if it is not finite."""
-    is_finite, step = (
-        np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1),
-        np.zeros((len(J), J.shape[2])),
-    )
+    is_finite = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)
+    step = np.zeros((len(J), J.shape[2]))
     step[is_finite] = np.einsum(
         "pij,pj->pi", np.linalg.pinv(J[is_finite], rcond=1e-13), left[is_finite]
     )
@@ -120,9 +118,7 @@ def _is_uneven(change: Floats) -> Mask:
     """
     _, left, right, _ = np.abs(np.moveaxis(change, 2, 0)).swapaxes(2, 3)
     near, far = (np.abs(change[:, :, i] + change[:, :, 3 - i]).swapaxes(1, 2) for i in (1, 0))
-    return np.asarray(
-        (near > _UNEVEN * np.maximum(left, right)) & (near > _ROUNDED) & (far < 3.0 * near)
-    )
+    return (near > _UNEVEN * np.maximum(left, right)) & (near > _ROUNDED) & (far < 3.0 * near)
 
 
 def _ask(
@@ -140,10 +136,8 @@ def _ask(
     moved[rows, columns] += (offsets[point, coordinate] * steps[point, coordinate, None]).ravel()
     values, cells = function(moved, np.repeat(point, number))
     shape = (*expected.shape, number)
-    all_values, all_cells = (
-        np.zeros((*shape, values.shape[1])),
-        np.zeros((*shape, cells.shape[1]), dtype=np.int64),
-    )
+    all_values = np.zeros((*shape, values.shape[1]))
+    all_cells = np.zeros((*shape, cells.shape[1]), np.int64)
     all_values[point, coordinate] = values.reshape(-1, number, values.shape[1])
     all_cells[point, coordinate] = cells.reshape(-1, number, cells.shape[1])
     return all_values, all_cells
@@ -221,7 +215,7 @@ def ask_at(
 
 
 def _wrapped(angle: Floats) -> Floats:
-    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
 
 
 def law_slopes(plan: FlightPlan, points: Points) -> Slopes:
@@ -262,7 +256,7 @@ def memory_steps(plan: FlightPlan, points: Points) -> Floats:
     before, after = (np.hstack([tick.guidance, tick.command]) for tick in (base, answer))
     change = np.abs(after.reshape(len(before), count, -1) - before[:, None, :]).max(axis=-1)
     factor = np.clip(_CHANGE / np.maximum(change, _NO_CHANGE), 1e-3, 1e6)
-    return np.asarray(np.where(change > _NO_CHANGE, steps * factor, steps))
+    return np.where(change > _NO_CHANGE, steps * factor, steps)
 
 
 LONGEST = 100  # longest supported period, ticks
@@ -355,9 +349,10 @@ def _find_period(plan: FlightPlan) -> Period:
             "a periodic controller, which margins require",
         )
     if plan.period % repeat:
-        problem = f"the controller repeats after {counted(repeat, 'tick')}, not {plan.period}"
         raise InputError(
-            file, problem, f"'period: {repeat}', or a multiple of it, in the controller file"
+            file,
+            f"the controller repeats after {counted(repeat, 'tick')}, not {plan.period}",
+            f"'period: {repeat}', or a multiple of it, in the controller file",
         )
     period = plan.period or repeat
     stay = carried & (before == before[0]).all(axis=0)
@@ -401,7 +396,9 @@ def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
     if period.ticks == 1 and not period.carried.any():
         return [law_slopes(plan, points)]
     still, first = go_on(plan, points.tick, period.ticks), max(points.tick, 1)
-    carried, n, phases = np.flatnonzero(period.carried), points.measured.shape[1], []
+    carried = np.flatnonzero(period.carried)
+    n = points.measured.shape[1]
+    phases = []
     for tick in range(first, first + period.ticks):
         law = law_slopes(still, points._replace(tick=tick))
         for slopes in (law.slope, law.uneven):
@@ -417,12 +414,18 @@ def over_period(plan: FlightPlan, points: Points) -> Slopes:
     phases = law_phases(plan, points)
     if len(phases) == 1:
         return phases[0]
-    after, m, n = phases[0], points.memory.shape[1], points.measured.shape[1]
-    memory, command, value = after.slope[:, :m], after.slope[:, m:], after.value[:, m:]
+    after = phases[0]
+    m = points.memory.shape[1]
+    n = points.measured.shape[1]
+    memory = after.slope[:, :m]
+    command = after.slope[:, m:]
+    value = after.value[:, m:]
     for law in phases[1:]:
         slope = law.slope[:, :, n:] @ memory
         slope[:, :, :n] += law.slope[:, :, :n]
-        memory, command, value = slope[:, :m], command + slope[:, m:], value + law.value[:, m:]
+        memory = slope[:, :m]
+        command = command + slope[:, m:]
+        value = value + law.value[:, m:]
     count = len(phases)
     uneven = np.logical_or.reduce([law.uneven for law in phases])
     values = np.hstack([phases[-1].value[:, :m], value / count])

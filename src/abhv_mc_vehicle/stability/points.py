@@ -86,7 +86,7 @@ def behind_limit(plan: FlightPlan, points: Points) -> Mask:
         return beyond
     low, high, bank = plan.settings[-N_LIMITS:][:3]
     alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
-    return np.asarray(beyond | (alpha < low) | (alpha > high) | (sigma > bank))
+    return beyond | (alpha < low) | (alpha > high) | (sigma > bank)
 
 
 _NEAR = 0.02  # largest distance to a node that counts as near, in cell lengths

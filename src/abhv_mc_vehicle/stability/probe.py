@@ -165,7 +165,7 @@ def ask_plant(
         else np.ascontiguousarray(effectors_at[:, :-1])
     )
     numbers = (
-        np.asarray(flight, dtype=np.int64),
+        np.asarray(flight, np.int64),
         np.ascontiguousarray(states),
         np.ascontiguousarray(custom),
         positions,

@@ -48,9 +48,11 @@ def refine_crossings(
         fa[busy] = np.where(same, fa[busy] * share, fb[busy])
         a[busy] = np.where(same, a[busy], b[busy])
         moved = np.abs(c - end[busy])
-        b[busy], fb[busy], end[busy] = c, fc, c
+        b[busy] = c
+        fb[busy] = fc
+        end[busy] = c
         busy = busy[(np.minimum(moved, np.abs(c - a[busy])) > _CLOSE) & (np.abs(fc) > _CLOSE)]
-    return np.asarray(np.exp(end))
+    return np.exp(end)
 
 
 def refine_peaks(
@@ -85,7 +87,7 @@ def refine_peaks(
             better & ~after, middle, f_middle, ~better & after, new, fb=f_new, x=high, f=f_high
         )
         middle, f_middle = np.where(better, new, middle), np.where(better, f_new, f_middle)
-    return np.asarray(f_middle), np.asarray(np.exp(middle))
+    return f_middle, np.exp(middle)
 
 
 def _choose(  # If both masks are set, the first mask is used.

@@ -108,11 +108,11 @@ def _strengths(slope: Floats) -> Floats:
 def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
     """Return equilibria with a constant heading rate, and a mask of the converged points."""
     m, n = points.memory.shape[1], points.measured.shape[1]
-    law_measured, law_memory = (
-        free.slope[:, :, :n],
-        free.slope[:, :, n:] - np.eye(free.slope.shape[1], m),
-    )
-    moves, k, own = _moves(plan, points), 10 + points.controls.shape[1], solved_states(plan)
+    law_measured = free.slope[:, :, :n]
+    law_memory = free.slope[:, :, n:] - np.eye(free.slope.shape[1], m)
+    moves = _moves(plan, points)
+    k = 10 + points.controls.shape[1]
+    own = solved_states(plan)
     seen = slice(_MEASURED, _MEASURED + n)
     columns = [*range(k), *(k + own)]  # columns of path, controls and custom states
     for iteration in range(_STEPS + 1):
@@ -125,7 +125,7 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         rates[:, path.CHI] -= plan.reference[0, ref.HEADING_RATE]
         mismatch = np.where(moves, command - points.controls, 0.0)
         left = np.hstack([rates, memory - points.memory, mismatch, plant.value[:, seen.stop + own]])
-        at_rest = np.asarray(np.abs(left).max(axis=1) < _EQUILIBRIUM)
+        at_rest = np.abs(left).max(axis=1) < _EQUILIBRIUM
         if iteration == _STEPS or at_rest.all():
             break
         J, j = np.zeros((*left.shape, k + own.size + m)), k + own.size
@@ -202,10 +202,8 @@ def make_steady_plan(
     nominal = _trim_turn(vehicle, plan, row, heading_rate)
     row[ref.HEADING_RATE] = heading_rate
     row[ref.ANGLE_OF_ATTACK], row[ref.BANK] = nominal.angle_of_attack[0], nominal.bank[0]
-    row[ref.EQUIVALENCE_RATIO], row[ref.ELEVATOR] = (
-        nominal.equivalence_ratio[0],
-        nominal.elevator[0],
-    )
+    row[ref.EQUIVALENCE_RATIO] = nominal.equivalence_ratio[0]
+    row[ref.ELEVATOR] = nominal.elevator[0]
     reference = np.tile(row, (3, 1))
     reference[:, ref.TIME] = plan.reference[:3, ref.TIME]
     _, gains, _ = make_gains(
@@ -237,8 +235,11 @@ def _turn_of_bank(vehicle: Vehicle, plan: FlightPlan, row: Floats, bank: float) 
     guess = float(row[ref.GRAVITY] / row[ref.SPEED] * np.tan(bank))
     ends = sorted((0.2 * guess, 2.0 * guess))
     if off(ends[0]) * off(ends[1]) > 0.0:
-        expected = "a bank at which this vehicle can turn steadily"
-        raise InputError("--bank", f"found {np.rad2deg(bank):g} deg", expected)
+        raise InputError(
+            "--bank",
+            f"found {np.rad2deg(bank):g} deg",
+            "a bank at which this vehicle can turn steadily",
+        )
     return float(brentq(off, *ends, xtol=1e-14))
 
 
@@ -276,11 +277,9 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     stuck = np.pad(stuck_at != NEVER, ((0, 0), (0, 1)))
     stuck_at = np.pad(stuck_at, ((0, 0), (0, 1)))
     coordinates = np.zeros((count, 14))
-    coordinates[:, path.ALTITUDE], coordinates[:, path.SPEED], coordinates[:, path.CHI] = (
-        row[ref.ALTITUDE],
-        row[ref.SPEED],
-        row[ref.HEADING],
-    )
+    coordinates[:, path.ALTITUDE] = row[ref.ALTITUDE]
+    coordinates[:, path.SPEED] = row[ref.SPEED]
+    coordinates[:, path.CHI] = row[ref.HEADING]
     coordinates[:, path.ALPHA], coordinates[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
     coordinates[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
 

@@ -192,7 +192,7 @@ def build_loop(salt: str, text: str, names: dict[str, Any]) -> Any:
     path = laws_folder() / f"law_{key}.py"
     if not path.exists():
         with atomic_write(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            temporary.write_text(text, "utf-8")
     home = types.ModuleType(
         f"abhv_mc_loop_{key}"
     )  # numba finds cached code by the name of its module.

@@ -68,7 +68,9 @@ class DesignModel:
     def __init__(
         self, vehicle: Vehicle, mission: Mission, reference: Floats, trim_tables: Tables
     ) -> None:
-        self.vehicle, self.mission, self.trim_tables = vehicle, mission, trim_tables
+        self.vehicle = vehicle
+        self.mission = mission
+        self.trim_tables = trim_tables
         self.table = reference  # [tick, column], with the columns kernel.laws.columns.REFERENCE
 
     @property
@@ -144,12 +146,18 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     )
     wrench = wrench_at(vehicle, local_air, mass, speed, alpha, beta, x[7:10], x[10:13], x[13])
     F = wrench.force
-    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    sa = np.sin(alpha)
+    ca = np.cos(alpha)
+    sb = np.sin(beta)
+    cb = np.cos(beta)
     along = F[0] * ca * cb + F[1] * sb + F[2] * sa * cb
     side = F[1] * cb - (F[0] * ca + F[2] * sa) * sb
     normal = F[0] * sa - F[2] * ca
     momentum, radius = mass * speed, environment.radius + rise
-    sg, cg, ss, cs = np.sin(gamma), np.cos(gamma), np.sin(bank), np.cos(bank)
+    sg = np.sin(gamma)
+    cg = np.cos(gamma)
+    ss = np.sin(bank)
+    cs = np.cos(bank)
     path = (normal * cs - side * ss) / momentum + (speed / radius - gravity / speed) * cg
     turn = (normal * ss + side * cs) / (momentum * cg) + speed / radius * cg * np.sin(chi) * np.tan(
         environment.latitude
@@ -187,8 +195,12 @@ def _read_gains(path: Path, times: Floats) -> tuple[tuple[str, ...], Floats]:
     time = table.find(["time"]).get("time")
     indices = [i for i in range(len(table.heads)) if not time or i != time.position]
     if not time or not indices:
-        expected = "a column time_s and at least one column of gains"
-        raise table.error(None, None, "the table of gains has no times or no gains", expected)
+        raise table.error(
+            None,
+            None,
+            "the table of gains has no times or no gains",
+            "a column time_s and at least one column of gains",
+        )
     own = NumberTable(
         table, {"time": time}, table.numbers([time.position]) * table.factor(time, "s")
     )
@@ -227,10 +239,14 @@ def _design(
         columns = np.empty((ticks, len(designed)))
         for i, (name, value) in enumerate(zip(designed._fields, designed, strict=True)):
             try:
-                columns[:, i] = np.asarray(value, dtype=np.float64)
+                columns[:, i] = np.asarray(value, np.float64)
             except (TypeError, ValueError):
-                problem = f"the gain '{name}' has the shape {np.shape(value)}"
-                raise InputError(file, problem, f"a number, or an array [{ticks}]", line) from None
+                raise InputError(
+                    file,
+                    f"the gain '{name}' has the shape {np.shape(value)}",
+                    f"a number, or an array [{ticks}]",
+                    line,
+                ) from None
             if not np.isfinite(columns[:, i]).all():
                 raise InputError(
                     file,

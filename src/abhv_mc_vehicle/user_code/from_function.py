@@ -73,9 +73,10 @@ def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str,
             home, original = _EXTEND, _find_public_name(name, value)
         definitions[name] = f"from {home} import {original} as {name}\n"
     else:
-        problem = f"the law '{law.__name__}' uses '{name}' of type {type(value).__name__}"
         raise InputError(
-            "controller", problem, "numbers, functions or named tuples (design() can return arrays)"
+            "controller",
+            f"the law '{law.__name__}' uses '{name}' of type {type(value).__name__}",
+            "numbers, functions or named tuples (design() can return arrays)",
         )
 
 
@@ -84,8 +85,9 @@ def _find_public_name(name: str, value: Any) -> str:
     for public, known in vars(sys.modules.get(_EXTEND, types)).items():
         if known is value:
             return public
-    problem = f"the law uses '{name}' of {value.__module__}"
-    raise InputError("controller", problem, f"names of {_EXTEND}")
+    raise InputError(
+        "controller", f"the law uses '{name}' of {value.__module__}", f"names of {_EXTEND}"
+    )
 
 
 def _names(code: types.CodeType) -> list[str]:

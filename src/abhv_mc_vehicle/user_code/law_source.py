@@ -69,15 +69,18 @@ def find_compiler() -> str:
             check=True,
         )
     except (OSError, subprocess.SubprocessError) as error:
-        problem = f"no C compiler is installed ({error})"
-        raise InputError("cc", problem, "a C compiler, or 'library' instead of 'sources'") from None
+        raise InputError(
+            "cc",
+            f"no C compiler is installed ({error})",
+            "a C compiler, or 'library' instead of 'sources'",
+        ) from None
     return completed.stdout.splitlines()[0]
 
 
 def make_header(onboard: bool = False) -> str:
     """Return the text of abhv_law.h for the current measurements, reference and commands."""
     fields = {"MEASURED": Measured._fields, "REFERENCE": REFERENCE, "COMMAND": COMMAND_FIELDS}
-    text = _HEADER.read_text(encoding="utf-8").replace("@INTERFACE@", interface(onboard))
+    text = _HEADER.read_text("utf-8").replace("@INTERFACE@", interface(onboard))
     seen = "\n    abhv_onboard onboard;" if onboard else ""
     for mark, names in fields.items():
         lines = "\n".join(f"    double {name};" for name in names)
@@ -219,7 +222,7 @@ def write_headers(folder: Path, layout: Layout, onboard: bool) -> list[Path]:
     """Write the headers abhv_law.h and abhv_settings.h for a control law in C."""
     texts = {"abhv_law.h": make_header(onboard), "abhv_settings.h": make_settings_header(layout)}
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        (folder / name).write_text(text, "utf-8")
     return [folder / name for name in texts]
 
 

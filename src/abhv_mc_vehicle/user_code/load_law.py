@@ -171,7 +171,9 @@ def check_functions(module: Module, name: str, texts: dict[str, Any] | None = No
     ``texts`` are the syntax trees to check instead of those of the module. Raise InputError if a
     construct is not allowed.
     """
-    texts, seen, pending = texts or module.texts, {name}, [name]
+    texts = texts or module.texts
+    seen = {name}
+    pending = [name]
     while pending:
         function = texts[pending.pop()]
         local = {argument.arg for argument in arguments_of(function)}

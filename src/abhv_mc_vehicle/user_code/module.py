@@ -84,17 +84,20 @@ class Module:
     def check_arguments(self, function: str, allowed: Iterable[str]) -> tuple[str, ...]:
         """Return the arguments of a function. Raise InputError for an unknown argument."""
         if not isinstance(self.texts.get(function), ast.FunctionDef):
-            problem = f"a decorator is applied to '{function}', which is not a function in the file"
             raise InputError(
-                self.source.file, problem, "a function at module level below the decorator"
+                self.source.file,
+                f"a decorator is applied to '{function}', which is not a function in the file",
+                "a function at module level below the decorator",
             )
         function_arguments = arguments_of(self.texts[function])
         for argument in function_arguments:
             if argument.arg not in allowed:
                 location = argument.lineno, argument.col_offset + 1
-                problem = f"unknown argument '{argument.arg}'"
                 raise InputError(
-                    self.source.file, problem, one_of(allowed, argument.arg), *location
+                    self.source.file,
+                    f"unknown argument '{argument.arg}'",
+                    one_of(allowed, argument.arg),
+                    *location,
                 )
         return tuple(argument.arg for argument in function_arguments)
 
@@ -129,8 +132,9 @@ def check_closure(source: UserSource) -> None:
     try:
         in_child(_run_watched, source, limit=_LONGEST)
     except LostError as lost:
-        problem = f"the file cannot be run ({lost.words})"
-        raise InputError(source.file, problem, "a file that runs without errors") from None
+        raise InputError(
+            source.file, f"the file cannot be run ({lost.words})", "a file that runs without errors"
+        ) from None
     note.touch()
 
 
@@ -181,9 +185,11 @@ def refuse_in_words(source: UserSource, what: str, expected: str) -> Iterator[No
     except Exception as error:
         line = find_line(error, source.file)
         if (missed := _undeclared(source, error)) is not None:
-            problem = f"{what} {missed[0]}, which is not declared"
             raise InputError(
-                source.file, problem, f"'files: [{missed[1]}]' in the controller file", line
+                source.file,
+                f"{what} {missed[0]}, which is not declared",
+                f"'files: [{missed[1]}]' in the controller file",
+                line,
             ) from None
         if line is None and isinstance(error, OSError | MemoryError):
             raise

@@ -114,7 +114,9 @@ def _break(text: str, indent: str) -> list[str]:
     """Return the lines of a statement; long statements are broken within brackets."""
     if len(indent + text) <= WIDTH:
         return [indent + text]
-    first, last, inner = text.index("(") + 1, text.rindex(")"), indent + INDENT
+    first = text.index("(") + 1
+    last = text.rindex(")")
+    inner = indent + INDENT
     parts = text[first:last].replace(", (", ",\n(").split("\n")
     wrapper = textwrap.TextWrapper(
         WIDTH,
@@ -150,11 +152,11 @@ def write_unless_edited(
 
 
 def _is_edited(path: Path) -> bool:
-    text, mark, digest = path.read_text(encoding="utf-8").rpartition(_UNEDITED)
+    text, mark, digest = path.read_text("utf-8").rpartition(_UNEDITED)
     return not mark or hashlib.sha256(text.encode()).hexdigest() != digest.strip()
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a file atomically."""
     with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, "utf-8")

@@ -172,9 +172,10 @@ def load_library(source: UserSource) -> CLibrary:
     allowed = tuple(f"{os.path.realpath(folder)}{os.sep}" for folder in (path.parent, *_SYSTEM))
     for loaded in sorted(_mapped() - before):
         if not loaded.startswith(allowed):
-            problem = f"the library links to {loaded}, which is not declared"
             raise InputError(
-                source.file, problem, f"'files: [{Path(loaded).name}]' in the controller file"
+                source.file,
+                f"the library links to {loaded}, which is not declared",
+                f"'files: [{Path(loaded).name}]' in the controller file",
             )
 
     def find(name: str) -> int:
@@ -190,18 +191,18 @@ def load_library(source: UserSource) -> CLibrary:
                 "a library with this function, as declared in abhv_law.h",
             )
     if (get == 0) != (put == 0):
-        problem = f"the library has only abhv_law_state_{'get' if get else 'set'}"
         raise InputError(
-            source.file, problem, "both abhv_law_state_get and abhv_law_state_set, or neither"
+            source.file,
+            f"the library has only abhv_law_state_{'get' if get else 'set'}",
+            "both abhv_law_state_get and abhv_law_state_set, or neither",
         )
     if address := find("interface"):
         version = ctypes.string_at(address).decode(errors="replace")
         expected = f"{interface(recipe['onboard'])} {describe_layout(recipe['settings'])}"
         if version != expected:
-            problem = f"the library was built with other headers ({version})"
             raise InputError(
                 source.file,
-                problem,
+                f"the library was built with other headers ({version})",
                 f"a library built with the headers of this controller ({expected})",
             )
     return CLibrary(init, step, get, put, int(ctypes.CFUNCTYPE(ctypes.c_size_t)(size)()), handle)
@@ -210,7 +211,7 @@ def load_library(source: UserSource) -> CLibrary:
 def _mapped() -> set[str]:
     """Return the files from which this process has loaded code, if the system lists them."""
     try:
-        lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
+        lines = Path("/proc/self/maps").read_text("utf-8").splitlines()
     except OSError:
         return set()
     return {os.path.realpath(line.split(maxsplit=5)[5]) for line in lines if line.count("/")}

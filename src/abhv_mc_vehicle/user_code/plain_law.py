@@ -74,10 +74,8 @@ class PlainLaw:
     ) -> None:
         block = np.ctypeslib.as_array(Z, (ONBOARD + N_ONBOARD, self._width))
         law = self._law
-        columns, designed = (
-            _row(gains, tick, len(self._gains) + len(self._commands)),
-            len(self._gains),
-        )
+        columns = _row(gains, tick, len(self._gains) + len(self._commands))
+        designed = len(self._gains)
         shared_values = {
             "time": tick * dt,
             "dt": dt,

@@ -29,7 +29,7 @@ def make_user_settings(document: Document, controller: PythonController, law: La
         )
 
     settings = _read_fields(document, law, "settings", law.settings, controller.settings, number)
-    return np.array(list(settings.values()), dtype=np.float64)
+    return np.array(list(settings.values()), np.float64)
 
 
 def _read_fields(
@@ -116,7 +116,7 @@ def make_commands(document: Document, controller: PythonController, law: Law) ->
                 f"'{name}' has no value",
                 "a value in the controller file, or a default in the class",
             )
-        return np.array(start_times, dtype=np.float64), np.array(step_values, dtype=np.float64)
+        return np.array(start_times, np.float64), np.array(step_values, np.float64)
 
     kind = law.commands if "commands" in law.arguments else None
     commands = _read_fields(document, law, "commands", kind, controller.commands, steps)

@@ -90,7 +90,9 @@ def solve(a: Any, b: Any) -> Any:
     rows: list[Any] = [[*row, *side] for row, side in zip(a, sides, strict=True)]
     for k in range(n):
         for i in range(k + 1, n):
-            above, below, swap = rows[k], rows[i], abs(rows[i][k]) > abs(rows[k][k])
+            above = rows[k]
+            below = rows[i]
+            swap = abs(rows[i][k]) > abs(rows[k][k])
             rows[k] = [_choose(swap, y, x) for x, y in zip(above, below, strict=True)]
             rows[i] = [_choose(swap, x, y) for x, y in zip(above, below, strict=True)]
         for i in range(k + 1, n):

@@ -51,7 +51,7 @@ class Table(LookUp):
     """
 
     def __init__(self, *arrays: ArrayLike, extrapolate: str | Sequence[str] = "neither") -> None:
-        *grids, values = (np.ascontiguousarray(array, dtype=np.float64) for array in arrays)
+        *grids, values = (np.ascontiguousarray(array, np.float64) for array in arrays)
         if not grids or values.shape != tuple(grid.size for grid in grids):
             raise Refusal(
                 f"grids of the sizes {tuple(grid.size for grid in grids)} do not match values of "
@@ -183,7 +183,7 @@ class Scattered(LookUp):
         from scipy.spatial import Delaunay, QhullError
 
         positions, point_values = (
-            np.ascontiguousarray(array, dtype=np.float64) for array in (points, values)
+            np.ascontiguousarray(array, np.float64) for array in (points, values)
         )
         positions = positions[:, np.newaxis] if positions.ndim == 1 else positions
         if (
@@ -214,7 +214,9 @@ class Scattered(LookUp):
 
     def make_compiled(self) -> Any:
         axes, simplices = self.axes, len(self.values)
-        transform, last, values = self.transform, self.last, self.values
+        transform = self.transform
+        last = self.last
+        values = self.values
 
         def look_up(*at):  # type: ignore[no-untyped-def]
             best, worst = 0, -np.inf
@@ -232,7 +234,9 @@ class Scattered(LookUp):
                 better = least > worst and worst < _INSIDE
                 best = k if better else best
                 worst = least if better else worst
-            total, sum_of, rest = 0.0, 0.0, 1.0
+            total = 0.0
+            sum_of = 0.0
+            rest = 1.0
             for i in range(axes):
                 part = 0.0
                 for j in range(axes):

@@ -62,15 +62,14 @@ def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
         kinds = {"actual": _Actual, "measured": _Seen} | ({"memory": memory} if memory else {})
         for name, arguments in signatures.items():
             if "memory" in arguments and not memory:
-                problem = (
+                raise InputError(
+                    source.file,
                     f"the channel '{name}' uses 'memory', which at least one controller does not "
-                    "provide"
-                )
-                expected = (
+                    "provide",
                     "a campaign in which each controller is a compiled law or filter with a class "
-                    "Memory"
+                    "Memory",
+                    module.texts[name].lineno,
                 )
-                raise InputError(source.file, problem, expected, module.texts[name].lineno)
             check_functions(module, name)
             check_fields(module, name, {key: kinds[key] for key in arguments if key in kinds})
         names = compiled_names(module)

@@ -75,11 +75,12 @@ def load_vehicle(path: str | Path) -> Vehicle:
     vehicle = pack_vehicle(file, PARAMETER_INDEX)
     rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
-        problem = (
+        raise InputError(
+            file.path,
             f"the tables fill {counted(rows, 'row')} (eight tables on equal axes share a row; "
-            "derivatives with respect to deflections also count)"
+            "derivatives with respect to deflections also count)",
+            f"at most {s.MAX_TABLE_ROWS}",
         )
-        raise InputError(file.path, problem, f"at most {s.MAX_TABLE_ROWS}")
     if axes > s.MAX_AXES:
         raise InputError(
             file.path, f"the tables use {axes} different grids", f"at most {s.MAX_AXES}"
@@ -212,8 +213,12 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
         return
     line = returns[0].lineno
     if type(effect) is not Effect:
-        problem = f"the custom dynamics return {type(effect).__name__}"
-        raise InputError(module.source.file, problem, "'return Effect(rates=(...), ...)'", line)
+        raise InputError(
+            module.source.file,
+            f"the custom dynamics return {type(effect).__name__}",
+            "'return Effect(rates=(...), ...)'",
+            line,
+        )
     are_numbers = isinstance(effect.rates, tuple) and all(
         isinstance(rate, int | float) for rate in effect.rates
     )
@@ -229,8 +234,12 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
 def _check_count(module: Module, code: VehicleCode, count: int, line: int) -> None:
     """Raise InputError unless ``count`` equals the number of states."""
     if count != len(code.states):
-        problem = f"found {counted(count, 'rate')} for {counted(len(code.states), 'state')}"
-        raise InputError(module.source.file, problem, _rates_of(code), line)
+        raise InputError(
+            module.source.file,
+            f"found {counted(count, 'rate')} for {counted(len(code.states), 'state')}",
+            _rates_of(code),
+            line,
+        )
 
 
 def _rates_of(code: VehicleCode) -> str:
@@ -262,9 +271,11 @@ def check_finite(vehicle: Vehicle, variables: Floats, density: float, speed: flo
         (code.propulsion, thrust, "a component of force, moment or fuel flow"),
     ):
         if function_code is not None and not np.isfinite(values).all():
-            problem = f"{quantity} is not finite at the start of the mission"
             raise InputError(
-                function_code.file, problem, "finite numbers", function_line(function_code)
+                function_code.file,
+                f"{quantity} is not finite at the start of the mission",
+                "finite numbers",
+                function_line(function_code),
             )
 
 

@@ -59,10 +59,8 @@ class Actuator(StrictModel):
 
     bandwidth: Annotated[AngularRate, Positive] | None = Field(
         default=None,
-        description=(
-            "natural frequency of a second-order actuator, or 1 / time constant of a first-order "
-            "one"
-        ),
+        description="natural frequency of a second-order actuator, or 1 / time constant of a "
+        "first-order one",
     )
     damping: Annotated[float, Positive] | None = Field(
         default=None, description="damping ratio of a second-order actuator"
@@ -155,10 +153,8 @@ class ThrustLine(StrictModel):
     )
     offset: Length = Field(
         default=0.0,
-        description=(
-            "distance of the thrust line below the moment reference; a positive value gives a "
-            "nose-up moment"
-        ),
+        description="distance of the thrust line below the moment reference; a positive value "
+        "gives a nose-up moment",
     )
 
 
@@ -177,10 +173,8 @@ class Unstart(StrictModel):
     )
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
         default=math.inf,
-        description=(
-            "time for which all conditions must be met before the inlet restarts; default: no "
-            "restart"
-        ),
+        description="time for which all conditions must be met before the inlet restarts; "
+        "default: no restart",
     )
     drag_increment: float = Field(
         default=0.0, description="increment of the drag coefficient while the inlet is unstarted"
@@ -265,11 +259,12 @@ class _Inlets(StrictModel):
                 ("engines",),
             )
         if max(map(abs, moments)) > 1e-6:
-            problem = (
+            raise Refusal(
                 f"the engines' mean position is {', '.join(f'{x:g}' for x in moments)} m from the "
-                "thrust line"
+                "thrust line",
+                "positions whose weighted mean is 0",
+                ("engines",),
             )
-            raise Refusal(problem, "positions whose weighted mean is 0", ("engines",))
         return self
 
 
@@ -452,10 +447,8 @@ class Dynamics(StrictModel):
     """Custom dynamics: states that cause forces and moments and affect the sensors."""
 
     file: File = Field(
-        description=(
-            "path of a Python file with one function decorated with @dynamics, relative to the "
-            "vehicle file"
-        )
+        description="path of a Python file with one function decorated with @dynamics, relative "
+        "to the vehicle file"
     )
     states: dict[
         str,

@@ -91,15 +91,13 @@ def pack_effectors(
     contains the axes that the aerodynamics use.
     """
     axes = [i for i, axis in enumerate(AXIS_DEFLECTIONS) if axis in named_axes]
-    variables = np.array(
-        [*(_FIRST + e for e in range(len(effectors))), *_AXES[axes]], dtype=np.int64
-    )
+    variables = np.array([*(_FIRST + e for e in range(len(effectors))), *_AXES[axes]], np.int64)
     file_mix = np.array(
         [[getattr(effector, axis) for axis in AXIS_DEFLECTIONS] for effector in effectors.values()],
         np.float64,
     )
     mix = np.vstack([file_mix.reshape(-1, 3), np.eye(3)[axes]])
-    letters = np.zeros((len(effectors), max(map(len, effectors), default=0)), dtype=np.int64)
+    letters = np.zeros((len(effectors), max(map(len, effectors), default=0)), np.int64)
     for i, name in enumerate(effectors):
         letters[i, : len(name)] = [ord(letter) for letter in name]
     packed = Effectors(variables, mix, _axis_shares(mix), np.linalg.pinv(mix))

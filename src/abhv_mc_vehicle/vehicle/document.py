@@ -89,12 +89,10 @@ class MassPoint(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> "MassPoint":
-        xx, yy, zz, xz = (
-            self.inertia_xx,
-            self.inertia_yy,
-            self.inertia_zz,
-            self.inertia_matrix_element_13,
-        )
+        xx = self.inertia_xx
+        yy = self.inertia_yy
+        zz = self.inertia_zz
+        xz = self.inertia_matrix_element_13
         if xz**2 >= xx * zz or max(xx, yy, zz) > (xx + yy + zz) / 2.0 * (1.0 + 1e-9):
             raise Refusal(
                 f"the inertias xx {xx:g}, yy {yy:g}, zz {zz:g} and xz {xz:g} kg m2 are physically "
@@ -132,15 +130,13 @@ class MassModel(MassPoints):
     )
     empty: Annotated[Mass, Positive] | None = Field(
         default=None,
-        description=(
-            "mass without fuel, at which the engine stops; default: the engine burns no fuel"
-        ),
+        description="mass without fuel, at which the engine stops; default: the engine burns no "
+        "fuel",
     )
     file: File | None = Field(
         default=None,
-        description=(
-            "CSV file with one row per point and the columns mass_kg, inertia_xx_kg_m2, ..."
-        ),
+        description="CSV file with one row per point and the columns mass_kg, inertia_xx_kg_m2, "
+        "...",
     )
 
     @model_validator(mode="after")
@@ -172,9 +168,8 @@ class TableEntry(CommaKeys):
     scale: float = Field(default=1.0, description="factor that multiplies the values")
     columns: dict[str, str] = Field(
         default_factory=dict,
-        description=(
-            "meanings of columns with non-standard headers, such as alpha: angle_of_attack deg"
-        ),
+        description="meanings of columns with non-standard headers, such as alpha: "
+        "angle_of_attack deg",
     )
 
     @model_validator(mode="after")
@@ -213,17 +208,13 @@ class ReferencePoint(StrictModel):
 
     x: Length = Field(
         0.0,
-        description=(
-            "distance, forward of the moment reference, of the point about which the function's "
-            "moments are defined"
-        ),
+        description="distance, forward of the moment reference, of the point about which the "
+        "function's moments are defined",
     )
     z: Length = Field(
         0.0,
-        description=(
-            "distance, below the moment reference, of the point about which the function's moments "
-            "are defined"
-        ),
+        description="distance, below the moment reference, of the point about which the "
+        "function's moments are defined",
     )
 
 
@@ -240,10 +231,8 @@ class AerodynamicsFunction(PythonFunction):
     )
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
         default_factory=dict,
-        description=(
-            "values of variables at which the function has kinks (angles in rad); these values "
-            "become nodes of the trim tables"
-        ),
+        description="values of variables at which the function has kinks (angles in rad); these "
+        "values become nodes of the trim tables",
     )
 
 
@@ -252,9 +241,8 @@ class Aerodynamics(StrictModel):
 
     force_axes: Literal["stability", "wind"] = Field(
         default="stability",
-        description=(
-            "axes of lift and drag; in wind axes, drag opposes the velocity even with sideslip"
-        ),
+        description="axes of lift and drag; in wind axes, drag opposes the velocity even with "
+        "sideslip",
     )
     lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
     drag: tuple[Term, ...] = Field(
@@ -391,10 +379,9 @@ class VehicleDocument(StrictModel):
                     ("effectors", name),
                 )
             if effector.driven and self.surfaces is None:
-                expected = "the key 'surfaces', whose limit applies to aileron, rudder and elevator"
                 raise Refusal(
                     "an effector has an actuator, but the file has no 'surfaces'",
-                    expected,
+                    "the key 'surfaces', whose limit applies to aileron, rudder and elevator",
                     ("effectors", name),
                 )
             if self.surfaces:

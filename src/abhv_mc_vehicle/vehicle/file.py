@@ -85,14 +85,19 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
         try:
             text = read_input(path).decode()
         except (OSError, UnicodeDecodeError) as error:
-            problem = f"'{path.name}' cannot be read ({getattr(error, 'strerror', error)})"
-            raise document.error((section, key), problem, "a readable Python file") from None
+            raise document.error(
+                (section, key),
+                f"'{path.name}' cannot be read ({getattr(error, 'strerror', error)})",
+                "a readable Python file",
+            ) from None
         return FunctionCode(text, str(path), function, tuple(settings.items()))
 
     def read_function(section: str, keys: AerodynamicsFunction | ThrustFunction) -> FunctionCode:
         return read(section, "python", Path(keys.python), keys.function, keys.settings)
 
-    air, engine, custom = content.aerodynamics, content.propulsion, content.dynamics
+    air = content.aerodynamics
+    engine = content.propulsion
+    custom = content.dynamics
     coefficients = (
         read_function("aerodynamics", air) if isinstance(air, AerodynamicsFunction) else None
     )
@@ -134,14 +139,16 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
     if duplicates := set(names).intersection(PARAMETER_NAMES):
         duplicate = min(duplicates)
         section = "dynamics" if duplicate.startswith("initial.") else duplicate.partition(".")[0]
-        problem = f"'{duplicate}' is the name of a built-in parameter"
-        raise document.error((section,), problem, "another name")
-    if len(code.settings) + len(states) > MAX_SETTINGS:
-        problem = (
-            f"the functions have {counted(len(code.settings), 'setting')} and "
-            f"{counted(len(states), 'state')}"
+        raise document.error(
+            (section,), f"'{duplicate}' is the name of a built-in parameter", "another name"
         )
-        raise document.error((), problem, f"at most {MAX_SETTINGS} in total")
+    if len(code.settings) + len(states) > MAX_SETTINGS:
+        raise document.error(
+            (),
+            f"the functions have {counted(len(code.settings), 'setting')} and "
+            f"{counted(len(states), 'state')}",
+            f"at most {MAX_SETTINGS} in total",
+        )
     return code
 
 
@@ -226,24 +233,29 @@ def _check_meaning(document: Document, content: VehicleDocument, name: str, tabl
     for axis in table.axes:
         low, high = axis.grid[[0, -1]]
         if VARIABLES[axis.variable] == "mass" and not low <= content.mass.start <= high:
-            problem = f"the table covers masses from {low:g} to {high:g} kg"
-            expected = (
-                f"an axis that includes the initial mass, {content.mass.start:g} kg; check its unit"
+            raise document.error(
+                ("tables", name),
+                f"the table covers masses from {low:g} to {high:g} kg",
+                f"an axis that includes the initial mass, {content.mass.start:g} kg; check its "
+                "unit",
             )
-            raise document.error(("tables", name), problem, expected)
     if any(quantity == "specific_impulse" and used == name for used, quantity, _ in content.uses()):
         low, high = float(table.values.min()), float(table.values.max())
         if low < 0.0 or high > _LARGEST_IMPULSE:
-            problem = f"the specific impulse ranges from {low:g} to {high:g} s"
-            expected = f"0 to {_LARGEST_IMPULSE:g} s; check its unit"
-            raise document.error(("tables", name), problem, expected)
+            raise document.error(
+                ("tables", name),
+                f"the specific impulse ranges from {low:g} to {high:g} s",
+                f"0 to {_LARGEST_IMPULSE:g} s; check its unit",
+            )
 
 
 def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
     if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
-        problem = f"the initial mass is {content.mass.start:g} kg"
-        expected = f"{points[0].mass:g} to {points[-1].mass:g} kg, the range of the mass properties"
-        raise document.error(("mass", "start"), problem, expected)
+        raise document.error(
+            ("mass", "start"),
+            f"the initial mass is {content.mass.start:g} kg",
+            f"{points[0].mass:g} to {points[-1].mass:g} kg, the range of the mass properties",
+        )
 
 
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
@@ -280,7 +292,7 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     tables, rows = pack_tables(entries, fixed)
     # Terms of different coefficients alternate, because consecutive additions are then independent.
     turns = [term for turn in itertools.zip_longest(*terms) for term in turn if term is not None]
-    columns = np.array(turns, dtype=np.int64).reshape(-1, 4).T
+    columns = np.array(turns, np.int64).reshape(-1, 4).T
     build_up = BuildUp(columns[0].copy(), rows[columns[1]], columns[2].copy(), columns[3].copy())
     foreign = file.code.pack() if file.code else no_functions()
     constants = _make_constants(content)
@@ -338,7 +350,9 @@ def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) 
 
 def _make_constants(content: VehicleDocument) -> Constants:
     """Return a vehicle's constants, with neutral values if engine or surfaces are missing."""
-    engine, surfaces, limits = content.propulsion, content.surfaces, content.limits
+    engine = content.propulsion
+    surfaces = content.surfaces
+    limits = content.limits
     capture = engine if isinstance(engine, Capture) else None
     jet = None if isinstance(engine, ThrustFunction) else engine
     eta_min, eta_max = throttle_range(engine)

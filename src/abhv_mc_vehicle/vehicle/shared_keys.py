@@ -66,10 +66,8 @@ class LoadLimits(StrictModel):
     )
     heat_flux: Annotated[HeatFlux, Positive] | None = Field(
         default=None,
-        description=(
-            "maximum heat flux at the stagnation point; requires reference.nose_radius in the "
-            "vehicle file"
-        ),
+        description="maximum heat flux at the stagnation point; requires reference.nose_radius in "
+        "the vehicle file",
     )
     bank: Annotated[Angle, Positive] | None = Field(
         default=None, description="maximum bank angle about the velocity, in either direction"
@@ -81,9 +79,8 @@ class LoadLimits(StrictModel):
         | None
     ) = Field(
         default=None,
-        description=(
-            "maximum ripple of bank, angle of attack and sideslip: one value, or a value per angle"
-        ),
+        description="maximum ripple of bank, angle of attack and sideslip: one value, or a value "
+        "per angle",
     )
 
     def bounds(self) -> LoadBounds:
@@ -131,10 +128,8 @@ class SensingKeys(StrictModel):
     )
     airspeed: Against | None = Field(
         None,
-        description=(
-            "reference for the measured speed: air, or inertial (default: speed relative to the "
-            "Earth)"
-        ),
+        description="reference for the measured speed: air, or inertial (default: speed relative "
+        "to the Earth)",
     )
 
 

@@ -61,7 +61,7 @@ class Table:
 
 def make_constant(value: float) -> Table:
     """Return a table with one constant value."""
-    return Table((), np.asarray(value, dtype=np.float64))
+    return Table((), np.asarray(value, np.float64))
 
 
 def _key(table: Table) -> tuple[tuple[int, bytes], ...]:
@@ -101,14 +101,12 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         key: axis for table in everything for key, axis in zip(_key(table), table.axes, strict=True)
     }
     axis_number = {axis_key: i for i, axis_key in enumerate(axes)}
-    lengths = np.array([axis.grid.size for axis in axes.values()], dtype=np.int64)
+    lengths = np.array([axis.grid.size for axis in axes.values()], np.int64)
 
     n_groups = len(members)
-    dimensions, start, width, used, first_row = (
-        np.zeros(n_groups, dtype=np.int64) for _ in range(5)
-    )
-    group_axis, stride = (np.zeros((n_groups, MAX_DIMENSIONS), dtype=np.int64) for _ in range(2))
-    rows = np.zeros(len(everything), dtype=np.int64)
+    dimensions, start, width, used, first_row = (np.zeros(n_groups, np.int64) for _ in range(5))
+    group_axis, stride = (np.zeros((n_groups, MAX_DIMENSIONS), np.int64) for _ in range(2))
+    rows = np.zeros(len(everything), np.int64)
     blocks: list[Floats] = []
     for g, (group_key, entries) in enumerate(members.items()):
         dimensions[g] = max(2, len(group_key))
@@ -127,7 +125,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         blocks.append(block.ravel())
 
     packed = Tables(
-        axis_variable=np.array([axis.variable for axis in axes.values()], dtype=np.int64),
+        axis_variable=np.array([axis.variable for axis in axes.values()], np.int64),
         axis_start=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         axis_length=lengths,
         grid=np.concatenate([axis.grid for axis in axes.values()]),
@@ -142,7 +140,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         group_used=used,
         group_row=first_row,
         data=np.concatenate(blocks),
-        fixed_row=np.array([rows[entry_of[name]] for name in FIXED_TABLE_ROWS], dtype=np.int64),
+        fixed_row=np.array([rows[entry_of[name]] for name in FIXED_TABLE_ROWS], np.int64),
         n_rows=int(width.sum()),
     )
     return packed, rows[: len(tables)]
@@ -247,10 +245,8 @@ def _find_role(
 
 def _unit_factor(rows: ForeignTable, column: int, role: Role) -> float:
     """Return the factor that converts an axis to SI; the column's role contains the unit."""
-    dimension, unit = (
-        _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE),
-        role.unit,
-    )
+    dimension = _DIMENSIONS.get(role.name) or (None if role.name in _PLAIN else ANGLE)
+    unit = role.unit
     expected = f"{role.name} " + (
         f"in units of {dimension.name}, such as {dimension.unit}" if dimension else "without a unit"
     )
@@ -282,18 +278,21 @@ def _check_plausible(
     outside = np.flatnonzero((numbers * factor < low) | (numbers * factor > high * (1.0 + 1e-12)))
     if outside.size:
         row = int(outside[0])
-        expected = (
+        raise rows.error(
+            row,
+            column,
+            f"{role.name} is {numbers[row]:g}",
             f"{low / factor:.6g} to {high / factor:.6g}; check the unit in the header "
-            f"'{rows.heads[column]}'"
+            f"'{rows.heads[column]}'",
         )
-        raise rows.error(row, column, f"{role.name} is {numbers[row]:g}", expected)
     if not has_declared_unit and np.ptp(numbers) < _NARROWEST.get(role.unit or "", 0.0):
-        problem = f"{role.name} covers only {np.ptp(numbers):g} {role.unit}"
-        expected = (
+        raise rows.error(
+            0,
+            column,
+            f"{role.name} covers only {np.ptp(numbers):g} {role.unit}",
             f"a wider range in {role.unit} (to confirm the unit, write "
-            f"'{rows.heads[column]}: {role.name} {role.unit}' under 'columns')"
+            f"'{rows.heads[column]}: {role.name} {role.unit}' under 'columns')",
         )
-        raise rows.error(0, column, problem, expected)
 
 
 def _grid(rows: ForeignTable, columns: Sequence[int], points: Floats, order: Ints) -> list[Floats]:
@@ -335,8 +334,12 @@ def read_table(
     heads = {name for head in rows.heads for name in (head, split_head(head)[0])}
     for name in columns:
         if name not in heads:
-            problem = f"the table has no column '{name}', which the vehicle file describes"
-            raise rows.error(None, None, problem, one_of(rows.heads))
+            raise rows.error(
+                None,
+                None,
+                f"the table has no column '{name}', which the vehicle file describes",
+                one_of(rows.heads),
+            )
     roles: dict[str, tuple[int, Role]] = {}
     for i in range(len(rows.heads)):
         role = _find_role(rows, i, columns, effectors)
@@ -351,8 +354,12 @@ def read_table(
             )
         roles[role.name] = (i, role)
     if VALUE not in roles:
-        expected = "a column 'value', or another column with the meaning 'value' under 'columns'"
-        raise rows.error(None, None, "the column 'value' is missing", expected)
+        raise rows.error(
+            None,
+            None,
+            "the column 'value' is missing",
+            "a column 'value', or another column with the meaning 'value' under 'columns'",
+        )
     value = roles.pop(VALUE)[0]
     if not 1 <= len(roles) <= MAX_DIMENSIONS:
         raise rows.error(

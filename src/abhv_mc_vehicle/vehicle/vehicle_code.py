@@ -129,10 +129,10 @@ class VehicleCode:
             int(self.aerodynamics is not None),
             int(self.propulsion is not None),
             *self.engine,
-            np.frombuffer(self.digest, dtype=np.int64).copy(),
-            np.array([setting.value for setting in self.settings], dtype=np.float64),
+            np.frombuffer(self.digest, np.int64).copy(),
+            np.array([setting.value for setting in self.settings], np.float64),
             len(self.states),
-            np.array([state.limit for state in self.states], dtype=np.float64),
+            np.array([state.limit for state in self.states], np.float64),
         )
 
 
@@ -176,7 +176,7 @@ def evaluate_functions(
         speed = variables[_MACH] * np.reshape([layer[3] for layer in air], shape)
     arguments = [points, *(np.broadcast_to(value, shape).reshape(-1) for value in (density, speed))]
     evaluate = _evaluators[digest]
-    real = [np.ascontiguousarray(np.real(value), dtype=np.float64) for value in arguments]
+    real = [np.ascontiguousarray(np.real(value), np.float64) for value in arguments]
     if not any(np.iscomplexobj(value) for value in arguments):
         results = evaluate(*real)
         return results[0].reshape(-1, *shape), results[1].reshape(-1, *shape)
@@ -208,7 +208,7 @@ def make_variables(vehicle: Vehicle, **values: ArrayLike) -> Numbers:
     """
     arrays = [np.asarray(value) for value in values.values()]
     shape = np.broadcast_shapes((1,), *(array.shape for array in arrays))
-    variables = np.zeros((len(VARIABLES), *shape), dtype=np.result_type(np.float64, *arrays))
+    variables = np.zeros((len(VARIABLES), *shape), np.result_type(np.float64, *arrays))
     variables[0] = 1.0
     for name, array in zip(values, arrays, strict=True):
         variables[VARIABLES.index(name)] = array
@@ -265,11 +265,11 @@ def table_rows(tables: Tables, variables: Numbers) -> Numbers:
         low.append(cell)
         weight.append(fraction)
     shape = variables.shape[1:]
-    rows = np.zeros((tables.n_rows, *shape), dtype=np.result_type(*weight, np.float64))
+    rows = np.zeros((tables.n_rows, *shape), np.result_type(*weight, np.float64))
     for group, width in enumerate(tables.group_width):
         axes, strides = tables.group_axis[group], tables.group_stride[group]
         used = [d for d in range(len(strides)) if strides[d]]
-        node = np.full(shape, tables.group_start[group], dtype=np.int64)
+        node = np.full(shape, tables.group_start[group], np.int64)
         for d in used:
             node = node + low[axes[d]] * strides[d]
         column = np.arange(width).reshape((-1,) + (1,) * len(shape))
@@ -299,7 +299,7 @@ def evaluate_coefficients(
         return evaluate_functions(vehicle, variables)[0]
     rows = evaluate_tables(vehicle.tables, variables) if rows is None else rows
     coefficients = np.zeros(
-        (len(COEFFICIENTS), *variables.shape[1:]), dtype=np.result_type(rows, variables)
+        (len(COEFFICIENTS), *variables.shape[1:]), np.result_type(rows, variables)
     )
     for coefficient, row, variable, factor in zip(*vehicle.build_up, strict=True):
         term = rows[row] * variables[variable]

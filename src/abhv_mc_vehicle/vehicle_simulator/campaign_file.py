@@ -55,16 +55,13 @@ class MarginsOfFlights(StrictModel):
 
     at: Points = Field(
         ("trim",),
-        description=(
-            "points at which margins are computed: 'trim', a time of the flight such as 30 s, or a "
-            "list of these"
-        ),
+        description="points at which margins are computed: 'trim', a time of the flight such as "
+        "30 s, or a list of these",
     )
     flights: FlightCount = Field(
         100,
-        description=(
-            "number of flights, counted from the first, for which margins are computed; or 'all'"
-        ),
+        description="number of flights, counted from the first, for which margins are computed; "
+        "or 'all'",
     )
 
     def of(self, runs: int) -> int:
@@ -105,9 +102,8 @@ class VehicleHistories(KeepHistories):
         tuple[str, ...], BeforeValidator(as_list, json_schema_input_type=str | list[str])
     ] = Field(
         (ALL,),
-        description=(
-            "names of channels, or 'all'; each effector with an actuator has its own channels"
-        ),
+        description="names of channels, or 'all'; each effector with an actuator has its own "
+        "channels",
     )
 
 
@@ -140,10 +136,8 @@ class VehicleCampaign(Campaign):
     controllers: Annotated[
         dict[Name, Annotated[File, _shipped("control")]], Field(min_length=1)
     ] = Field(
-        description=(
-            "controller files or shipped names by name; all controllers are simulated with the "
-            "same samples"
-        )
+        description="controller files or shipped names by name; all controllers are simulated "
+        "with the same samples"
     )
     channels: File | None = Field(
         None, description="Python file of custom channels, relative to the campaign file"
@@ -154,33 +148,26 @@ class VehicleCampaign(Campaign):
     ] = Field({}, description="custom metrics by name, or a file of metrics")
     keep_out: dict[MetricName, Zone] = Field(
         {},
-        description=(
-            "zones that flights must not enter, by name; the metric distance_from_NAME_m is the"
-            " smallest distance of the ground track, negative inside"
-        ),
+        description="zones that flights must not enter, by name; the metric distance_from_NAME_m "
+        "is the smallest distance of the ground track, negative inside",
     )
     margins: MarginsOfFlights | None = Field(
         None,
-        description=(
-            "stability margins of dispersed flights as metrics; default: margins of the nominal "
-            "vehicle and at the corners of the dispersions"
-        ),
+        description="stability margins of dispersed flights as metrics; default: margins of the "
+        "nominal vehicle and at the corners of the dispersions",
     )
     keep: VehicleKeep = Field(
         VehicleKeep(), description="outputs to store in addition to the metrics of every flight"
     )
     tune: Tune | None = Field(
         None,
-        description=(
-            "free parameters, objective and limits of `abhv-mc tune`; flights do not depend on them"
-        ),
+        description="free parameters, objective and limits of `abhv-mc tune`; flights do not "
+        "depend on them",
     )
     figures: Literal["paper"] | None = Field(
         None,
-        description=(
-            "'paper': the report reproduces the figures of Zhu and Shen (2014) and lists the "
-            "values published there"
-        ),
+        description="'paper': the report reproduces the figures of Zhu and Shen (2014) and lists "
+        "the values published there",
     )
 
 

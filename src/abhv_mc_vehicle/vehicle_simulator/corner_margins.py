@@ -44,8 +44,11 @@ def make_margin_plans(
 
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
-        problem = "stability margins require control surfaces and an engine"
-        raise InputError(model.vehicle, problem, "a vehicle with both")
+        raise InputError(
+            model.vehicle,
+            "stability margins require control surfaces and an engine",
+            "a vehicle with both",
+        )
     sampled = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _LOOKED_AT)))
     margin_plans: dict[str, MarginPlan] = {}
     for name, plan in plans.items():
@@ -99,10 +102,8 @@ def _margins_of(plan: Any, rows: Floats) -> Margins:
 
 # maximum number of parameters for which all corners are computed, and number of random corners that
 # are computed if there are more parameters
-_ALL_CORNERS, _SOME = (
-    6,
-    64,
-)
+_ALL_CORNERS = 6
+_SOME = 64
 _DIGITS = 6
 
 

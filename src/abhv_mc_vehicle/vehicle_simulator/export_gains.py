@@ -39,7 +39,7 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
         if file.suffix == ".mat":
             from scipy.io import savemat
 
-            content = {"time_s": times, "gains": gains, "names": np.array(names, dtype=object)}
+            content = {"time_s": times, "gains": gains, "names": np.array(names, object)}
             savemat(stream, content, oned_as="column")
         elif file.suffix == ".h":
             stream.write(_make_header(plan.controller, names, times, gains).encode())

@@ -147,7 +147,7 @@ def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
         plan,
         declared=declared,
         user_sources=sources,
-        law_parameters=np.array(laws, dtype=np.str_),
+        law_parameters=np.array(laws, np.str_),
     ).lean_for(campaign.varied)
 
 

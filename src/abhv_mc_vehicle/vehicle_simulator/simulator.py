@@ -137,9 +137,11 @@ class VehicleSimulator(Simulator):
         every = round(ticks)
         if every < 1 or abs(ticks - every) > 1e-9 * ticks:
             control = f"the control rate of {1.0 / plan.timing.tick:g} Hz"
-            problem = f"the rate of {rate:g} Hz (keep.{output}.rate) does not divide {control}"
-            expected = "a divisor of the control rate"
-            raise document.error(("keep", output, "rate"), problem, expected)
+            raise document.error(
+                ("keep", output, "rate"),
+                f"the rate of {rate:g} Hz (keep.{output}.rate) does not divide {control}",
+                "a divisor of the control rate",
+            )
         return every
 
     def find_warnings(self, plans: Mapping[str, FlightPlan]) -> list[str]:

@@ -52,10 +52,8 @@ class Limit(StrictModel):
     )
     vehicles: Literal["nominal", "corners"] | None = Field(
         None,
-        description=(
-            "vehicles whose stability margin must meet the limit: only the nominal vehicle "
-            "(default), or also the vehicles at all corners of the dispersions"
-        ),
+        description="vehicles whose stability margin must meet the limit: only the nominal vehicle "
+        "(default), or also the vehicles at all corners of the dispersions",
     )
 
     @property
@@ -148,8 +146,9 @@ class Tune(StrictModel):
                 "quantile"
             )
             key = "validation" if "validation" in self.model_fields_set else "minimise"
-            expected = (
-                f"'validation: {least}' or more, to bound the difference between the quantiles"
+            raise Refusal(
+                problem,
+                f"'validation: {least}' or more, to bound the difference between the quantiles",
+                (key,),
             )
-            raise Refusal(problem, expected, (key,))
         return self

@@ -74,16 +74,13 @@ class MetricEntry(StrictModel):
     )
     limit: Annotated[float, Field(ge=0.0)] | None = Field(
         None,
-        description=(
-            "limit for the *_outside statistics, or smallest change that counts as a reversal, in"
-            " the unit of the quantity in 'of'"
-        ),
+        description="limit for the *_outside statistics, or smallest change that counts as a "
+        "reversal, in the unit of the quantity in 'of'",
     )
     share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = Field(
         None,
-        description=(
-            "for quantile: share of the control ticks at which the value is at most the quantile"
-        ),
+        description="for quantile: share of the control ticks at which the value is at most the "
+        "quantile",
     )
     from_: Time = Field(0.0, alias="from", description="start of the time window")
     to: Time | None = Field(None, description="end of the time window; default: end of the flight")
@@ -92,23 +89,17 @@ class MetricEntry(StrictModel):
     )
     settled: bool = Field(
         False,
-        description=(
-            "whether to exclude each ramp or step of the bank command and the 5 s after it"
-        ),
+        description="whether to exclude each ramp or step of the bank command and the 5 s after it",
     )
     empty: float | None = Field(
         None,
-        description=(
-            "value of the metric if a flight ends before the time window; default: no value, "
-            "which counts as a failure"
-        ),
+        description="value of the metric if a flight ends before the time window; default: no "
+        "value, which counts as a failure",
     )
     bad: Bad | None = Field(
         None,
-        description=(
-            "which values are worse: high, low, or large in magnitude; default: low for "
-            "min, else high"
-        ),
+        description="which values are worse: high, low, or large in magnitude; default: low for "
+        "min, else high",
     )
     unit: str | None = Field(
         None, description="unit of the metric, if it does not follow from the channel or the name"
@@ -212,7 +203,7 @@ def declare_metrics(
 
 def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
     """Return the names and units [channel, 2] of custom channels as stored in plans."""
-    return np.array(user_channels, dtype=np.str_).reshape(-1, 2)
+    return np.array(user_channels, np.str_).reshape(-1, 2)
 
 
 def _record(
@@ -288,11 +279,19 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                         or node.name in FUNCTIONS
                         or node.name in ("min", "max")
                     ):
-                        found_name = f"the name '{node.name}' is reserved by the program"
-                        raise InputError(path, found_name, "another name", node.lineno)
+                        raise InputError(
+                            path,
+                            f"the name '{node.name}' is reserved by the program",
+                            "another name",
+                            node.lineno,
+                        )
                     if len(channels) == MOST_CHANNELS:
-                        expected = f"at most {MOST_CHANNELS} custom channels"
-                        raise InputError(path, "found another channel", expected, node.lineno)
+                        raise InputError(
+                            path,
+                            "found another channel",
+                            f"at most {MOST_CHANNELS} custom channels",
+                            node.lineno,
+                        )
                     channels.append((node.name, str(units[0].value)))
     if not channels:
         raise InputError(

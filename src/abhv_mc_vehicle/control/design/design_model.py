@@ -33,7 +33,7 @@ def slope(function: Callable[[Numbers], Numbers], x: Any) -> Floats:
     ``x`` contains the inputs, which are numbers or arrays [...]; the input of ``function`` has the
     shape [input, step, ...].
     """
-    x = np.array(np.broadcast_arrays(*x), dtype=np.float64)
+    x = np.array(np.broadcast_arrays(*x), np.float64)
     steps = 1j * _STEP * np.eye(len(x)).reshape(len(x), len(x), *[1] * (x.ndim - 1))
     slopes = np.imag(function(x[:, None] + steps)) / _STEP
     return np.ascontiguousarray(np.moveaxis(slopes, (0, 1), (-2, -1)))
@@ -192,7 +192,10 @@ def wrench_at(
     lift, drag, side, rolling, pitching, yawing = evaluate_coefficients(
         vehicle, variables, rows=rows
     )
-    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    sa = np.sin(alpha)
+    ca = np.cos(alpha)
+    sb = np.sin(beta)
+    cb = np.cos(beta)
     forward = (
         np.stack([ca * cb, sb, sa * cb])
         if constants.drag_in_wind_axes
@@ -233,7 +236,10 @@ def attitude_rates(
     """Return the rates of (alpha, beta, bank) for a force and body rates, equation (13)."""
     alpha, beta, bank = angles
     p, q, r = rates
-    sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
+    sa = np.sin(alpha)
+    ca = np.cos(alpha)
+    sb = np.sin(beta)
+    cb = np.cos(beta)
     side = (force[1] * cb - (force[0] * ca + force[2] * sa) * sb) / (mass * speed)
     normal = (force[0] * sa - force[2] * ca) / (mass * speed)
     weight = gravity / speed * np.cos(gamma)
@@ -254,8 +260,6 @@ def body_rate_rates(inertia: Any, moment: Any, rates: Any) -> Numbers:
     inertia, rates = np.asarray(inertia), np.asarray(rates)
     momentum = np.einsum("ij...,j...->i...", inertia, rates)
     torque = np.asarray(moment) - np.cross(rates, momentum, axis=0)
-    matrices, columns = (
-        np.moveaxis(inertia, (0, 1), (-2, -1)),
-        np.moveaxis(torque, 0, -1)[..., None],
-    )
+    matrices = np.moveaxis(inertia, (0, 1), (-2, -1))
+    columns = np.moveaxis(torque, 0, -1)[..., None]
     return np.moveaxis(np.linalg.solve(matrices, columns)[..., 0], -1, 0)

@@ -175,7 +175,7 @@ def _gain(weights: Weights[Any, Any], model: tuple[Floats, Floats], unit: float)
     """Return a regulator's gains in SI units; the weights apply to inputs in ``unit``."""
     A, B = model
     Q, R = (
-        np.diag(np.array([weight for _, weight in pairs], dtype=np.float64))
+        np.diag(np.array([weight for _, weight in pairs], np.float64))
         for pairs in (weights.states, weights.inputs)
     )
     return unit * regulator(A, B * unit, Q, R)

@@ -82,7 +82,7 @@ def trim_along(
         *deflection_range(vehicle, 2),
         searches=2,
     )
-    points = GuidancePoints(*(np.array(x, dtype=np.float64) for x in np.broadcast_arrays(*points)))
+    points = GuidancePoints(*(np.array(x, np.float64) for x in np.broadcast_arrays(*points)))
     solution = np.empty((points.speed.size, 6))
     fixed_equivalence_ratio = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio
     rows = len(TRIM_ROWS)
@@ -211,10 +211,8 @@ def make_track(
     The positions are integrals of the ground speed at altitude.
     """
     forward = half_ticks.speed * np.cos(half_ticks.flight_path_angle)
-    north_speed, east_speed = (
-        forward * np.cos(half_ticks.heading),
-        forward * np.sin(half_ticks.heading),
-    )
+    north_speed = forward * np.cos(half_ticks.heading)
+    east_speed = forward * np.sin(half_ticks.heading)
     latitude = np.full(north_speed.size, mission.start.latitude)
     for _ in range(
         2

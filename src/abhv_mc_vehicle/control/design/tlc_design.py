@@ -85,8 +85,14 @@ def velocity_loop(
     The states are gamma, chi and V; the inputs are alpha, bank and eta.
     """
     c = dict(zip(REFERENCE, reference.T, strict=True))
-    speed, mass, gravity, radius = c["speed"], c["mass"], c["gravity"], c["radius"]
-    gamma, chi, alpha, bank = c["flight_path_angle"], c["heading"], c["angle_of_attack"], c["bank"]
+    speed = c["speed"]
+    mass = c["mass"]
+    gravity = c["gravity"]
+    radius = c["radius"]
+    gamma = c["flight_path_angle"]
+    chi = c["heading"]
+    alpha = c["angle_of_attack"]
+    bank = c["bank"]
     constants = vehicle.constants
     mach = speed / c["sound_speed"]
 
@@ -122,14 +128,12 @@ def velocity_loop(
     normal_eta = thrust_eta * sin_t + lift_eta
     normal_speed = thrust_speed * sin_t + lift_speed
 
-    sg, cg, sx, cx, ss, cs = (
-        np.sin(gamma),
-        np.cos(gamma),
-        np.sin(chi),
-        np.cos(chi),
-        np.sin(bank),
-        np.cos(bank),
-    )
+    sg = np.sin(gamma)
+    cg = np.cos(gamma)
+    sx = np.sin(chi)
+    cx = np.cos(chi)
+    ss = np.sin(bank)
+    cs = np.cos(bank)
     tan_lat = np.tan(c["latitude"])
     momentum = mass * speed
     A = np.zeros((len(reference), 3, 3))
@@ -167,7 +171,7 @@ def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -
     for i, (a1, a2) in enumerate(spectra):
         expected[:, i, 2 * i] += a1
         expected[:, i, 2 * i + 1] += a2
-    return np.asarray(np.linalg.solve(B, expected), dtype=np.float64)
+    return np.asarray(np.linalg.solve(B, expected), np.float64)
 
 
 def _coefficients(

@@ -86,10 +86,8 @@ def make_trim_tables(
     lift, drag, *_ = evaluate_coefficients(vehicle, variables, rows=rows)
     speed = mach * sound_speed
     q_area = 0.5 * density * speed**2 * constants.area
-    thrust, impulse = (
-        thrust_at(vehicle, fixed, eta, density, speed) / q_area,
-        fixed["specific_impulse"],
-    )
+    thrust = thrust_at(vehicle, fixed, eta, density, speed) / q_area
+    impulse = fixed["specific_impulse"]
     # thrust along the body x axis; the component normal to it is added to lift and drag
     if vehicle.foreign.propulsion:
         engine = engine_at(vehicle, variables, density, speed) / q_area

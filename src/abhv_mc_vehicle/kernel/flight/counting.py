@@ -103,7 +103,11 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
     The rows of the metrics in ``O`` start at ``first_row``; ``samples`` [quantile, flight, tick]
     stores the values for quantiles.
     """
-    Z, T, O, lean, programs = memory.Z, memory.T, memory.O, plan.counted.lean, plan.counted.programs
+    Z = memory.Z
+    T = memory.T
+    O = memory.O
+    lean = plan.counted.lean
+    programs = plan.counted.programs
     dt = plan.timing.step * plan.timing.steps_per_tick
     now = tick * dt
     settled = plan.reference[tick, ref.SETTLED] > 0.0
@@ -124,7 +128,9 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
                     if Z[s.COUNTED, lane] > 0.0:
                         samples[quantile, flights[lane], tick] = T[value, lane]
             row = natural(first_row + MAX_LEAN + ROWS * m)
-            statistic, limit, factor = programs.statistic[m], programs.limit[m], programs.factor[m]
+            statistic = programs.statistic[m]
+            limit = programs.limit[m]
+            factor = programs.factor[m]
             count_value(O, row, T[value], Z[s.COUNTED], statistic, limit, factor, tick, dt, width)
         quantile += 1 if programs.statistic[m] == _QUANTILE else 0
 
@@ -205,7 +211,11 @@ def calculate(Z, T, instruction, constant, width):
 @lanes
 def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, width):
     """Add a sample to a metric computed by a program, in the counted lanes."""
-    a, b, c, last, count = O[row], O[row + _B], O[row + _C], O[row + _TICK], O[row + _COUNT]
+    a = O[row]
+    b = O[row + _B]
+    c = O[row + _C]
+    last = O[row + _TICK]
+    count = O[row + _COUNT]
     now = float(tick)
     if statistic in (_MIN, _MAX, _PEAK):
         for lane in range(width):
@@ -270,7 +280,9 @@ def finish_counting(O, lane, counted, samples, dt, first_row, out):
         )
     for m in range(programs.statistic.size):
         row = natural(first_row + MAX_LEAN + ROWS * m)
-        a, b, count = O[row, lane], O[row + _B, lane], O[row + _COUNT, lane]
+        a = O[row, lane]
+        b = O[row + _B, lane]
+        count = O[row + _COUNT, lane]
         last = (O[row + _TICK, lane] - 1.0) * dt
         value = finish_value(
             programs.statistic[m], a, b, count, programs.start[m], last, programs.empty[m]

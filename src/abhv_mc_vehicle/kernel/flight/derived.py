@@ -89,17 +89,17 @@ def derive(Z, width, reference, vehicle, tick):
         Z[STAGNATION_HEAT_FLUX_W_M2, lane] = heat_flux(
             Z[s.RHO, lane], Z[s.AIRSPEED, lane], constants.nose_radius
         )
-        x, y, z = Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane]
+        x = Z[s.SPECIFIC_X, lane]
+        y = Z[s.SPECIFIC_Y, lane]
+        z = Z[s.SPECIFIC_Z, lane]
         Z[LOAD_FACTOR_G, lane] = math.sqrt(x * x + y * y + z * z) / _G0
         chi = Z[s.CHI, lane]
         Z[HEADING_DEG, lane] = (chi if chi >= 0.0 else chi + 2.0 * math.pi) * _DEG
         Z[HEADING_ERROR_DEG, lane] = wrap(chi - reference[tick, ref.HEADING]) * _DEG
         Z[ALTITUDE_ERROR_M, lane] = Z[X + s.ALTITUDE, lane] - reference[tick, ref.ALTITUDE]
         Z[SPEED_ERROR_MPS, lane] = Z[s.SPEED, lane] - reference[tick, ref.SPEED]
-        north, east = (
-            Z[s.NORTH, lane] - reference[tick, ref.NORTH],
-            Z[s.EAST, lane] - reference[tick, ref.EAST],
-        )
+        north = Z[s.NORTH, lane] - reference[tick, ref.NORTH]
+        east = Z[s.EAST, lane] - reference[tick, ref.EAST]
         Z[CROSS_TRACK_M, lane] = (
             north * reference[0, ref.TRACK_NORTH] + east * reference[0, ref.TRACK_EAST]
         )

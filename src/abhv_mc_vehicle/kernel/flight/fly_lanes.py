@@ -160,10 +160,8 @@ def instruments(plan, Z, width, active, tick, evaluated):
 
     ``evaluated`` is true if the forces at the tick's state have already been evaluated.
     """
-    sensing, more = (
-        plan.vehicle.constants.sensing,
-        plan.user_code.more > 0 or active.sensor_errors.changed,
-    )
+    sensing = plan.vehicle.constants.sensing
+    more = plan.user_code.more > 0 or active.sensor_errors.changed
     dynamic = plan.user_code.dynamics != 0
     against_air = active.windy and sensing.angle_of_attack + sensing.sideslip + sensing.speed > 0
     if active.windy and (against_air or more) and not evaluated:
@@ -216,7 +214,9 @@ def measure(plan, memory, width, active, tick, evaluated):
 @lanes
 def evaluate(plan, memory, width, stage, active):
     """Evaluate one Runge-Kutta stage at the state ``XS``."""
-    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    Z = memory.Z
+    T = memory.T
+    vehicle = plan.vehicle
     if active is not None and active.windy:
         move_air(Z, width, plan.profile)
     air_data(Z, width, vehicle, plan.earth, active is not None and active.warm)
@@ -276,12 +276,10 @@ def control(plan, memory, width, law, active, tick):
 @lanes
 def observe_tick(plan, memory, results, width, active, flights, n, tick):
     """Check limits and update metrics of ``flights`` in the first ``n`` lanes at a tick."""
-    Z, O, reference, dt = (
-        memory.Z,
-        memory.O,
-        plan.reference,
-        plan.timing.step * plan.timing.steps_per_tick,
-    )
+    Z = memory.Z
+    O = memory.O
+    reference = plan.reference
+    dt = plan.timing.step * plan.timing.steps_per_tick
     inlet = plan.vehicle.constants.inlet
     if active is not None and inlet.unstarts > 0.0:
         watch_inlet(Z, width, inlet, tick * plan.timing.step * plan.timing.steps_per_tick)
@@ -327,7 +325,9 @@ def bin_tick(plan, memory, results, width, tick, first, last):
 @lanes
 def begin_control(plan, memory, width, law, active, tick, evaluated):
     """Compute measurement, commands and failures at a control tick."""
-    Z, A, tick_length = memory.Z, memory.A, plan.timing.step * plan.timing.steps_per_tick
+    Z = memory.Z
+    A = memory.A
+    tick_length = plan.timing.step * plan.timing.steps_per_tick
     measure(plan, memory, width, active, tick, evaluated)
     control(plan, memory, width, law, active, tick)
     pass_commands(Z, width)
@@ -366,13 +366,11 @@ def keeps_forces(plan, law, active):
 @lanes
 def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n):
     """Simulate a group of flights from ``first_tick`` to the tick before ``end``."""
-    Z, O, A, step, steps_per_tick = (
-        memory.Z,
-        memory.O,
-        memory.A,
-        plan.timing.step,
-        plan.timing.steps_per_tick,
-    )
+    Z = memory.Z
+    O = memory.O
+    A = memory.A
+    step = plan.timing.step
+    steps_per_tick = plan.timing.steps_per_tick
     first, once = 0, False
     if active is not None and senses_forces(plan):
         # Forces are evaluated before the measurement; the first stage reuses them if possible.
@@ -431,7 +429,9 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     other flights continue. Groups are simulated in turn for ``COMPACTION`` ticks; the flights that
     have not ended are then distributed to new groups.
     """
-    saved, order, keeps = memory.saved, memory.order, results.saved.shape[1] > 0
+    saved = memory.saved
+    order = memory.order
+    keeps = results.saved.shape[1] > 0
     O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
     driven, custom = count_driven(plan.vehicle) > 0, has_functions(plan)
     own = plan.user_code.address != 0

@@ -60,11 +60,9 @@ def check_limits(Z, O, width, observed, states, tick):
     for lane in range(width):
         Z[VERDICT, lane] = 0.0
     for i in range(observed.limit_row.size):
-        low, high, outcome = (
-            observed.limit_low[i],
-            observed.limit_high[i],
-            observed.limit_outcome[i],
-        )
+        low = observed.limit_low[i]
+        high = observed.limit_high[i]
+        outcome = observed.limit_outcome[i]
         check_limit(Z[VERDICT], Z[natural(observed.limit_row[i])], low, high, outcome, width)
     for lane in range(width):
         alive = O[ALIVE, lane]

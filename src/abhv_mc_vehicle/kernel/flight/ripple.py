@@ -43,11 +43,9 @@ def watch_sides(Z, width, row, error, factor, share, tick):
     """
     changes = 0.0
     for lane in range(width):
-        value, mean, farthest = (
-            Z[error, lane] * factor,
-            Z[row + MEAN, lane],
-            Z[row + FARTHEST, lane],
-        )
+        value = Z[error, lane] * factor
+        mean = Z[row + MEAN, lane]
+        farthest = Z[row + FARTHEST, lane]
         farther = (value - farthest) * (
             farthest - mean
         ) > 0.0  # Compare before updating the mean, which may pass the farthest point.

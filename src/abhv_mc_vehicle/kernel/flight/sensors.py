@@ -101,7 +101,9 @@ def lag_and_scale(Z, width, active, dt, tick):
             if _TURNS[i]:
                 late = wrap(late)
             late = late if lag > 0.0 and tick > 0 else true
-            Z[TRUE + i, lane], Z[LATE + i, lane], Z[MEASURED + i, lane] = true, late, late
+            Z[TRUE + i, lane] = true
+            Z[LATE + i, lane] = late
+            Z[MEASURED + i, lane] = late
     for i in range(len(_SCALED) if active.accelerations else _N_SCALED):
         row = i + (_SCALE if i < _N_SCALED else _LATER_SCALE)
         for lane in range(width):

@@ -36,13 +36,13 @@ def start_flights(Z, width, initial_state):
     for lane in range(width):
         for i in range(s.N_STATES):
             Z[X + i, lane] = initial_state[i]
-        u, v, w = initial_state[s.U], initial_state[s.V], initial_state[s.W]
-        q0, q1, q2, q3 = (
-            initial_state[s.Q0],
-            initial_state[s.Q1],
-            initial_state[s.Q2],
-            initial_state[s.Q3],
-        )
+        u = initial_state[s.U]
+        v = initial_state[s.V]
+        w = initial_state[s.W]
+        q0 = initial_state[s.Q0]
+        q1 = initial_state[s.Q1]
+        q2 = initial_state[s.Q2]
+        q3 = initial_state[s.Q3]
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
         speed = math.sqrt(u * u + v * v + w * w)
         level = math.sqrt(v_n * v_n + v_e * v_e)
@@ -99,7 +99,10 @@ def face_air(Z, width):
     The velocity of the air is read from the lane memory.
     """
     for lane in range(width):
-        q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
+        q0 = Z[X + s.Q0, lane]
+        q1 = Z[X + s.Q1, lane]
+        q2 = Z[X + s.Q2, lane]
+        q3 = Z[X + s.Q3, lane]
         v_n, v_e, v_d = rotate_to_ned(
             q0, q1, q2, q3, Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         )
@@ -110,7 +113,12 @@ def face_air(Z, width):
         sine, cosine = sincos(0.5 * atan2(v_n * a_e - v_e * a_n, v_n * a_n + v_e * a_e))
         q0, q1, q2, q3 = multiply(cosine, 0.0, 0.0, sine, q0, q1, q2, q3)
         u, v, w = rotate_to_body(q0, q1, q2, q3, v_n, v_e, v_d)
-        Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane] = u, v, w
-        Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane] = q0, q1, q2, q3
+        Z[X + s.U, lane] = u
+        Z[X + s.V, lane] = v
+        Z[X + s.W, lane] = w
+        Z[X + s.Q0, lane] = q0
+        Z[X + s.Q1, lane] = q1
+        Z[X + s.Q2, lane] = q2
+        Z[X + s.Q3, lane] = q3
         for i in range(s.U, s.Q3 + 1):
             Z[XS + i, lane] = Z[X + i, lane]

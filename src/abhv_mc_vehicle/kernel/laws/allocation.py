@@ -20,7 +20,9 @@ def force_of(Z, lane, constants, q_bar, row, stride):
     The coefficients are in the rows ``row``, ``row + stride``, ...
     """
     flow = sincos(Z[s.V_ALPHA, lane]) + sincos(Z[s.V_BETA, lane])
-    lift, drag, side = Z[row, lane], Z[row + stride, lane], Z[row + 2 * stride, lane]
+    lift = Z[row, lane]
+    drag = Z[row + stride, lane]
+    side = Z[row + 2 * stride, lane]
     return aerodynamic_force(constants, q_bar, lift, drag, side, flow)
 
 
@@ -30,7 +32,9 @@ def moment_about_cg(Z, lane, constants, q_bar, row, stride, fx, fy, fz):
 
     The force (N) acts at the moment reference.
     """
-    q_s, cg_x, cg_z = q_bar * constants.area, Z[s.CG_X, lane], Z[s.CG_Z, lane]
+    q_s = q_bar * constants.area
+    cg_x = Z[s.CG_X, lane]
+    cg_z = Z[s.CG_Z, lane]
     return (
         q_s * constants.span * Z[row + 3 * stride, lane] + cg_z * fy,
         q_s * constants.chord * Z[row + 4 * stride, lane] + cg_x * fz - cg_z * fx,

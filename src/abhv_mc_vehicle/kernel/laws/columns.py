@@ -57,7 +57,10 @@ TLC_GAINS = (
         for a in ("a1", "a2")
     ),
 )
-TLC_K1, TLC_K2, TLC_ATTITUDE, TLC_RATE = 0, 2, 20, 26
+TLC_K1 = 0
+TLC_K2 = 2
+TLC_ATTITUDE = 20
+TLC_RATE = 26
 _LIMITS = (  # limits of the commands, rad; all effectors can follow the limited deflections
     *("angle_of_attack_min", "angle_of_attack_max", "bank_max"),
     *(f"{axis}_{end}" for axis in ("aileron", "rudder", "elevator") for end in ("min", "max")),
@@ -80,7 +83,9 @@ LQR_GAINS = (
         for name in ("bank", "sideslip", "roll_rate", "yaw_rate")
     ),
 )
-LQR_GUIDANCE, LQR_ELEVATOR, LQR_LATERAL = 0, 12, 14
+LQR_GUIDANCE = 0
+LQR_ELEVATOR = 12
+LQR_LATERAL = 14
 LQR_SETTINGS = _LIMITS
 
 # Gains of a replay: deflections and equivalence ratio, then their slopes until the next tick.

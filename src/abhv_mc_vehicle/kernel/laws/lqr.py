@@ -15,7 +15,9 @@ from abhv_mc_vehicle.kernel.plant import state as s
 @lanes
 def lqr_tick(plan, memory, width, tick):
     """Compute the commands from the measurement at a control tick."""
-    Z, reference, settings = memory.Z, plan.reference, plan.settings
+    Z = memory.Z
+    reference = plan.reference
+    settings = plan.settings
     constants = plan.vehicle.constants
     k = plan.gains[tick]
     gravitational_parameter = plan.earth.gravitational_parameter

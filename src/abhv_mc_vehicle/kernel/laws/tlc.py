@@ -135,14 +135,16 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
     constants = vehicle.constants
     mass = reference[k, ref.MASS]
     wd_attitude, wd_rate = settings[0], settings[1]
-    aileron_min, aileron_max, rudder_min = settings[5], settings[6], settings[7]
-    rudder_max, elevator_min, elevator_max = settings[8], settings[9], settings[10]
+    aileron_min = settings[5]
+    aileron_max = settings[6]
+    rudder_min = settings[7]
+    rudder_max = settings[8]
+    elevator_min = settings[9]
+    elevator_max = settings[10]
     decay_attitude, decay_rate = exp(-wd_attitude * dt), exp(-wd_rate * dt)
     g = gains[k]
-    attitude_spectrum, rate_spectrum = (
-        Spectrum(*six_from(g, TLC_ATTITUDE)),
-        Spectrum(*six_from(g, TLC_RATE)),
-    )
+    attitude_spectrum = Spectrum(*six_from(g, TLC_ATTITUDE))
+    rate_spectrum = Spectrum(*six_from(g, TLC_RATE))
     for lane in range(width):
         speed = Z[s.M_SPEED, lane]
         q_bar = 0.5 * Z[RHO_NOM, lane] * speed * speed
@@ -283,7 +285,9 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
 @lanes
 def nominal_forces(plan, memory, width, active):
     """Compute the nominal vehicle's coefficients, thrust and FIXED_TABLE_ROWS."""
-    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    Z = memory.Z
+    T = memory.T
+    vehicle = plan.vehicle
     look_up(Z, T, width, vehicle.tables, memory.cells)
     if active is not None and plan.user_code.propulsion != 0:
         nominal_thrust(Z, width, vehicle, plan.user_code, RHO_NOM, s.M_SPEED)
@@ -296,7 +300,9 @@ def nominal_forces(plan, memory, width, active):
 @lanes
 def nominal_vehicle(plan, memory, width, active):
     """Call :func:`nominal_forces`; store coefficient slopes in rows starting at ``SLOPES``."""
-    Z, T, vehicle = memory.Z, memory.T, plan.vehicle
+    Z = memory.Z
+    T = memory.T
+    vehicle = plan.vehicle
     nominal_forces(plan, memory, width, active)
     if active is not None and plan.user_code.aerodynamics != 0:
         nominal_slopes(Z, width, vehicle, plan.user_code, SLOPES)
@@ -311,13 +317,11 @@ def tlc_tick(plan, memory, width, active, tick):
 
     ``active`` is None for vehicles without custom functions.
     """
-    Z, vehicle, reference, gains, settings = (
-        memory.Z,
-        plan.vehicle,
-        plan.reference,
-        plan.gains,
-        plan.settings,
-    )
+    Z = memory.Z
+    vehicle = plan.vehicle
+    reference = plan.reference
+    gains = plan.gains
+    settings = plan.settings
     dt = plan.timing.step * plan.timing.steps_per_tick
     tlc_guidance(Z, width, vehicle, reference, gains, settings, tick, dt)
     nominal_variables(Z, width, vehicle, reference, tick)

@@ -80,7 +80,10 @@ def attitude_gains(point, p, r, spectrum):
 
     ``p`` and ``r`` are the nominal rates from :func:`attitude_inverse`.
     """
-    sa, ca, ss, cs = point.sin_alpha, point.cos_alpha, point.sin_bank, point.cos_bank
+    sa = point.sin_alpha
+    ca = point.cos_alpha
+    ss = point.sin_bank
+    cs = point.cos_bank
     roll = p * ca + r * sa
     gravity = point.gravity_speed * point.cos_gamma
     slope = point.normal_force_slope / point.mass_speed
@@ -99,18 +102,12 @@ def attitude_gains(point, p, r, spectrum):
     bank_by_bank = point.tan_gamma * (normal * cs - side * ss) + spectrum.a2_2
 
     # B = [[0, 1, 0], [sin a, 0, -cos a], [cos a, 0, sin a]] rotates beta and bank by alpha.
-    p_by_alpha, r_by_alpha = (
-        sa * beta_by_alpha + ca * bank_by_alpha,
-        sa * bank_by_alpha - ca * beta_by_alpha,
-    )
-    p_by_beta, r_by_beta = (
-        sa * beta_by_beta + ca * bank_by_beta,
-        sa * bank_by_beta - ca * beta_by_beta,
-    )
-    p_by_bank, r_by_bank = (
-        sa * beta_by_bank + ca * bank_by_bank,
-        sa * bank_by_bank - ca * beta_by_bank,
-    )
+    p_by_alpha = sa * beta_by_alpha + ca * bank_by_alpha
+    r_by_alpha = sa * bank_by_alpha - ca * beta_by_alpha
+    p_by_beta = sa * beta_by_beta + ca * bank_by_beta
+    r_by_beta = sa * bank_by_beta - ca * beta_by_beta
+    p_by_bank = sa * beta_by_bank + ca * bank_by_bank
+    r_by_bank = sa * bank_by_bank - ca * beta_by_bank
     return (
         (0.0, p_by_alpha, sa * spectrum.a1_1, p_by_beta, ca * spectrum.a1_2, p_by_bank),
         (spectrum.a1_0, alpha_by_alpha, 0.0, alpha_by_beta, 0.0, alpha_by_bank),
@@ -133,7 +130,10 @@ def moment_inverse(inertia, p, q, r, p_dot, q_dot, r_dot):
 @scalar
 def rate_gains(inertia, p, q, r, spectrum):
     """Return the gains K4 of eq. (18); the column of each rate follows that of its integral."""
-    jx, jy, jz, j13 = inertia.xx, inertia.yy, inertia.zz, inertia.e13
+    jx = inertia.xx
+    jy = inertia.yy
+    jz = inertia.zz
+    j13 = inertia.e13
     roll_by_p, roll_by_q = jx * spectrum.a2_0 - j13 * q, -(jz - jy) * r - j13 * p
     pitch_by_p, pitch_by_r = -(jx - jz) * r + 2.0 * j13 * p, -(jx - jz) * p - 2.0 * j13 * r
     yaw_by_p, yaw_by_q = j13 * spectrum.a2_0 - (jy - jx) * q, -(jy - jx) * p + j13 * r

@@ -95,13 +95,17 @@ def look_up_trim(Z, W, trim, cells, alpha_row, eta_row, first_row):
     follow(Z, W, s.V_MACH, trim, 0, cells)
     follow(Z, W, alpha_row, trim, 1, cells)
     follow(Z, W, eta_row, trim, 2, cells)
-    s0, s1, s2 = trim.group_stride[0, 0], trim.group_stride[0, 1], trim.group_stride[0, 2]
+    s0 = trim.group_stride[0, 0]
+    s1 = trim.group_stride[0, 1]
+    s2 = trim.group_stride[0, 2]
     start = trim.group_start[0]
     for lane in range(W):
         corner = (
             start + cells.cell[0, lane] * s0 + cells.cell[1, lane] * s1 + cells.cell[2, lane] * s2
         )
-        t0, t1, t2 = cells.fraction[0, lane], cells.fraction[1, lane], cells.fraction[2, lane]
+        t0 = cells.fraction[0, lane]
+        t1 = cells.fraction[1, lane]
+        t2 = cells.fraction[2, lane]
         blend(
             trim.data,
             corner,
@@ -130,7 +134,10 @@ MAX_ITERATIONS = 100
 _NEAR_ALPHA, _NEAR_ETA = np.deg2rad(0.25), 0.02
 
 # Flags that are added to the status, which is 0 if all three equations are satisfied.
-NO_EQUIVALENCE_RATIO, NO_ANGLE_OF_ATTACK, NO_BANK, NO_ELEVATOR = 1, 2, 4, 8
+NO_EQUIVALENCE_RATIO = 1
+NO_ANGLE_OF_ATTACK = 2
+NO_BANK = 4
+NO_ELEVATOR = 8
 
 
 class GuidancePoints(NamedTuple):
@@ -186,12 +193,12 @@ class Cut(NamedTuple):
 def _cut_at_mach(tables, mach, cut):
     """Interpolate the trim tables at a Mach number; store the result in ``cut.plane``."""
     start, length = tables.axis_start[0], tables.axis_length[0]
-    nodes, inverse_step = (
-        tables.grid[start : start + length],
-        tables.inverse_step[start : start + length],
-    )
+    nodes = tables.grid[start : start + length]
+    inverse_step = tables.inverse_step[start : start + length]
     i, s = bracket(nodes, inverse_step, length, 0, mach)
-    s0, s1, s2 = tables.group_stride[0, 0], tables.group_stride[0, 1], tables.group_stride[0, 2]
+    s0 = tables.group_stride[0, 0]
+    s1 = tables.group_stride[0, 1]
+    s2 = tables.group_stride[0, 2]
     for j in range(cut.alpha.size):
         for k in range(cut.eta.size):
             corner = tables.group_start[0] + i * s0 + j * s1 + k * s2
@@ -294,11 +301,9 @@ def _eta_residual(eta, near_alpha, margin, cut, expected, bounds):
 def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
     """Solve all three equations; return equivalence ratio and status."""
     low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)
-    root, status, arguments = (
-        near,
-        NO_SIGN_CHANGE,
-        (near_alpha, alpha_margin, cut, expected, bounds),
-    )
+    root = near
+    status = NO_SIGN_CHANGE
+    arguments = (near_alpha, alpha_margin, cut, expected, bounds)
     for _ in range(bounds.searches):
         root, _, status = _brent_eta(
             _eta_residual, arguments, low, high, X_TOLERANCE, MAX_ITERATIONS
@@ -312,16 +317,14 @@ def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
 @kernel
 def fill_trim(tables, constants, points, mass, tick, fixed_eta, warm, bounds, cut, solution):
     """Compute the ``solution`` [point, 6] of ``control.design.guidance_trim.trim_along``."""
-    near_eta, eta_margin = (
-        0.5 * (bounds.eta_low + bounds.eta_high),
-        bounds.eta_high - bounds.eta_low,
-    )
-    near_alpha, alpha_margin = (
-        0.5 * (bounds.alpha_low + bounds.alpha_high),
-        bounds.alpha_high - bounds.alpha_low,
-    )
+    near_eta = 0.5 * (bounds.eta_low + bounds.eta_high)
+    eta_margin = bounds.eta_high - bounds.eta_low
+    near_alpha = 0.5 * (bounds.alpha_low + bounds.alpha_high)
+    alpha_margin = bounds.alpha_high - bounds.alpha_low
     for k in range(points.speed.size):
-        speed, gamma, chi = points.speed[k], points.flight_path_angle[k], points.heading[k]
+        speed = points.speed[k]
+        gamma = points.flight_path_angle[k]
+        chi = points.heading[k]
         gravity, radius = points.gravity[k], points.radius[k]
         cos_gamma = np.cos(gamma)
         turn = speed * speed * cos_gamma * np.sin(chi) * np.tan(points.latitude[k]) / radius
@@ -356,7 +359,10 @@ def fill_trim(tables, constants, points, mass, tick, fixed_eta, warm, bounds, cu
         solution[k, 4] = mass
         solution[k, 5] = status
         if warm:
-            near_eta, eta_margin, near_alpha, alpha_margin = eta, _NEAR_ETA, alpha, _NEAR_ALPHA
+            near_eta = eta
+            eta_margin = _NEAR_ETA
+            near_alpha = alpha
+            alpha_margin = _NEAR_ALPHA
         if tick > 0.0:
             thrust = expected.q_area * _look_up(alpha, THRUST, cut)
             impulse = _look_up(alpha, IMPULSE, cut)  # zero for an engine that does not run

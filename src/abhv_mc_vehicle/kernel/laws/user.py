@@ -32,7 +32,10 @@ MEMORY = FAULT + 1
 ONBOARD = (
     MEMORY + MAX_MEMORY
 )  # rows in the order of abhv_mc_vehicle.user_code.law_interface.Onboard
-_MOMENT, _LIFT, _SLOPES, _INERTIA = ONBOARD + 3, ONBOARD + 15, ONBOARD + 18, ONBOARD + 24
+_MOMENT = ONBOARD + 3
+_LIFT = ONBOARD + 15
+_SLOPES = ONBOARD + 18
+_INERTIA = ONBOARD + 24
 N_ONBOARD = 28
 CHANNEL = ONBOARD + N_ONBOARD  # custom channels
 MAX_CHANNELS = 16
@@ -49,7 +52,9 @@ _STEP = 1e-6
 def call_user(plan, memory, tick):
     """Call custom code at a control tick: a control law, or a filter of the measurement."""
     code, dt = plan.user_code, plan.timing.step * plan.timing.steps_per_tick
-    reference, gains, settings = plan.reference, plan.gains, plan.settings
+    reference = plan.reference
+    gains = plan.gains
+    settings = plan.settings
     call_address(code.address, code.context, memory.Z, reference, gains, settings, tick, dt)
 
 
@@ -73,7 +78,9 @@ def finish_commands(Z, width, constants, effectors, reference, tick):
     """Limit the commands to the vehicle's range; a command that is not finite ends the flight."""
     limit = constants.surface_limit
     for lane in range(width):
-        path, alpha, bank = Z[s.GAMMA_CMD, lane], Z[s.ALPHA_CMD, lane], Z[s.BANK_CMD, lane]
+        path = Z[s.GAMMA_CMD, lane]
+        alpha = Z[s.ALPHA_CMD, lane]
+        bank = Z[s.BANK_CMD, lane]
         path = reference[tick, ref.FLIGHT_PATH_ANGLE] if path == math.inf else path
         alpha = reference[tick, ref.ANGLE_OF_ATTACK] if alpha == math.inf else alpha
         bank = reference[tick, ref.BANK] if bank == math.inf else bank
@@ -129,12 +136,18 @@ def nominal_onboard(plan, memory, width, tick):
                 Z[ONBOARD + 1, lane] = density
                 Z[ONBOARD + 2, lane] = q_bar
                 m_x, m_y, m_z = nominal_moment(Z, lane, constants, density, q_bar, speed)
-                Z[_MOMENT, lane], Z[_MOMENT + 1, lane], Z[_MOMENT + 2, lane] = m_x, m_y, m_z
+                Z[_MOMENT, lane] = m_x
+                Z[_MOMENT + 1, lane] = m_y
+                Z[_MOMENT + 2, lane] = m_z
                 for i in range(3):
                     m_x, m_y, m_z = moment_slope(Z, lane, constants, q_bar, SLOPES, i)
                     row = _MOMENT + 3 + 3 * i
-                    Z[row, lane], Z[row + 1, lane], Z[row + 2, lane] = m_x, m_y, m_z
-                Z[_LIFT, lane], Z[_LIFT + 1, lane], Z[_LIFT + 2, lane] = lift, drag, force
+                    Z[row, lane] = m_x
+                    Z[row + 1, lane] = m_y
+                    Z[row + 2, lane] = m_z
+                Z[_LIFT, lane] = lift
+                Z[_LIFT + 1, lane] = drag
+                Z[_LIFT + 2, lane] = force
                 Z[_INERTIA, lane], Z[_INERTIA + 1, lane] = (
                     Z[s.INERTIA_XX, lane],
                     Z[s.INERTIA_YY, lane],

@@ -40,15 +40,21 @@ def brent(
     """
     # b is the best point so far, c the other end of the bracket, and a the previous b.
     # With a single call site, the function is compiled only once.
-    a, b, c = low, low, low
-    fa, fb, fc = 0.0, 0.0, 0.0
+    a = low
+    b = low
+    c = low
+    fa = 0.0
+    fb = 0.0
+    fc = 0.0
     step, before = 0.0, 0.0
     iterations = -2
     while True:
         fb = function(b, *arguments)
         iterations += 1
         if iterations == -1:
-            a, fa, b = low, fb, high
+            a = low
+            fa = fb
+            b = high
             continue
         if iterations == 0:
             if fa == 0.0:

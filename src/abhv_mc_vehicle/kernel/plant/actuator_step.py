@@ -25,7 +25,9 @@ KINDS = ("second_order", "first_order", "ideal")
 SECOND_ORDER, FIRST_ORDER, IDEAL = range(len(KINDS))
 # number of axes, whose actuators come first; index of the engine's actuator; index of the first
 # effector's actuator
-AXES, ENGINE, FIRST_EFFECTOR = 3, 3, 4
+AXES = 3
+ENGINE = 3
+FIRST_EFFECTOR = 4
 
 SUBSTEPS = 16  # number of short steps per integrator step
 _TERMS = 40  # number of terms in the series of the matrix exponential
@@ -56,7 +58,10 @@ def transition(stiffness, friction, step):
 
     Matrices are given by rows; the integral is taken over the step.
     """
-    e11, e12, e21, e22 = 1.0, 0.0, 0.0, 1.0
+    e11 = 1.0
+    e12 = 0.0
+    e21 = 0.0
+    e22 = 1.0
     i11, i12 = 1.0, 0.0
     # Both series are evaluated by Horner's scheme, I + A step / k (I + ...); the series of the
     # integral has k + 1 instead of k.

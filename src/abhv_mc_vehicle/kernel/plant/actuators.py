@@ -97,9 +97,13 @@ def actuator_rows(i):
             ahead=first + AHEAD,
             block=first + BLOCK,
         )
-    position, rate, block = s.AILERON + i, s.AILERON_RATE + i, s.ACTUATORS
+    position = s.AILERON + i
+    rate = s.AILERON_RATE + i
+    block = s.ACTUATORS
     if i == ENGINE:
-        position, rate, block = s.ETA, s.ETA_RATE, s.ACTUATORS + N_ACTUATOR_ROWS
+        position = s.ETA
+        rate = s.ETA_RATE
+        block = s.ACTUATORS + N_ACTUATOR_ROWS
     return Actuator(
         position=X + position,
         rate=X + rate,
@@ -168,7 +172,9 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
     """
     slow, block = 0, rows.block
     for lane in range(width):
-        position, rate, command = Z[rows.position, lane], Z[rows.rate, lane], Z[rows.command, lane]
+        position = Z[rows.position, lane]
+        rate = Z[rows.rate, lane]
+        command = Z[rows.command, lane]
         error = position - command
         middle = command + (Z[block + MIDDLE, lane] * error + Z[block + MIDDLE + 1, lane] * rate)
         end = command + (Z[block + END, lane] * error + Z[block + END + 1, lane] * rate)
@@ -188,7 +194,9 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
         return
     short = step / SUBSTEPS
     for lane in range(width):
-        start, rate, command = Z[rows.position, lane], Z[rows.rate, lane], Z[rows.command, lane]
+        start = Z[rows.position, lane]
+        rate = Z[rows.rate, lane]
+        command = Z[rows.command, lane]
         reach = Z[block + REACH, lane] * abs(rate) + Z[block + REACH + 1, lane] * abs(
             start - command
         )
@@ -275,7 +283,9 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
     """
     short, block = step / SUBSTEPS, rows.block
     for lane in range(low.size):
-        surface, rate, command = M[rows.position, lane], M[rows.rate, lane], M[rows.command, lane]
+        surface = M[rows.position, lane]
+        rate = M[rows.rate, lane]
+        command = M[rows.command, lane]
         half, start = play[lane], M[rows.position, lane]
         position = surface + clamp(M[rows.ahead, lane], -half, half)
         response = Response(
@@ -288,7 +298,9 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
         )
         total = 0.0
         for _ in range(SUBSTEPS):
-            before, before_rate, ahead = position, rate, position - surface
+            before = position
+            before_rate = rate
+            ahead = position - surface
             position, rate, integral = slack_step(
                 position,
                 rate,
@@ -321,7 +333,9 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
     Ideal actuators keep their positions. If ``active`` is None, no actuator has slack
     (:func:`has_slack`).
     """
-    low, high, rate_limit = Z[s.LIMITS], Z[s.LIMITS + 1], Z[s.LIMITS + 2]
+    low = Z[s.LIMITS]
+    high = Z[s.LIMITS + 1]
+    rate_limit = Z[s.LIMITS + 2]
     for i in range(first, last):
         rows = actuator_rows(i)
         if actuators[i, KIND] == IDEAL and not recorded:
@@ -339,7 +353,9 @@ def run_actuators(Z, M, width, actuators, first, last, step, recorded, active):
             for lane in range(width):
                 rate_limit[lane] = fastest * Z[s.K_RATE, lane] * M[rows.slowed, lane]
         if active is not None and has_slack(actuators, i) and not recorded:
-            zone, play, bandwidth = Z[s.LIMITS + 3], Z[s.LIMITS + 4], Z[s.LIMITS + 5]
+            zone = Z[s.LIMITS + 3]
+            play = Z[s.LIMITS + 4]
+            bandwidth = Z[s.LIMITS + 5]
             find_slack(Z, width, actuators, i, zone, play)
             factor = s.K_ENGINE_BANDWIDTH if i == ENGINE else s.K_BANDWIDTH
             lags = actuators[i, KIND] == FIRST_ORDER

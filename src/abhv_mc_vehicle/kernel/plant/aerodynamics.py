@@ -68,9 +68,13 @@ def find_cells(Z, W, tables, cells):
         inverse_step = tables.inverse_step[start : start + length]
         cell = natural(cells.lowest[a])
         last = min(cell + 2, length - 1)
-        left, middle, right = grid[cell], grid[cell + 1], grid[last]
+        left = grid[cell]
+        middle = grid[cell + 1]
+        right = grid[last]
         per_left, per_right = inverse_step[cell], inverse_step[cell + 1]
-        elsewhere, some_below, some_above = False, False, False
+        elsewhere = False
+        some_below = False
+        some_above = False
         for lane in range(W):
             x = Z[variable, lane]
             above = x >= middle
@@ -112,11 +116,17 @@ def interpolate_groups(T, W, tables, cells):
     corner values and the loop over contiguous tables is vectorized. The results are bit-identical;
     a shared cell halves the computing time.
     """
-    data, fraction, weight = tables.data, cells.fraction, cells.weight
+    data = tables.data
+    fraction = cells.fraction
+    weight = cells.weight
     for g in range(tables.group_start.size):
         axis, stride = tables.group_axis[g], tables.group_stride[g]
-        a0, a1, a2 = natural(axis[0]), natural(axis[1]), natural(axis[2])
-        s0, s1, s2 = natural(stride[0]), natural(stride[1]), natural(stride[2])
+        a0 = natural(axis[0])
+        a1 = natural(axis[1])
+        a2 = natural(axis[2])
+        s0 = natural(stride[0])
+        s1 = natural(stride[1])
+        s2 = natural(stride[2])
         start = natural(tables.group_start[g])
         row = natural(tables.group_row[g])
         used = natural(tables.group_used[g])
@@ -137,20 +147,16 @@ def interpolate_groups(T, W, tables, cells):
             set_weights(weight, fraction, a0, a1, W)
             # Tables are processed in pairs, because padding makes their number even.
             for k in range(0, used, 2):
-                corners, corners_2 = (
-                    corners_of(data, c + k, s0, s1),
-                    corners_of(data, c + k + 1, s0, s1),
-                )
+                corners = corners_of(data, c + k, s0, s1)
+                corners_2 = corners_of(data, c + k + 1, s0, s1)
                 share_corners_2d(T[row + k], T[row + k + 1], weight, corners, corners_2, W)
         elif flat and not line and spread == 1:
             set_weights(weight, fraction, a0, a1, W)
             split, further = (a0, s0) if cells.spread[a0] == 1 else (a1, s1)
             upper = cells.lowest[split] + 1
             for k in range(used):
-                corners, corners_up = (
-                    corners_of(data, c + k, s0, s1),
-                    corners_of(data, c + k + further, s0, s1),
-                )
+                corners = corners_of(data, c + k, s0, s1)
+                corners_up = corners_of(data, c + k + further, s0, s1)
                 choose_corners_2d(
                     T[row + k], weight, cells.cell[split], upper, corners, corners_up, W
                 )
@@ -158,10 +164,8 @@ def interpolate_groups(T, W, tables, cells):
             c = natural(c + cells.lowest[a2] * s2)
             set_weights(weight, fraction, a0, a1, W)
             for k in range(used):
-                corners, corners_up = (
-                    corners_of(data, c + k, s0, s1),
-                    corners_of(data, c + k + s2, s0, s1),
-                )
+                corners = corners_of(data, c + k, s0, s1)
+                corners_up = corners_of(data, c + k + s2, s0, s1)
                 share_corners_3d(T[row + k], weight, fraction[a2], corners, corners_up, W)
         else:
             for lane in range(W):
@@ -171,7 +175,9 @@ def interpolate_groups(T, W, tables, cells):
                     + cells.cell[a1, lane] * s1
                     + cells.cell[a2, lane] * s2
                 )
-                t0, t1, t2 = fraction[a0, lane], fraction[a1, lane], fraction[a2, lane]
+                t0 = fraction[a0, lane]
+                t1 = fraction[a1, lane]
+                t2 = fraction[a2, lane]
                 if line:
                     interpolate_1d(data, corner, s0, t0, used, cells.row)
                 elif flat:
@@ -288,8 +294,12 @@ def table_slopes(T, W, tables, effectiveness, cells, high):
     for slope in range(effectiveness.slope_group.size):
         g = effectiveness.slope_group[slope]
         axis = effectiveness.slope_axis[slope]
-        a0, a1, a2 = tables.group_axis[g, 0], tables.group_axis[g, 1], tables.group_axis[g, 2]
-        s0, s1, s2 = tables.group_stride[g, 0], tables.group_stride[g, 1], tables.group_stride[g, 2]
+        a0 = tables.group_axis[g, 0]
+        a1 = tables.group_axis[g, 1]
+        a2 = tables.group_axis[g, 2]
+        s0 = tables.group_stride[g, 0]
+        s1 = tables.group_stride[g, 1]
+        s2 = tables.group_stride[g, 2]
         start = tables.group_start[g]
         used = tables.group_used[g]
         row = effectiveness.slope_row[slope]
@@ -300,15 +310,19 @@ def table_slopes(T, W, tables, effectiveness, cells, high):
                 + cells.cell[a1, lane] * s1
                 + cells.cell[a2, lane] * s2
             )
-            t0, t1, t2 = (
-                cells.fraction[a0, lane],
-                cells.fraction[a1, lane],
-                cells.fraction[a2, lane],
-            )
-            on_0, on_1, on_2 = a0 == axis, a1 == axis, a2 == axis
+            t0 = cells.fraction[a0, lane]
+            t1 = cells.fraction[a1, lane]
+            t2 = cells.fraction[a2, lane]
+            on_0 = a0 == axis
+            on_1 = a1 == axis
+            on_2 = a2 == axis
             inverse = tables.inverse_step[tables.axis_start[axis] + cells.cell[axis, lane]]
-            l0, l1, l2 = 0.0 if on_0 else t0, 0.0 if on_1 else t1, 0.0 if on_2 else t2
-            h0, h1, h2 = 1.0 if on_0 else t0, 1.0 if on_1 else t1, 1.0 if on_2 else t2
+            l0 = 0.0 if on_0 else t0
+            l1 = 0.0 if on_1 else t1
+            l2 = 0.0 if on_2 else t2
+            h0 = 1.0 if on_0 else t0
+            h1 = 1.0 if on_1 else t1
+            h2 = 1.0 if on_2 else t2
             interpolate_3d(tables.data, corner, s0, s1, s2, l0, l1, l2, used, low)
             interpolate_3d(tables.data, corner, s0, s1, s2, h0, h1, h2, used, high)
             for k in range(used):
@@ -323,10 +337,8 @@ def slopes_of_coefficients(Z, T, W, effectiveness, first_row):
             Z[first_row + i, lane] = 0.0
     for term in range(effectiveness.coefficient.size):
         slope = natural(effectiveness.coefficient[term] * N_INPUTS + effectiveness.input[term])
-        table, variable = (
-            T[natural(effectiveness.row[term])],
-            Z[VAR + natural(effectiveness.variable[term])],
-        )
+        table = T[natural(effectiveness.row[term])]
+        variable = Z[VAR + natural(effectiveness.variable[term])]
         add_weighted(Z[first_row + slope], effectiveness.weight[term], table, variable, W)
 
 

@@ -123,7 +123,10 @@ def move_air(Z, width, profile):
 @lanes
 def wind_in_body(Z, lane, north, east):
     """Return the body components of a horizontal wind at the attitude of the stage."""
-    q0, q1, q2, q3 = Z[XS + s.Q0, lane], Z[XS + s.Q1, lane], Z[XS + s.Q2, lane], Z[XS + s.Q3, lane]
+    q0 = Z[XS + s.Q0, lane]
+    q1 = Z[XS + s.Q1, lane]
+    q2 = Z[XS + s.Q2, lane]
+    q3 = Z[XS + s.Q3, lane]
     return rotate_to_body(q0, q1, q2, q3, north, east, 0.0)
 
 
@@ -230,12 +233,10 @@ def air_data(Z, width, vehicle, earth, warm):
     if warm:
         warm_air(Z, width, s.RHO, s.V_MACH)
     for lane in range(width):
-        q0, q1, q2, q3 = (
-            Z[XS + s.Q0, lane],
-            Z[XS + s.Q1, lane],
-            Z[XS + s.Q2, lane],
-            Z[XS + s.Q3, lane],
-        )
+        q0 = Z[XS + s.Q0, lane]
+        q1 = Z[XS + s.Q1, lane]
+        q2 = Z[XS + s.Q2, lane]
+        q3 = Z[XS + s.Q3, lane]
         altitude = Z[XS + s.ALTITUDE, lane]
         speed, per_speed, sin_alpha, cos_alpha, sin_beta, cos_beta = flow_direction(
             Z[XS + s.U, lane] - Z[s.AIR_U, lane],

@@ -78,8 +78,12 @@ def draw(Z, lane, r):
     u, s0, s1, s2, s3, s4, s5 = next_uniform(
         Z[r, lane], Z[r + 1, lane], Z[r + 2, lane], Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane]
     )
-    Z[r, lane], Z[r + 1, lane], Z[r + 2, lane] = s0, s1, s2
-    Z[r + 3, lane], Z[r + 4, lane], Z[r + 5, lane] = s3, s4, s5
+    Z[r, lane] = s0
+    Z[r + 1, lane] = s1
+    Z[r + 2, lane] = s2
+    Z[r + 3, lane] = s3
+    Z[r + 4, lane] = s4
+    Z[r + 5, lane] = s5
     return u
 
 
@@ -112,8 +116,12 @@ def active_disturbances(Z, width):
 def calm(Z, width):
     """Reset gusts to zero, and density and temperature factors to one."""
     for lane in range(width):
-        Z[s.GUST_P, lane], Z[s.GUST_Q, lane], Z[s.GUST_R, lane] = 0.0, 0.0, 0.0
-        Z[s.GUST_U, lane], Z[s.GUST_V, lane], Z[s.GUST_W, lane] = 0.0, 0.0, 0.0
+        Z[s.GUST_P, lane] = 0.0
+        Z[s.GUST_Q, lane] = 0.0
+        Z[s.GUST_R, lane] = 0.0
+        Z[s.GUST_U, lane] = 0.0
+        Z[s.GUST_V, lane] = 0.0
+        Z[s.GUST_W, lane] = 0.0
         Z[s.DENSITY_PROFILE, lane], Z[s.TEMPERATURE_PROFILE, lane] = 1.0, 1.0
 
 
@@ -134,12 +142,13 @@ def gust(Z, width, time):
     for lane in range(width):
         distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
         share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
-        q0, q1, q2, q3 = Z[X + s.Q0, lane], Z[X + s.Q1, lane], Z[X + s.Q2, lane], Z[X + s.Q3, lane]
-        north, east, down = (
-            share * Z[_GUST, lane],
-            share * Z[_GUST + 1, lane],
-            share * Z[_GUST + 2, lane],
-        )
+        q0 = Z[X + s.Q0, lane]
+        q1 = Z[X + s.Q1, lane]
+        q2 = Z[X + s.Q2, lane]
+        q3 = Z[X + s.Q3, lane]
+        north = share * Z[_GUST, lane]
+        east = share * Z[_GUST + 1, lane]
+        down = share * Z[_GUST + 2, lane]
         u, v, w = rotate_to_body(q0, q1, q2, q3, north, east, down)
         Z[s.GUST_U, lane] += u
         Z[s.GUST_V, lane] += v
@@ -158,17 +167,17 @@ def turbulence(Z, width, span, dt, first):
     for lane in range(width):
         speed, length = Z[s.SPEED, lane], Z[_LENGTH, lane]
         a = speed / (length * Z[_AXIS_LENGTH, lane])
-        a_v, a_w = (
-            speed / (length * Z[_AXIS_LENGTH + 1, lane]),
-            speed / (length * Z[_AXIS_LENGTH + 2, lane]),
-        )
+        a_v = speed / (length * Z[_AXIS_LENGTH + 1, lane])
+        a_w = speed / (length * Z[_AXIS_LENGTH + 2, lane])
         n0, n1 = draw_normals(Z, lane, TURBULENCE)
         n2, n3 = draw_normals(Z, lane, TURBULENCE)
         n4, n5 = draw_normals(Z, lane, TURBULENCE)
         u = n0 if first else dryden_first(Z[FILTERS, lane], a, dt, n0)
         v1, v2 = dryden_second(Z[FILTERS + 1, lane], Z[FILTERS + 2, lane], a_v, dt, n1, n2, first)
         w1, w2 = dryden_second(Z[FILTERS + 3, lane], Z[FILTERS + 4, lane], a_w, dt, n3, n4, first)
-        Z[FILTERS, lane], Z[FILTERS + 1, lane], Z[FILTERS + 2, lane] = u, v1, v2
+        Z[FILTERS, lane] = u
+        Z[FILTERS + 1, lane] = v1
+        Z[FILTERS + 2, lane] = v2
         Z[FILTERS + 3, lane], Z[FILTERS + 4, lane] = w1, w2
         sigma = Z[_SIGMA, lane]
         sigma_w = sigma * Z[_AXIS_SIGMA + 2, lane]
@@ -185,7 +194,9 @@ def turbulence(Z, width, span, dt, first):
             else follow(Z[FILTERS + 6, lane], across, 4.0 / 3.0 * speed * per_span, dt)
         )
         late_w = down if first else follow(Z[FILTERS + 7, lane], down, speed * per_span, dt)
-        Z[FILTERS + 5, lane], Z[FILTERS + 6, lane], Z[FILTERS + 7, lane] = p, late_v, late_w
+        Z[FILTERS + 5, lane] = p
+        Z[FILTERS + 6, lane] = late_v
+        Z[FILTERS + 7, lane] = late_w
         rotary = Z[_ROTARY, lane]
         Z[s.GUST_P, lane] = (
             rotary * sigma_w * roll_gust_sigma(length * Z[_AXIS_LENGTH + 2, lane], span) * p

@@ -53,7 +53,9 @@ def mix_axes(Z, lane, mix, e, row):
 def set_effectors(Z, width, mix):
     """Set the deflections of effectors that follow the three (effective) axis deflections."""
     for e in range(mix.shape[0]):
-        aileron, rudder, elevator = mix[e, 0], mix[e, 1], mix[e, 2]
+        aileron = mix[e, 0]
+        rudder = mix[e, 1]
+        elevator = mix[e, 2]
         for lane in range(width):
             Z[s.V_EFFECTOR + e, lane] = (
                 aileron * Z[s.V_DELTA_A, lane]
@@ -122,13 +124,17 @@ def share_commands(Z, width, vehicle):
     Other effectors follow the mix of the axes; the axis commands become those produced by all
     effectors together.
     """
-    mix, axes, count = vehicle.effectors.mix, vehicle.effectors.axes, count_driven(vehicle)
+    mix = vehicle.effectors.mix
+    axes = vehicle.effectors.axes
+    count = count_driven(vehicle)
     for lane in range(width):
         is_commanded = False
         for e in range(count):
             is_commanded |= Z[s.EFFECTOR_COMMAND + e, lane] != math.inf
         if is_commanded:
-            aileron, rudder, elevator = 0.0, 0.0, 0.0
+            aileron = 0.0
+            rudder = 0.0
+            elevator = 0.0
             for e in range(count):
                 mixed = mix[e, 0] * Z[s.CMD_AILERON, lane]
                 mixed += mix[e, 1] * Z[s.CMD_RUDDER, lane] + mix[e, 2] * Z[s.CMD_ELEVATOR, lane]
@@ -138,11 +144,9 @@ def share_commands(Z, width, vehicle):
                 aileron += axes[0, e] * command
                 rudder += axes[1, e] * command
                 elevator += axes[2, e] * command
-            Z[s.CMD_AILERON, lane], Z[s.CMD_RUDDER, lane], Z[s.CMD_ELEVATOR, lane] = (
-                aileron,
-                rudder,
-                elevator,
-            )
+            Z[s.CMD_AILERON, lane] = aileron
+            Z[s.CMD_RUDDER, lane] = rudder
+            Z[s.CMD_ELEVATOR, lane] = elevator
 
 
 @lanes
@@ -181,10 +185,8 @@ def command_effectors(Z, A, width, vehicle):
     for e in range(count_driven(vehicle)):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
-            mixed, direct = (
-                mix_axes(Z, lane, vehicle.effectors.mix, e, s.ACTUATED),
-                Z[s.EFFECTOR_COMMAND + e, lane],
-            )
+            mixed = mix_axes(Z, lane, vehicle.effectors.mix, e, s.ACTUATED)
+            direct = Z[s.EFFECTOR_COMMAND + e, lane]
             command = mixed if direct == math.inf else direct
             low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
             Z[s.EFFECTOR_ASKED + e, lane] = command

@@ -85,14 +85,16 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
     constants = vehicle.constants
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
-        u, v, w = Z[XS + s.U, lane], Z[XS + s.V, lane], Z[XS + s.W, lane]
-        q0, q1, q2, q3 = (
-            Z[XS + s.Q0, lane],
-            Z[XS + s.Q1, lane],
-            Z[XS + s.Q2, lane],
-            Z[XS + s.Q3, lane],
-        )
-        p, q, r = Z[XS + s.ROLL_RATE, lane], Z[XS + s.PITCH_RATE, lane], Z[XS + s.YAW_RATE, lane]
+        u = Z[XS + s.U, lane]
+        v = Z[XS + s.V, lane]
+        w = Z[XS + s.W, lane]
+        q0 = Z[XS + s.Q0, lane]
+        q1 = Z[XS + s.Q1, lane]
+        q2 = Z[XS + s.Q2, lane]
+        q3 = Z[XS + s.Q3, lane]
+        p = Z[XS + s.ROLL_RATE, lane]
+        q = Z[XS + s.PITCH_RATE, lane]
+        r = Z[XS + s.YAW_RATE, lane]
         mass = Z[XS + s.MASS, lane]
         q_bar = Z[s.Q_BAR, lane]
 
@@ -135,11 +137,9 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         )
         mz = q_s * constants.span * Z[_K_YAW, lane] * Z[_YAW, lane] - cg_x * fy + cg_y * (fx + tx)
         if active is not None:
-            arm_x, arm_y, arm_z = (
-                Z[s.ENGINE_ARM, lane],
-                Z[s.ENGINE_ARM + 1, lane],
-                Z[s.ENGINE_ARM + 2, lane],
-            )
+            arm_x = Z[s.ENGINE_ARM, lane]
+            arm_y = Z[s.ENGINE_ARM + 1, lane]
+            arm_z = Z[s.ENGINE_ARM + 2, lane]
             mx += Z[s.F_MOMENT, lane] + arm_y * tz
             my += Z[s.F_MOMENT + 1, lane] + (arm_z * tx - arm_x * tz)
             mz += Z[s.F_MOMENT + 2, lane] - arm_y * tx
@@ -165,20 +165,22 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         g_n, g_d = gravity_ned(earth, altitude, sin_lat, cos_lat)
         g_x, g_y, g_z = rotate_meridional(q0, q1, q2, q3, g_n, g_d)
         if active is not None:
-            Z[s.GRAVITY, lane], Z[s.GRAVITY + 1, lane], Z[s.GRAVITY + 2, lane] = g_x, g_y, g_z
-        we_x, we_y, we_z = Z[s.EARTH_X, lane], Z[s.EARTH_Y, lane], Z[s.EARTH_Z, lane]
+            Z[s.GRAVITY, lane] = g_x
+            Z[s.GRAVITY + 1, lane] = g_y
+            Z[s.GRAVITY + 2, lane] = g_z
+        we_x = Z[s.EARTH_X, lane]
+        we_y = Z[s.EARTH_Y, lane]
+        we_z = Z[s.EARTH_Z, lane]
         # Adding the Earth rate to the inertial body rate covers transport and Coriolis terms.
-        a, b, c = p + we_x, q + we_y, r + we_z
-        specific_x, specific_y, specific_z = (
-            (fx + tx) * per_mass,
-            fy * per_mass,
-            (fz + tz) * per_mass,
-        )
-        Z[s.SPECIFIC_X, lane], Z[s.SPECIFIC_Y, lane], Z[s.SPECIFIC_Z, lane] = (
-            specific_x,
-            specific_y,
-            specific_z,
-        )
+        a = p + we_x
+        b = q + we_y
+        c = r + we_z
+        specific_x = (fx + tx) * per_mass
+        specific_y = fy * per_mass
+        specific_z = (fz + tz) * per_mass
+        Z[s.SPECIFIC_X, lane] = specific_x
+        Z[s.SPECIFIC_Y, lane] = specific_y
+        Z[s.SPECIFIC_Z, lane] = specific_z
         accumulate(Z, lane, s.U, specific_x + g_x - (b * w - c * v), stage)
         accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), stage)
         accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), stage)
@@ -214,12 +216,10 @@ def finish_step(Z, width, step, alive):
             Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
             Z[SUM + i, lane] = 0.0
     for lane in range(width):
-        q0, q1, q2, q3 = (
-            Z[XS + s.Q0, lane],
-            Z[XS + s.Q1, lane],
-            Z[XS + s.Q2, lane],
-            Z[XS + s.Q3, lane],
-        )
+        q0 = Z[XS + s.Q0, lane]
+        q1 = Z[XS + s.Q1, lane]
+        q2 = Z[XS + s.Q2, lane]
+        q3 = Z[XS + s.Q3, lane]
         norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
         Z[XS + s.Q0, lane] = q0 * norm
         Z[XS + s.Q1, lane] = q1 * norm

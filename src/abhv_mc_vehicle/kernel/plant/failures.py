@@ -31,7 +31,9 @@ from abhv_mc_vehicle.kernel.plant.vehicle import (
     NEVER,
 )
 
-N_AXES, N_EFFECTORS, N_ENGINES = len(AXES), len(EFFECTORS), len(ENGINES)
+N_AXES = len(AXES)
+N_EFFECTORS = len(EFFECTORS)
+N_ENGINES = len(ENGINES)
 _N_FIRST = 4  # number of effectors whose failures are in the first block of parameters
 _SAME_TIME = 1e-9  # tolerance when the time of a tick is compared with a failure time, s
 
@@ -309,7 +311,11 @@ def fail_engines(Z, width, vehicle, engine_fails, time, tick):
     ideal = vehicle.actuators[ENGINE, KIND] == IDEAL
     for lane in range(width):
         lag = 0.0 if ideal else engine_lag(Z, lane, vehicle.actuators)
-        remaining, x, y, z, any_failed = 1.0, 0.0, 0.0, 0.0, False
+        remaining = 1.0
+        x = 0.0
+        y = 0.0
+        z = 0.0
+        any_failed = False
         for i in range(vehicle.engines.shape[0]):
             failed = fails_now(Z, lane, time, _ENGINE_TIMES + i, _ENGINE_DURATION + i)
             aim = Z[_ENGINE_FACTOR + i, lane] if failed else 1.0
@@ -321,11 +327,9 @@ def fail_engines(Z, width, vehicle, engine_fails, time, tick):
             z += lost * vehicle.engines[i, 3]
             any_failed |= failed
         per = 1.0 / remaining if remaining > 1e-12 else 0.0
-        Z[s.ENGINE_ARM, lane], Z[s.ENGINE_ARM + 1, lane], Z[s.ENGINE_ARM + 2, lane] = (
-            per * x,
-            per * y,
-            per * z,
-        )
+        Z[s.ENGINE_ARM, lane] = per * x
+        Z[s.ENGINE_ARM + 1, lane] = per * y
+        Z[s.ENGINE_ARM + 2, lane] = per * z
         Z[s.ENGINE_THRUST, lane] = (Z[s.ENGINE_THRUST, lane] if engine_fails else 1.0) * remaining
         Z[s.ENGINE_FAILED, lane] = (
             1.0 if any_failed else (Z[s.ENGINE_FAILED, lane] if engine_fails else 0.0)
@@ -339,7 +343,9 @@ def watch_inlet(Z, width, inlet, time):
     The inlet restarts after the flow has been within its range for the restart delay.
     """
     for lane in range(width):
-        alpha, beta, mach = Z[s.V_ALPHA, lane], Z[s.V_BETA, lane], Z[s.V_MACH, lane]
+        alpha = Z[s.V_ALPHA, lane]
+        beta = Z[s.V_BETA, lane]
+        mach = Z[s.V_MACH, lane]
         inside = (
             inlet.angle_of_attack_min <= alpha <= inlet.angle_of_attack_max
             and abs(beta) <= inlet.sideslip_max

@@ -31,7 +31,9 @@ def add_force(Z, lane, stage, per_mass, fx, fy, fz):
 
     The force is given in N and body axes.
     """
-    x, y, z = fx * per_mass, fy * per_mass, fz * per_mass
+    x = fx * per_mass
+    y = fy * per_mass
+    z = fz * per_mass
     Z[s.SPECIFIC_X, lane] += x
     Z[s.SPECIFIC_Y, lane] += y
     Z[s.SPECIFIC_Z, lane] += z

@@ -120,7 +120,10 @@ LAW = SETTING + MAX_SETTINGS
 CMD_AILERON, CMD_RUDDER, CMD_ELEVATOR, CMD_ETA = range(CMD, AIR)
 
 # air data: flow, latitude and Earth rotation, air velocity, specific force and thrust
-_FLOW, _EARTH, _AIR_VELOCITY, _SPECIFIC_FORCE = AIR, AIR + 8, AIR + 13, AIR + 16
+_FLOW = AIR
+_EARTH = AIR + 8
+_AIR_VELOCITY = AIR + 13
+_SPECIFIC_FORCE = AIR + 16
 RHO, Q_BAR, AIRSPEED, SIN_ALPHA, COS_ALPHA, SIN_BETA, COS_BETA, OUTSIDE = range(_FLOW, _EARTH)
 SIN_LAT, COS_LAT, EARTH_X, EARTH_Y, EARTH_Z = range(_EARTH, _AIR_VELOCITY)
 AIR_U, AIR_V, AIR_W = range(_AIR_VELOCITY, _SPECIFIC_FORCE)
@@ -156,14 +159,14 @@ FIRST_KNOT, INTERVALS = GUST + 8, GUST + 9
 # factor on thrust, increments of drag and pitching moment, whether it has failed; deflections of
 # stuck surfaces; inlet: whether it is unstarted, and last time out of range; last time of a failed
 # engine; gain, offset, stuck and slow deflections of effectors; frozen measurements
-ACTUATED, RATE_FACTOR, EFFECT = FAILURE, FAILURE + 4, FAILURE + 7
+ACTUATED = FAILURE
+RATE_FACTOR = FAILURE + 4
+EFFECT = FAILURE + 7
 ENGINE_THRUST, ENGINE_DRAG, ENGINE_PITCH, ENGINE_FAILED = range(FAILURE + 10, FAILURE + 14)
-STUCK_SURFACE, UNSTARTED, UNSTART_TIME, FAILED_TIME = (
-    FAILURE + 14,
-    FAILURE + 17,
-    FAILURE + 18,
-    FAILURE + 19,
-)
+STUCK_SURFACE = FAILURE + 14
+UNSTARTED = FAILURE + 17
+UNSTART_TIME = FAILURE + 18
+FAILED_TIME = FAILURE + 19
 EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
     FAILURE + 20 + i * MAX_ACTUATORS for i in range(5)
 )
@@ -171,8 +174,13 @@ ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
 
 # custom functions: arguments, thrust and moment, fuel flow, coefficients, whether dispersed
 F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
-F_THRUST, F_MOMENT, F_FUEL_FLOW, F_COEF = FOREIGN + 2, FOREIGN + 5, FOREIGN + 8, FOREIGN + 9
-F_BASE, F_MASS, F_DISPERSED = FOREIGN + 15, FOREIGN + 21, FOREIGN + 22
+F_THRUST = FOREIGN + 2
+F_MOMENT = FOREIGN + 5
+F_FUEL_FLOW = FOREIGN + 8
+F_COEF = FOREIGN + 9
+F_BASE = FOREIGN + 15
+F_MASS = FOREIGN + 21
+F_DISPERSED = FOREIGN + 22
 
 N_VARIABLES = len(VARIABLES)
 N_COEFFICIENTS = len(COEFFICIENTS)
@@ -185,7 +193,7 @@ def aligned_zeros(
     """Return zeros aligned to cache lines, which vectors of eight doubles do not cross."""
     line = 64  # length of a cache line, bytes
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    memory = np.zeros(size + line, dtype=np.uint8)
+    memory = np.zeros(size + line, np.uint8)
     start = -memory.ctypes.data % line
     return memory[start : start + size].view(dtype).reshape(shape)
 

@@ -46,7 +46,9 @@ def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settin
     x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
     if x != 0.0 or z != 0.0:
         for lane in range(width):
-            fx, fy, fz = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]
+            fx = Z[s.F_THRUST, lane]
+            fy = Z[s.F_THRUST + 1, lane]
+            fz = Z[s.F_THRUST + 2, lane]
             Z[s.F_MOMENT, lane] -= z * fy
             Z[s.F_MOMENT + 1, lane] += z * fx - x * fz
             Z[s.F_MOMENT + 2, lane] += x * fy
@@ -67,11 +69,9 @@ def foreign_thrust(Z, width, vehicle, user_code):
         has_fuel = mass > constants.mass_empty * Z[s.K_MASS, lane] or constants.burns_fuel == 0.0
         runs = Z[s.ENGINE_THRUST, lane] if has_fuel else 0.0
         factor = Z[s.K_THRUST, lane] * runs
-        tx, ty, tz = (
-            factor * Z[s.F_THRUST, lane],
-            factor * Z[s.F_THRUST + 1, lane],
-            factor * Z[s.F_THRUST + 2, lane],
-        )
+        tx = factor * Z[s.F_THRUST, lane]
+        ty = factor * Z[s.F_THRUST + 1, lane]
+        tz = factor * Z[s.F_THRUST + 2, lane]
         arm_x = Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[s.K_CG_X, lane]
         arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[s.K_CG_Y, lane]
         arm_z = Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[s.K_CG_Z, lane]
@@ -79,7 +79,9 @@ def foreign_thrust(Z, width, vehicle, user_code):
         Z[s.F_MOMENT + 1, lane] = factor * Z[s.F_MOMENT + 1, lane] + arm_z * tx - arm_x * tz
         Z[s.F_MOMENT + 2, lane] = factor * Z[s.F_MOMENT + 2, lane] + arm_x * ty - arm_y * tx
         per_mass, per_isp = reciprocals(mass, Z[s.K_ISP, lane])
-        Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane] = tx, ty, tz
+        Z[s.F_THRUST, lane] = tx
+        Z[s.F_THRUST + 1, lane] = ty
+        Z[s.F_THRUST + 2, lane] = tz
         Z[s.F_FUEL_FLOW, lane] = (
             runs * Z[s.F_FUEL_FLOW, lane] * per_isp if constants.burns_fuel > 0.0 else 0.0
         )
@@ -94,7 +96,9 @@ def add_thrust(Z, width, stage):
     """
     for lane in range(width):
         Z[s.THRUST, lane] = Z[s.F_THRUST, lane]
-        fx, fy, fz = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]
+        fx = Z[s.F_THRUST, lane]
+        fy = Z[s.F_THRUST + 1, lane]
+        fz = Z[s.F_THRUST + 2, lane]
         add_force(Z, lane, stage, Z[s.F_MASS, lane], fx, fy, fz)
         add_derivative(Z, lane, s.MASS, -Z[s.F_FUEL_FLOW, lane], stage)
 
@@ -115,7 +119,9 @@ def turn_thrust(Z, width, vehicle, by_function, stage):
     """
     constants, foreign = vehicle.constants, vehicle.foreign
     for lane in range(width):
-        fx, fy, fz = Z[s.F_THRUST, lane], Z[s.F_THRUST + 1, lane], Z[s.F_THRUST + 2, lane]
+        fx = Z[s.F_THRUST, lane]
+        fy = Z[s.F_THRUST + 1, lane]
+        fz = Z[s.F_THRUST + 2, lane]
         x, z = foreign.engine_x, foreign.engine_z
         if not by_function:
             fx, fy = Z[s.THRUST, lane] * constants.thrust_cos, 0.0
@@ -124,7 +130,9 @@ def turn_thrust(Z, width, vehicle, by_function, stage):
         sine, cosine = sincos(Z[_INCLINATION, lane])
         up_x, up_z = cosine * fx + sine * fz, cosine * fz - sine * fx
         sine, cosine = sincos(Z[_AZIMUTH, lane])
-        dx, dy, dz = cosine * up_x - sine * fy - fx, cosine * fy + sine * up_x - fy, up_z - fz
+        dx = cosine * up_x - sine * fy - fx
+        dy = cosine * fy + sine * up_x - fy
+        dz = up_z - fz
         arm_x = x + Z[s.ENGINE_ARM, lane] - Z[s.CG_X, lane] - Z[s.K_CG_X, lane]
         arm_y = Z[s.ENGINE_ARM + 1, lane] - Z[s.K_CG_Y, lane]
         arm_z = z + Z[s.ENGINE_ARM + 2, lane] - Z[s.CG_Z, lane] - Z[s.K_CG_Z, lane]

@@ -278,10 +278,8 @@ def _failure_names(first: tuple[str, ...], then: tuple[str, ...]) -> tuple[str, 
     return tuple(f"failure.{name}.{what}" for name in first for what in then)
 
 
-_TIMES, _MODES = (
-    ("stuck_time", "loss_time", "slow_time"),
-    ("stuck_at", "effectiveness", "rate_limit"),
-)
+_TIMES = ("stuck_time", "loss_time", "slow_time")
+_MODES = ("stuck_at", "effectiveness", "rate_limit")
 
 PARAMETER_NAMES: tuple[str, ...] = (
     *(

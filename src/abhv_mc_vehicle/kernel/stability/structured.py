@@ -104,7 +104,11 @@ def _osborne(M, x):
 def _descend(M, x, H, V, room):
     """Minimize log sigma over x, starting at x; ``room`` [6 + n, n] is a buffer."""
     n = M.shape[0]
-    g, trial, g_trial, p, y = room[0], room[1], room[2], room[3], room[4]
+    g = room[0]
+    trial = room[1]
+    g_trial = room[2]
+    p = room[3]
+    y = room[4]
     inverse = room[6:]
     value = _sigma(M, x, H, V, g)
     for i in range(n):
@@ -122,7 +126,9 @@ def _descend(M, x, H, V, room):
             size = max(size, abs(g[i]))
         if size < _FLAT or slope > -1e-18:
             break
-        low, high, step = 0.0, np.inf, 1.0
+        low = 0.0
+        high = np.inf
+        step = 1.0
         candidate = value
         for _ in range(30):
             for i in range(n):
@@ -217,7 +223,7 @@ LAST_COMPILED = _structured  # last kernel that is compiled for stability margin
 
 def structured_singular_values(M: NDArray[np.complex128]) -> Floats:
     """Return upper bounds [point] on mu of matrices [point, n, n] with complex scalar blocks."""
-    matrices = np.ascontiguousarray(M, dtype=np.complex128)
+    matrices = np.ascontiguousarray(M, np.complex128)
     value = np.empty(len(matrices))
     _structured(matrices, np.empty(matrices.shape[:2]), value)
     return value
@@ -228,7 +234,7 @@ def peak_of_structured_singular_values(M: NDArray[np.complex128]) -> tuple[Float
 
     ``M`` has shape [system, frequency, n, n].
     """
-    matrices = np.ascontiguousarray(M, dtype=np.complex128)
-    value, peak_index = np.empty(len(matrices)), np.empty(len(matrices), dtype=np.int64)
+    matrices = np.ascontiguousarray(M, np.complex128)
+    value, peak_index = np.empty(len(matrices)), np.empty(len(matrices), np.int64)
     _peak(matrices, value, peak_index)
     return value, peak_index

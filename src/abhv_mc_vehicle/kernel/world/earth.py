@@ -83,7 +83,9 @@ class Surroundings(NamedTuple):
 @kernel
 def _fill(earth, points, result):
     for i in range(points.shape[1]):
-        altitude, sin_lat, cos_lat = points[0, i], points[1, i], points[2, i]
+        altitude = points[0, i]
+        sin_lat = points[1, i]
+        cos_lat = points[2, i]
         result[0, i], _, _, result[1, i] = atmosphere(altitude)
         result[2, i], result[3, i] = gravity_ned(earth, altitude, sin_lat, cos_lat)
         result[4, i], result[5, i] = radii(earth, sin_lat)
@@ -96,7 +98,7 @@ def find_surroundings(
 
     A loop that calls compiled functions from Python would take 100 times as long.
     """
-    points = np.array(np.broadcast_arrays(altitude, sin_lat, cos_lat), dtype=np.float64)
+    points = np.array(np.broadcast_arrays(altitude, sin_lat, cos_lat), np.float64)
     result = np.empty((len(Surroundings._fields), *points.shape[1:]))
     _fill(earth, points.reshape(3, -1), result.reshape(len(result), -1))
     return Surroundings(*result)

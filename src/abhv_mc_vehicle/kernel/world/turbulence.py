@@ -46,10 +46,8 @@ def dryden_second(x1, x2, a, dt, noise1, noise2, first):
     s11 = math.sqrt(0.5 / a)
     s21 = 0.25 / (a * a * s11)
     variance = 0.25 / (a * a * a) - s21 * s21
-    start1, start2 = (
-        s11 * noise1,
-        s21 * noise1 + math.sqrt(variance if variance > 0.0 else 0.0) * noise2,
-    )
+    start1 = s11 * noise1
+    start2 = s21 * noise1 + math.sqrt(variance if variance > 0.0 else 0.0) * noise2
     e = exp(-a * dt)
     e2 = e * e
     t = a * dt
