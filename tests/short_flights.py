@@ -13,7 +13,7 @@ from abhv_mc.shipped import find_input, shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 
 
 def short_plan(

@@ -69,9 +69,8 @@ __all__ = [
 ]
 
 _OF_VEHICLE = {  # modules of the names that the vehicle defines
-    "fly": "fly_once",
+    **dict.fromkeys(("fly", "write_inputs"), "fly_once"),
     "trim": "trim_table",
-    "write_inputs": "given",
     **dict.fromkeys(("Plant", "PlantState"), "plant"),
     **dict.fromkeys(
         ("LinearModel", "StateSpace", "fly_on", "linearize", "margins"), "linear_models"

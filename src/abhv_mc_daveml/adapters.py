@@ -118,9 +118,11 @@ def _call(
     model: Model, kind: str, answers: Mapping[str, Answer], effectors: Collection[str] = ()
 ) -> Line:
     """Return the source line that calls the model with the signals of abhv-mc."""
-    arguments, sources = {}, SOURCES[kind] | {name: f"controls.{name}" for name in effectors}
+    arguments = {}
+    sources = SOURCES[kind] | {name: f"controls.{name}" for name in effectors}
     for variable in model.inputs:
-        key, answer = variable.key, answers.get(variable.identifier)
+        key = variable.key
+        answer = answers.get(variable.identifier)
         if isinstance(answer, float | int):
             arguments[key] = number(answer)
             continue
@@ -168,7 +170,8 @@ def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
 
     Outputs that are always zero are omitted.
     """
-    outputs, fields = find_signals(model.outputs), []
+    outputs = find_signals(model.outputs)
+    fields = []
     for quantity in expected:
         variable = outputs.get(quantity)
         if variable is None or (not variable.computed and variable.initial == 0.0):
@@ -238,9 +241,11 @@ def command_unit(variable: Variable) -> tuple[str, float]:
 
 def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     """Return a control law, with its commands as a class ``Commands`` in SI units."""
-    fields, units = [], {}
+    fields = []
+    units = {}
     for variable in command_inputs(model):
-        key, (unit, factor) = variable.key, command_unit(variable)
+        key = variable.key
+        unit, factor = command_unit(variable)
         about = variable.name if unit == "-" else f"{variable.name}, {unit}"
         fields.append(declare(key, about, (variable.initial or 0.0) * factor))
         if quantity_of(variable) == "cross_track":

@@ -16,7 +16,8 @@ from abhv_mc.io.xml_reader import Node
 from abhv_mc_vehicle.user_code.module_text import number
 
 FROM_MATH = ("ceil", "floor", "fmod", "trunc")
-OUTPUTS, MODEL = "Outputs", "model"
+OUTPUTS = "Outputs"
+MODEL = "model"
 _OWN = (
     OUTPUTS,
     MODEL,
@@ -82,7 +83,8 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
     needs: list[str] = []
 
     def leaf(element: Node) -> str:
-        text, kind = element.text, element.attributes.get("type") if element.children else None
+        text = element.text
+        kind = element.attributes.get("type") if element.children else None
         if kind == "rational":
             parts = [element.number(numeral) for numeral in text.split()]
             if len(parts) != 2 or parts[1] == 0.0:
@@ -95,7 +97,8 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         return f"({number(element.number(text))})"
 
     def piecewise(element: Node) -> str:
-        pieces, otherwise = element.all("piece"), element.first("otherwise")
+        pieces = element.all("piece")
+        otherwise = element.first("otherwise")
         if otherwise is None or [
             len(piece_node.children) for piece_node in (*pieces, otherwise)
         ] != [2] * len(pieces) + [1]:

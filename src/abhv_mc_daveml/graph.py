@@ -52,7 +52,8 @@ def parse_s119_unit(text: str) -> tuple[float, Exponents]:
 
 def _unit_symbols(text: str, unit: str) -> str:
     """Split a unit into symbols with exponents, for :func:`abhv_mc.io.units.parse_unit`."""
-    symbols, position = [], 0
+    symbols = []
+    position = 0
     while position < len(text):
         match = _UNIT.match(text, position) or _ANY_CASE.match(text, position)
         if match is None:
@@ -173,7 +174,8 @@ def read_model(path: Path) -> Model:
         raise root.refuse(
             f"found the element '{root.name}'", "the element 'DAVEfunc' of a DAVE-ML file"
         )
-    look_ups, names = read_look_ups(root), _name_variables(root.all("variableDef"))
+    look_ups = read_look_ups(root)
+    names = _name_variables(root.all("variableDef"))
     variables = {}
     for node in root.all("variableDef"):
         variable = _read_variable(node, look_ups, names)
@@ -216,7 +218,8 @@ def _name_variables(nodes: Iterable[Node]) -> dict[str, str]:
 
 def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str]) -> Variable:
     identifier = node.attributes["varID"]
-    look_up, formula = look_ups.get(identifier), None
+    look_up = look_ups.get(identifier)
+    formula = None
     needs = [argument.variable for argument in look_up.arguments] if look_up else []
     if (calculation := node.first("calculation")) is not None:
         maths = calculation.first("math")
@@ -254,7 +257,8 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
 def _read_uncertainty(node: Node) -> Uncertainty | None:
     if (stated := node.first("uncertainty")) is None:
         return None
-    normal, uniform = stated.first("normalPDF"), stated.first("uniformPDF")
+    normal = stated.first("normalPDF")
+    uniform = stated.first("uniformPDF")
     law = normal or uniform
     if law is None:
         raise stated.refuse("the uncertainty has no distribution", "normalPDF or uniformPDF")
@@ -351,7 +355,8 @@ def _conversion(signal: Node, variable: Variable) -> float:
         factor, dimension = parse_s119_unit(units)
         own_factor, own_dimension = parse_s119_unit(variable.units)
     except Refusal:
-        dimension, own_dimension = (1, 0, 0, 0, 0), (0, 0, 0, 0, 0)
+        dimension = (1, 0, 0, 0, 0)
+        own_dimension = (0, 0, 0, 0, 0)
     if dimension != own_dimension:
         raise signal.refuse(
             f"'{variable.name}' has the unit '{units}'",

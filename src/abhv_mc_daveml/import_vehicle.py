@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError, Refusal, found_value, one_of
+from abhv_mc.io.documents import InputError, Refusal, found_value, one_of, read_document
 from abhv_mc.io.phrases import joined, quoted
 from abhv_mc.io.units import KELVIN
 from abhv_mc.io.xml_reader import fold
@@ -50,7 +49,8 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
     The table has pressure and temperature if the model computes a pressure. Answers replace missing
     inputs. Raise InputError if one of these quantities is not positive at an altitude of the table.
     """
-    function, inputs = make_function(model), dict[str, tuple[float, float]]()
+    function = make_function(model)
+    inputs = dict[str, tuple[float, float]]()
     for variable in model.inputs:
         answer = answers.get(variable.identifier, variable.initial)
         if isinstance(answer, str) or answer is None:
@@ -97,7 +97,8 @@ def _scale_of(model: Model, variable: Variable, quantity: str) -> tuple[float, f
     return KELVIN[_TEMPERATURES[variable.units.lower()]]
 
 
-ANSWERS, EFFECTORS = "import.yaml", "effectors"
+ANSWERS = "import.yaml"
+EFFECTORS = "effectors"
 Answers = dict[str, dict[str, Answer]]  # answers by file name and varID
 
 
@@ -236,12 +237,14 @@ def _write_parts(
     models: Sequence[Model], answers: Answers, effectors: Mapping[str, Any]
 ) -> dict[str, str]:
     values = _constants(models, answers)
-    span, chord = values.get("span", 1.0), values.get("chord", 1.0)
+    span = values.get("span", 1.0)
+    chord = values.get("chord", 1.0)
     texts: dict[str, str] = {}
     sections: dict[str, str] = {}
     for model in models:
         extra: list[Line] = []
-        module, file_answers = f"{_plain(model.path.stem)}.py", answers[model.path.name]
+        module = f"{_plain(model.path.stem)}.py"
+        file_answers = answers[model.path.name]
         for kind in kinds_of(model):
             if kind == "aerodynamics":
                 extra += write_coefficients(model, file_answers, span, chord, effectors)

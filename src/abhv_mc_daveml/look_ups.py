@@ -16,7 +16,8 @@ _Held = tuple[
     str, str, Grids, Floats | None, Floats
 ]  # name, description, grids, scattered points and values of a table
 _EXTRAPOLATE = ("neither", "min", "max", "both")
-_GRIDDED, _UNGRIDDED = ("griddedTableDef", "griddedTable"), ("ungriddedTableDef", "ungriddedTable")
+_GRIDDED = ("griddedTableDef", "griddedTable")
+_UNGRIDDED = ("ungriddedTableDef", "ungriddedTable")
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,8 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
 
     Scattered points that form a complete grid become a gridded table.
     """
-    name, title = node.attributes.get("name") or _key(node) or "table", node.words("description")
+    name = node.attributes.get("name") or _key(node) or "table"
+    title = node.words("description")
     if node.name in _GRIDDED:
         keys = [
             reference.attributes.get("bpID", "")
@@ -185,7 +187,8 @@ def _rising(node: Node, source: Node) -> Floats:
 
 
 def _shaped(node: Node, axes: Grids) -> Floats:
-    values, shape = _numbers(node), [points.size for _, points in axes]
+    values = _numbers(node)
+    shape = [points.size for _, points in axes]
     if not axes or values.size != np.prod(shape):
         expected = (
             f"{' x '.join(map(str, shape))} values, as given by the breakpoints"

@@ -39,7 +39,8 @@ _OWN = (
     "outcome",
 )  # columns by which the list can be sorted in addition to the numeric columns
 # columns of the rank and worst metric; unlike names of metrics, their names contain spaces
-_RANK, _BY = '"its rank"', "worst in"
+_RANK = '"its rank"'
+_BY = "worst in"
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,8 @@ class FlightTable:
 def open_flights(root: Path) -> Iterator[FlightTable]:
     """Load the flights of a results folder. Raise InputError if it is invalid."""
     results = read_flown(root)
-    names, columns = results.controllers, [*results.metrics, *results.dispersed]
+    names = results.controllers
+    columns = [*results.metrics, *results.dispersed]
     with open_database(root) as connection:
         connection.register("ranks", _ranks(results))
         scales = {
@@ -106,7 +108,8 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             name: (float(extremes[2 * i]), float(extremes[2 * i + 1]))
             for i, name in enumerate(columns)
         }
-        labels, colors = full_labels(results.folder, names), controller_colors(names)
+        labels = full_labels(results.folder, names)
+        colors = controller_colors(names)
         channels = [channel.name for channel in results.campaign.channels]
         view = describe_flights(results, labels, colors, ends, channels)
         (total,) = connection.execute("select count(*) from shown").fetchone() or (0,)
@@ -130,9 +133,11 @@ def _ranks(results: FlownCampaign) -> Any:
     """
     import pyarrow as pa
 
-    parts, required = [], results.campaign.requirements
+    parts = []
+    required = results.campaign.requirements
     for name in results.controllers:
-        flights, ranking = results.flights[name], results.ranking
+        flights = results.flights[name]
+        ranking = results.ranking
         columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.ranks_of(name)}
         columns[_BY] = ranking.criterion_index[name]
         columns |= {
@@ -171,7 +176,8 @@ def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
     flight, whether it terminated early]; ``strips`` contains the histograms [bar, flights];
     ``rows`` contains [controller, flight, outcome, metrics...].
     """
-    cursor, order = table.cursor(), table.order
+    cursor = table.cursor()
+    order = table.order
     where, values = _condition(table, selection)
     both = f"{where} and isfinite({_quoted(selection.x)}) and isfinite({_quoted(selection.y)})"
     (count,) = cursor.execute(f"select count(*) from shown where {where}", values).fetchone() or (
@@ -226,7 +232,8 @@ def find_nearest(
         (table.ranges[name][1] - table.ranges[name][0]) or 1.0
         for name in (selection.x, selection.y)
     ]
-    x_column, y_column = _quoted(selection.x), _quoted(selection.y)
+    x_column = _quoted(selection.x)
+    y_column = _quoted(selection.y)
     nearest = (
         table.cursor()
         .execute(

@@ -108,10 +108,12 @@ class ExploreServer(ThreadingHTTPServer):
                     )
                 )
         except InputError as error:
-            history, note = read_histories(self.root, controller).get(flight, {}), str(error)
+            history = read_histories(self.root, controller).get(flight, {})
+            note = str(error)
         else:
             same = "differ from the stored metrics!" if again.differences else f"{EQUAL_BITS}."
-            history, note = self._history(again.block), f"{again.sentence} Its metrics {same}"
+            history = self._history(again.block)
+            note = f"{again.sentence} Its metrics {same}"
         history = self.table.results.align(controller, history)
         curves = {"time": history.pop("time"), "channels": history} if history else None
         return {**entry, "note": note, "history": curves}

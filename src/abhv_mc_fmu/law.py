@@ -103,7 +103,8 @@ def load_fmu(source: UserSource) -> Fmu:
     import fmpy
 
     recipe: Any = source.recipe
-    version, simulation = int(description.fmiVersion[0]), description.coSimulation
+    version = int(description.fmiVersion[0])
+    simulation = description.coSimulation
     if (
         version not in _FUNCTIONS
         or simulation is None
@@ -243,7 +244,8 @@ def _make_instantiate(
     """Return a function that creates an instance of the FMU with logging disabled."""
     from fmpy import fmi2, fmi3
 
-    name, token = description.coSimulation.modelIdentifier.encode(), description.guid.encode()
+    name = description.coSimulation.modelIdentifier.encode()
+    token = description.guid.encode()
     if version == 2:
         resources = (folder / "resources").as_uri().encode()
         return lambda: int(
@@ -251,8 +253,10 @@ def _make_instantiate(
         )
     resources = f"{folder / 'resources'}{os.sep}".encode()
     log = fmi3.fmi3LogMessageCallback(fmi3.printLogMessage)
-    false, no_callback = ctypes.c_bool(False), fmi3.fmi3IntermediateUpdateCallback()
-    flags, callbacks = (false,) * 4, (None, ctypes.c_size_t(0), None, log, no_callback)
+    false = ctypes.c_bool(False)
+    no_callback = fmi3.fmi3IntermediateUpdateCallback()
+    flags = (false,) * 4
+    callbacks = (None, ctypes.c_size_t(0), None, log, no_callback)
     return lambda: int(create(name, token, resources, *flags, *callbacks) or 0)
 
 

@@ -148,7 +148,8 @@ def compile_fmu_adapter(
         return f"call_c({function}, (instance, {group}, {numbers}, place + {byte}{count}))"
 
     def call_typed(wire: Wire) -> str:
-        k, count = typed.index(wire), ", 1" if version == 3 else ""
+        k = typed.index(wire)
+        count = ", 1" if version == 3 else ""
         arguments = f"(instance, typed_references + {4 * k}, 1, place + {at_typed + 8 * k}{count})"
         return f"failed = max(failed, call_c(context[{15 + k}], {arguments}))"
 

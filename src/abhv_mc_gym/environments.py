@@ -62,7 +62,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
         ticks: int = 10,
         **options: Any,
     ) -> None:
-        self.num_envs, self._ticks = num_envs, ticks
+        self.num_envs = num_envs
+        self._ticks = ticks
         self._expressions = (*observation, reward)
         for name, (low, high) in {**observation, **action}.items():
             if not -np.inf < low < high < np.inf:

@@ -144,7 +144,8 @@ class Aerodynamics:
             if axis.attributes.get("unit", "LBS") not in ("LBS", "LBSFT", "LBS*FT", "FT*LBS"):
                 raise axis.refuse(f"found the unit '{axis.attributes['unit']}'", "LBS")
             if frame_name == "STABILITY":
-                frame, names = "stability", _STABILITY
+                frame = "stability"
+                names = _STABILITY
         return frame, names
 
     def _add(self, function: Node, axis: str | None) -> None:
@@ -165,7 +166,8 @@ class Aerodynamics:
         self._pending.append(name)
         key = free_name(name.rpartition("/")[2], self._taken)
         self._taken.add(key)
-        operand, value = operand_of(function), key
+        operand = operand_of(function)
+        value = key
         if axis is None:
             text = self._expressions.read(operand, key)
         else:

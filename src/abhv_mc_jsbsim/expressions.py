@@ -82,7 +82,8 @@ class Expressions:
     """Translator of elements to Python expressions, which also collects the distinct tables."""
 
     def __init__(self, resolve: Resolve, reserved: set[str]) -> None:
-        self._resolve, self._taken = resolve, reserved
+        self._resolve = resolve
+        self._taken = reserved
         self._tables: dict[str, str] = {}  # name of each table, by its text
 
     @property

@@ -62,7 +62,8 @@ def quantity(node: Node | None, kind: str, unit: str, missing: float = 0.0) -> f
     """
     if node is None:
         return missing
-    factors, name = _UNITS[kind], node.attributes.get("unit", unit)
+    factors = _UNITS[kind]
+    name = node.attributes.get("unit", unit)
     if name not in factors:
         raise node.refuse(f"found the unit '{name}'", one_of(factors, name))
     return node.number(node.text) * factors[name]
@@ -151,7 +152,8 @@ def _matrix(moments: dict[str, float], sign: float) -> Floats:
     return np.array([[moments["xx"], xy, xz], [xy, moments["yy"], yz], [xz, yz, moments["zz"]]])
 
 
-_MODULE, _VEHICLE = "aerodynamics.py", "vehicle.yaml"
+_MODULE = "aerodynamics.py"
+_VEHICLE = "vehicle.yaml"
 _LIMIT = 30.0  # assumed deflection limit, deg; the limits in the model are not read
 _ANGLES = (-20.0, 45.0)  # widest range of angles of attack in deg
 _LOW_SPEED = {
@@ -192,7 +194,8 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
         raise root.refuse(
             f"found the element '{root.name}'", "the element 'fdm_config' of a JSBSim model"
         )
-    metrics, node = _section(root, "metrics"), _section(root, "aerodynamics")
+    metrics = _section(root, "metrics")
+    node = _section(root, "aerodynamics")
     mass = read_mass(_section(root, "mass_balance"), root.first("propulsion"))
     center = to_body(mass.center - reference_point(metrics))
     properties = _read_metrics(metrics)
@@ -271,7 +274,8 @@ def _full_deflections(root: Node) -> dict[str, float]:
     while pending:
         node = pending.pop()
         pending += node.children
-        limits, output = node.first("range"), node.words("output")
+        limits = node.first("range")
+        output = node.words("output")
         if limits is not None and output.endswith("-rad"):
             ends = [abs(limits.number(limits.words(end) or "0")) for end in ("min", "max")]
             deflections[output] = max(ends) or deflections[""]

@@ -73,7 +73,8 @@ class ProcessLaw:
         self._width = width
         self._limit = recipe["time_limit"]
         self._is_binary = recipe["protocol"] == "binary"
-        self._inputs, self._outputs = tuple(recipe["inputs"]), tuple(recipe["outputs"])
+        self._inputs = tuple(recipe["inputs"])
+        self._outputs = tuple(recipe["outputs"])
         self._positions = [_POSITIONS[name] for name in self._inputs]
         rows = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True))
         rows |= zip(find_commanded(source), effector_rows(source, effectors), strict=True)
@@ -152,7 +153,8 @@ class ProcessLaw:
         if isinstance(error, LostFlightError):
             hung = self._processes[lane[MEMORY]].has_timed_out
             outcome = Outcome.LAW_HUNG if hung else Outcome.LAW_CRASHED
-        lane[FAULT], lane[list(COMMAND_ROWS)] = outcome, 0.0
+        lane[FAULT] = outcome
+        lane[list(COMMAND_ROWS)] = 0.0
         reason = describe_exception(error)
         if self._source.hash not in failures:
             print(f"{self._source.file}: {reason}", file=sys.stderr, flush=True)

@@ -142,7 +142,8 @@ class _Watch:
     """Timer that ends the process if a batch takes longer than ``limit`` seconds."""
 
     def __init__(self, limit: float) -> None:
-        self._limit, self._timer = limit, threading.Timer(limit, os._exit, (1,))
+        self._limit = limit
+        self._timer = threading.Timer(limit, os._exit, (1,))
 
     def begin(self) -> None:
         self._timer.cancel()
@@ -158,7 +159,8 @@ class Cluster:
     """Executor on the workers of a Dask scheduler; :meth:`fly` is thread-safe."""
 
     def __init__(self, client: "Client", engine: Engine, limit: float | None) -> None:
-        self._client, self._engine = client, engine
+        self._client = client
+        self._engine = engine
         self._limit = limit or _LIMIT
         # Future and plan by id of the plan; the stored reference keeps the id unique.
         self._plans: dict[int, tuple[Future, FlightPlan]] = {}
@@ -196,7 +198,8 @@ class Cluster:
     def _attempt(self, plan: Any, parameters: Floats, recorded: Recorded) -> FlightBlock:
         from distributed import CancelledError, KilledWorker
 
-        engine, limit = self._engine, time_limit(min(len(parameters), BATCH_FLIGHTS), self._limit)
+        engine = self._engine
+        limit = time_limit(min(len(parameters), BATCH_FLIGHTS), self._limit)
         source = engine.source if engine.checked else ""
         if not isinstance(plan, FlightPlan):
             future = self._client.submit(

@@ -105,7 +105,8 @@ class Lease:
     """Exclusive right of this process to write to an address."""
 
     def __init__(self, store: Objects) -> None:
-        self._store, self._token = store, uuid.uuid4().hex
+        self._store = store
+        self._token = uuid.uuid4().hex
         self._ended = threading.Event()
         # Error naming the process that took over the lease; afterwards, no objects are written.
         self.lost: InputError | None = None
@@ -332,7 +333,8 @@ class ObjectStore:
         folder.mkdir()
         lease = Lease(self._objects)
         remote = Remote(self._objects, folder, lease)
-        keeps_copy, ended = False, threading.Event()
+        keeps_copy = False
+        ended = threading.Event()
         pushing = threading.Thread(target=_push, args=(remote, ended), daemon=True)
         try:
             with _explain_store_error(self._objects.address):

@@ -105,7 +105,8 @@ def check_free_numbers(campaign: Experiment) -> None:
 
     The error refers to the first controller, which is tuned by default.
     """
-    block, document = campaign.model.tune, campaign.document
+    block = campaign.model.tune
+    document = campaign.document
     if block is None:
         return
     first: InputError | None = None

@@ -109,7 +109,8 @@ def tune(
             cma = CMA(
                 mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=population
             )
-            starts, stale = starts + 1, 0
+            starts = starts + 1
+            stale = 0
         generation = np.array([cma.ask() for _ in range(population)])
         new_scores = measure(generation[:, :dimension])
         cma.tell(list(zip(generation, new_scores.rank().astype(float).tolist(), strict=True)))

@@ -25,7 +25,8 @@ def make_tune_answer(result: TuneFound) -> Answer:
 
 def _draw(result: TuneFound) -> Iterator[Drawn]:
     """Yield the figure of the Pareto front."""
-    scores, block = result.tuning.scores, result.block
+    scores = result.tuning.scores
+    block = result.block
     objective, usage = (
         f"{result.metrics[entry.metric].label_with_unit}, {100 * entry.quantile:g} %"
         for entry in (block.minimise, block.usage)
@@ -123,7 +124,8 @@ def _comparisons(result: TuneFound) -> Table:
     """Return the table of initial value, result and limit of each metric and margin."""
     rows = []
     for item in result.comparisons:
-        limit, is_met = "", ""
+        limit = ""
+        is_met = ""
         if item.limit is not None:
             limit = f"{'above' if item.floor else 'below'} {item.limit:.4g}"
             is_met = "yes" if item.keeps else "no"
@@ -140,7 +142,8 @@ def _comparisons(result: TuneFound) -> Table:
 
 def _numbers(result: TuneFound) -> Table:
     """Return the table of the free parameters with their ranges."""
-    numbers, best = result.numbers, result.tuning.best_point
+    numbers = result.numbers
+    best = result.tuning.best_point
     columns = [
         numbers.values(point)
         for point in (0.0 * best, np.full_like(best, -1.0), best, np.ones_like(best))

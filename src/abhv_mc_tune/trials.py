@@ -93,7 +93,8 @@ class Trials:
         return tuple(signal.name for signal in (*self.campaign.measured, *margins))
 
     def _run(self, point: Floats, parameters: Floats) -> Trial:
-        candidate, columns = self._make(point), self.columns
+        candidate = self._make(point)
+        columns = self.columns
         metrics = self._remember(
             point, parameters, len(columns), lambda: self._fly(candidate(), parameters)
         )

@@ -175,7 +175,8 @@ def read_tune_block(
         if isinstance(document.data, dict) and set(document.data) == {"tune"}:
             block = validate(document, _TuneFile).tune
         else:
-            block, keys = validate(document, Tune), ()
+            block = validate(document, Tune)
+            keys = ()
     for entry, metric in (
         (("minimise", "metric"), block.minimise.metric),
         (("usage", "metric"), block.usage.metric),
@@ -213,7 +214,8 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
 
 def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     campaign, name = read_searched(request.campaign, request.controller, request.seed, engine)
-    model, out = campaign.model, Path(request.output)
+    model = campaign.model
+    out = Path(request.output)
     campaign.simulator.check("tuning")
     block, document, keys = read_tune_block(campaign, request.block)
     if out.suffix in (_CANDIDATES, _PAGE):
@@ -294,7 +296,8 @@ def _validate(
     fresh = trials.draw((trials.campaign.model.seed + 1) % 2**63, block.validation)
     points = np.stack([np.zeros(len(block.free)), tuning.best_point])
     start, best = trials.measure(points, fresh)
-    aim, usage = block.minimise, block.usage
+    aim = block.minimise
+    usage = block.usage
     severities = [severities_of(trial, metrics[aim.metric]) for trial in (start, best)]
 
     def compare(entry: Aim) -> Comparison:

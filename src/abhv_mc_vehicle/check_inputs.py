@@ -73,7 +73,8 @@ def _check(
         # An imported table determines the number of flights.
         counts_rows = is_own(data) and not {"simulator", "runs"} & set(data)
         checked = read_campaign(file, runs=1 if counts_rows else None)
-        simulator, campaign = checked.simulator, checked.model
+        simulator = checked.simulator
+        campaign = checked.model
         infeasible = [] if counts_rows else find_impossible(checked)
         if problems := [*infeasible, *simulator.find_lacking()]:
             raise InputErrors(problems)

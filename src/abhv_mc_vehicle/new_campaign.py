@@ -200,7 +200,8 @@ def _add_law(folder: Path, campaign: Path, law: str) -> list[Path]:
 
     The C example includes a design, headers and a Makefile.
     """
-    source, target = shipped_configs() / "control", folder / "control"
+    source = shipped_configs() / "control"
+    target = folder / "control"
     python, text = ((source / f"cascade.{ending}").read_text("utf-8") for ending in ("py", "yaml"))
     contents = {"my_law.py": python, "my_law.yaml": text.replace("cascade.py", "my_law.py")}
     if law == "c":

@@ -13,7 +13,7 @@ from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import RATE_LIMIT
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 from benchmarks.bench import bench
 from benchmarks.counted import COUNTS, Counted, counted_sqrt

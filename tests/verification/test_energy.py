@@ -13,7 +13,7 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.kernel.world.earth import Earth
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle.table_file import nodes_of
 from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_coefficients, make_variables

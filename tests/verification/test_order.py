@@ -15,7 +15,7 @@ from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.world.earth import WGS84
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from benchmarks.verification.check_rows import Row
 from benchmarks.verification.fly_recording import make_replay_plan, make_start, replay

@@ -208,7 +208,8 @@ def _find_mission(start_file: Path, vehicle: Path | None) -> tuple[Path, Path]:
 
         campaign = read_campaign(start_file)
         campaign.simulator.check("a trim")
-        vehicle, start_file = vehicle or Path(campaign.model.vehicle), Path(campaign.model.mission)
+        vehicle = vehicle or Path(campaign.model.vehicle)
+        start_file = Path(campaign.model.mission)
     elif kind != "mission":
         raise InputError(
             start_file, f"this is a {kind} file", "a mission, campaign or vehicle file"
@@ -219,7 +220,8 @@ def _find_mission(start_file: Path, vehicle: Path | None) -> tuple[Path, Path]:
 def _print_trims(
     vehicle: Path, altitude: float, speed: float, points: list[dict[str, Any]]
 ) -> None:
-    mach, pressure = points[0]["mach"], points[0]["dynamic_pressure_pa"]
+    mach = points[0]["mach"]
+    pressure = points[0]["dynamic_pressure_pa"]
     condition = f"{altitude / 1e3:g} km, {speed:g} m/s, Mach {mach:.3f}, {pressure / 1e3:.2f} kPa"
     title = f"{vehicle.stem}: {condition}"
     banks = [f"{point['bank_deg']:g} deg" for point in points]

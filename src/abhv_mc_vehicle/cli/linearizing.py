@@ -143,7 +143,8 @@ def _show_worst(file: Path, controllers: str | None, json: Path | None, trust_co
 
     _, _, files = _find_flown(None, file, controllers, trust_code)
     campaign = read_campaign(file)
-    results, parameters = find_worst_margins(campaign, tuple(files)), campaign.parameters
+    results = find_worst_margins(campaign, tuple(files))
+    parameters = campaign.parameters
 
     def print_text() -> None:
         table = new_table(("controller", "margin"), ("nominal", "smallest found"), None)
@@ -250,7 +251,8 @@ def _find_flown(
         files = {
             name: controller_files[name] for name in parse_names(controllers) or controller_files
         }
-        vehicle, mission = vehicle or Path(model.vehicle), Path(model.mission)
+        vehicle = vehicle or Path(model.vehicle)
+        mission = Path(model.mission)
     else:
         files = find_controllers(controllers)
     for file in files.values():
@@ -365,7 +367,7 @@ def linearize(
         raise InputError("--controller", "found " + ", ".join(files), "only one controller")
     (file,) = files.values()
     if gains is not None:
-        from abhv_mc_vehicle.one_flight.given import make_flight_plan
+        from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
         from abhv_mc_vehicle.vehicle_simulator.export_gains import check_gain_format, write_gains
 
         check_gain_format(gains)

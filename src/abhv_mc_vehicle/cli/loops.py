@@ -63,7 +63,8 @@ def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure
     axes = figure.subplots()
     turns: set[int] = set()
     for i, name in enumerate(inputs):
-        phase, gain = _phase(gains[:, i]), 20.0 * np.log10(np.abs(gains[:, i]))
+        phase = _phase(gains[:, i])
+        gain = 20.0 * np.log10(np.abs(gains[:, i]))
         axes.plot(phase, gain, color=CYCLE[i % len(CYCLE)], label=name.replace("_", " "))
         near = np.abs(gain) < 40.0
         turns |= set(np.round((phase[near] + 180.0) / 360.0).astype(int).tolist())

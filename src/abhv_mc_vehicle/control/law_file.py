@@ -1,9 +1,7 @@
 """Models of controller files for custom control laws, and lists of their source files."""
 
-import contextlib
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -13,6 +11,7 @@ from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
 from abhv_mc.io.input_files import expand
 from abhv_mc.io.units import Frequency, Time, parse_any, parse_in_unit, parse_unit
 from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ACTUATORS
+from abhv_mc_vehicle.vehicle.shared_keys import located
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
 _RATE = "control ticks per second"
@@ -134,7 +133,7 @@ class CController(ControllerModel):
                     one_of(self.settings, name),
                     ("units", name),
                 )
-            with _located("units", name):
+            with located("units", name):
                 if parse_unit(unit)[0] != 1.0:
                     raise Refusal(
                         f"found '{unit}'", "the SI unit of the struct's member, such as rad"
@@ -194,7 +193,7 @@ class FmuController(ControllerModel):
     @model_validator(mode="after")
     def _check(self) -> "FmuController":
         for name, value in self.starts.items():
-            with _located("inputs" if name in self.constants else "params", name):
+            with located("inputs" if name in self.constants else "params", name):
                 parse_any(value)
         find_files(self)
         return self
@@ -283,20 +282,11 @@ def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = No
     items = value if isinstance(value, list) else [value]
     numbers = []
     for i, item in enumerate(items):
-        with _located(*keys, *([i] if isinstance(value, list) else [])):
+        with located(*keys, *([i] if isinstance(value, list) else [])):
             numbers.append(parse_any(item) if unit is None else parse_in_unit(item, unit))
     if not numbers:
         raise Refusal("found an empty list", "at least one number", keys)
     return numbers
-
-
-@contextlib.contextmanager
-def _located(*keys: str | int) -> Iterator[None]:
-    """Set ``keys`` as the location of each Refusal raised inside the context."""
-    try:
-        yield
-    except Refusal as refusal:
-        raise Refusal(refusal.found, refusal.expected, keys) from None
 
 
 # name and length of each setting; the length of a single number is 0

@@ -263,7 +263,8 @@ class End(StrictModel):
 
     def range_of(self, name: str) -> tuple[float, float]:
         """Return the range of the quantity ``name`` within which the flight continues."""
-        low, high = getattr(self, f"{name}_below", None), getattr(self, f"{name}_above", None)
+        low = getattr(self, f"{name}_below", None)
+        high = getattr(self, f"{name}_above", None)
         return -math.inf if low is None else low, math.inf if high is None else high
 
 
@@ -385,7 +386,8 @@ class Mission(StrictModel):
                 f"an altitude within the limits, {low:g} to {high:g} m",
                 ("start", "altitude"),
             )
-        altitude, speed = self.start.altitude, self.start.speed
+        altitude = self.start.altitude
+        speed = self.start.speed
         names: set[str] = set()
         for key, _, manoeuvre in self.list_manoeuvres():
             name = getattr(manoeuvre, "name", None)
@@ -450,7 +452,8 @@ class Mission(StrictModel):
 
         Raise InputError if a table is invalid.
         """
-        wind, density = self.wind, self.density
+        wind = self.wind
+        density = self.density
         return (
             None
             if isinstance(wind, str)
@@ -477,7 +480,8 @@ class Mission(StrictModel):
 
         Raise InputError if a table is invalid.
         """
-        nominal, (members, _) = self.make_air(), self.read_members()
+        nominal = self.make_air()
+        members, _ = self.read_members()
         if members and not len(nominal):  # calm standard air, above all other altitudes
             nominal = np.array([[1e7, 0.0, 0.0, 1.0, 1.0], [2e7, 0.0, 0.0, 1.0, 1.0]])
         blocks = [nominal, *members]
@@ -502,7 +506,8 @@ class Mission(StrictModel):
         ]
         if self.atmosphere:  # altitudes that all members have
             members, _ = self.read_members()
-            low, high = max(air[0, 0] for air in members), min(air[-1, 0] for air in members)
+            low = max(air[0, 0] for air in members)
+            high = min(air[-1, 0] for air in members)
             tables.append((self.atmosphere.ensemble, np.array([[low], [high]])))
         return find_imbalance(self.make_air()) + [
             warning

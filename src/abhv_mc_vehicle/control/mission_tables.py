@@ -23,7 +23,8 @@ _TRAJECTORY = {"time": TIME, "altitude": LENGTH, "speed": SPEED, "heading": ANGL
 
 _G0 = 9.80665  # standard gravity, m/s2
 # smallest height (m) and departure of the pressure per km that are a warning
-_BALANCED_OVER, _IMBALANCE = 2000.0, 0.05
+_BALANCED_OVER = 2000.0
+_IMBALANCE = 0.05
 
 
 def read_trajectory(path: str | Path, duration: float) -> Floats:
@@ -40,7 +41,8 @@ def read_trajectory(path: str | Path, duration: float) -> Floats:
         )
     if len(samples) < 4:
         raise InputError(path, f"found {counted(len(samples), 'sample')}", "at least 4 samples")
-    first, last = samples[0, 0], samples[-1, 0]
+    first = samples[0, 0]
+    last = samples[-1, 0]
     if abs(first) > 1e-9 or last < duration - 1e-9:
         raise InputError(
             path, f"the times range from {first:g} to {last:g} s", f"times from 0 to {duration:g} s"
@@ -102,7 +104,8 @@ def _take_air(
         return None
     if names in DENSITIES[:2] and "temperature" in columns:
         names = (*names, "temperature")
-    factor, offset = 1.0, 0.0
+    factor = 1.0
+    offset = 0.0
     if "temperature" in names:
         column = columns["temperature"]
         if column.unit not in KELVIN:
@@ -165,7 +168,8 @@ def read_ensemble(
     if "member" not in columns:
         raise table.error(None, None, "the table has no column 'member'", "a column 'member'")
     names = np.array(table.words(columns["member"].position))
-    weights, members = [], list[Floats]()
+    weights = []
+    members = list[Floats]()
     for name in dict.fromkeys(names.tolist()):
         rows = np.flatnonzero(names == name).tolist()
         own = replace(

@@ -59,5 +59,6 @@ def _between(x: Floats, h: float, values: Floats, slopes: Floats) -> Floats:
     i = np.minimum((x / h).astype(np.int64), values.size - 2)
     t = x / h - i
     rise = values[i + 1] - values[i]
-    left, right = h * slopes[i] - rise, rise - h * slopes[i + 1]
+    left = h * slopes[i] - rise
+    right = rise - h * slopes[i + 1]
     return values[i] + t * rise + t * (1.0 - t) * ((1.0 - t) * left + t * right)

@@ -69,7 +69,8 @@ def make_results(
 
     If ``save_memory`` is true, the kernel also saves the memory of each flight.
     """
-    samples, channels = recording.count_samples(plan.timing), len(recording.channels)
+    samples = recording.count_samples(plan.timing)
+    channels = len(recording.channels)
     bins = (samples if recording.extremes else 0, channels)
     return KernelResults(
         metrics=np.empty((flights, len(plan.metrics))),
@@ -100,7 +101,8 @@ def make_kernel_plan(
     """
     terms = plan.vehicle.build_up.factor.size
     sources = source_rows(plan.user_sources, plan.effectors, plan.custom_states)
-    channels, parameters = plan.channels, add_settings(plan, parameters)
+    channels = plan.channels
+    parameters = add_settings(plan, parameters)
     kernel_plan = conform(
         KernelPlan(
             law=LAWS[plan.commanding_law],
@@ -160,7 +162,8 @@ def add_settings(plan: FlightPlan, parameters: Floats) -> Floats:
         return parameters
     if parameters.shape[1] == N_PARAMETERS:
         return np.hstack([parameters, np.tile(nominal, (len(parameters), 1))])
-    law_parameters, first = plan.law_parameters.tolist(), N_PARAMETERS + nominal.size
+    law_parameters = plan.law_parameters.tolist()
+    first = N_PARAMETERS + nominal.size
     if parameters.shape[1] != first + len(law_parameters):
         return parameters
     law_columns = [
@@ -178,7 +181,8 @@ def make_observed(plan: FlightPlan, recorded: Sequence[SourceRow]) -> Observed:
     bounds = np.array([limit.bounds(limits) for limit in bounded], np.float64).reshape(-1, 2)
     state_limits = plan.vehicle.foreign.state_limit  # Limits of custom states come first.
     limited = np.flatnonzero(np.isfinite(state_limits))
-    state_bounds, state_outcome = state_limits[limited], float(Outcome.STATE_LIMIT)
+    state_bounds = state_limits[limited]
+    state_outcome = float(Outcome.STATE_LIMIT)
     return Observed(
         np.array(
             [*(CUSTOM_STATE + limited), *(find_row(limit.source) for limit in bounded)], np.int64

@@ -67,7 +67,8 @@ def start_custom(
         return np.asarray(point.evaluate(states, push)[1] - push)
 
     # Broyden's method needs few trims, because the force hardly depends on the trim.
-    value, J = residual(push), -np.eye(3)
+    value = residual(push)
+    J = -np.eye(3)
     for _ in range(_ITERATIONS):
         if (np.abs(value) <= _CONVERGED * scale).all():
             break
@@ -89,7 +90,8 @@ def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push:
 
     The iteration starts at ``states``. Raise InputError if it does not converge.
     """
-    free, x = np.array([state.start is None for state in code.states]), states.copy()
+    free = np.array([state.start is None for state in code.states])
+    x = states.copy()
     if not free.any():
         _check_finite(code, point, x, push)
         return x
@@ -207,7 +209,8 @@ class _StartPoint:
         make_state: MakeState,
         find_trim: FindTrim,
     ) -> None:
-        self.mission, self.vehicle = mission, vehicle
+        self.mission = mission
+        self.vehicle = vehicle
         self.loop = compile_functions(code, WIDTH).dynamics
         self.make_state = make_state
         self.find_trim = find_trim
@@ -224,7 +227,8 @@ class _StartPoint:
 
     def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
         """Return the rates of the states and the resulting load, in the trim with ``push``."""
-        trim, start = self.trim(push), self.mission.start
+        trim = self.trim(push)
+        start = self.mission.start
         x = self.make_state(trim)
         alpha = trim.angle_of_attack
         mass = self.vehicle.constants.mass_start

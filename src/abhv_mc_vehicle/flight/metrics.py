@@ -82,7 +82,8 @@ def _error(
 
 def _settled(name: str, label: str) -> Metric:
     doc = "largest absolute error, excluding 5 s after each step of the reference"
-    label, of = f"{label}, settled, max", f"{name}_deg"
+    label = f"{label}, settled, max"
+    of = f"{name}_deg"
     return _count(
         f"{name}_settled_max_deg",
         "deg",

@@ -118,7 +118,8 @@ def check_first_ticks(plan: FlightPlan) -> None:
     Only the first two ticks of the nominal flight are simulated.
     """
     source = plan_source(plan)
-    line, returned = _find_step(plan), "Filtered" if plan.around else "Command"
+    line = _find_step(plan)
+    returned = "Filtered" if plan.around else "Command"
     start = replace(plan, timing=plan.timing._replace(ticks=min(_LAST, plan.timing.ticks)))
     try:
         block = run_in_thread(lambda: fly(start, nominal_parameters(), 1), _LONGEST)

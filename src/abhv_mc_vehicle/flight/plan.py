@@ -209,7 +209,8 @@ class FlightPlan:
 
         The result depends only on the names, so that all processes compile the same kernel.
         """
-        vehicle, foreign = self.vehicle, self.vehicle.foreign
+        vehicle = self.vehicle
+        foreign = self.vehicle.foreign
         is_builtin = self.law in ("tlc", "lqr") and not (self.channels_hash or foreign.digest.any())
         is_fixed = not (vehicle.constants.inlet.unstarts or vehicle.constants.driven)
         is_fixed = is_fixed and not has_slack(vehicle)

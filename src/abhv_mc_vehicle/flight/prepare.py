@@ -219,8 +219,10 @@ def has_authority(vehicle: Vehicle, mission: Mission) -> bool:
 
     def moment(deflections: Numbers) -> Numbers:
         zero = 0.0 * deflections[0]
-        alpha, rates = zero + _ALPHA_OF_AUTHORITY, (zero, zero, zero)
-        mass, eta = vehicle.constants.mass_start, zero + vehicle.constants.equivalence_ratio_min
+        alpha = zero + _ALPHA_OF_AUTHORITY
+        rates = (zero, zero, zero)
+        mass = vehicle.constants.mass_start
+        eta = zero + vehicle.constants.equivalence_ratio_min
         return wrench_at(
             vehicle, environment, mass, start.speed, alpha, zero, rates, deflections, eta
         ).moment
@@ -429,7 +431,8 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
     x[s.LONGITUDE] = start.longitude
     x[s.LATITUDE] = start.latitude
     alpha = trim.angle_of_attack
-    x[s.U], x[s.W] = start.speed * np.cos(alpha), start.speed * np.sin(alpha)
+    x[s.U] = start.speed * np.cos(alpha)
+    x[s.W] = start.speed * np.sin(alpha)
     attitude = from_euler(start.heading, start.flight_path_angle + alpha, 0.0)
     if start.bank:
         # The bank is a rotation about the velocity, (cos alpha, 0, sin alpha) in body axes.
@@ -450,7 +453,8 @@ def make_initial_state(mission: Mission, vehicle: Vehicle, trim: TrimPoint) -> F
         lift = trim.load_factor * GRAVITY * np.sin(start.bank)
         x[s.ROLL_RATE : s.YAW_RATE + 1] += rotate_to_body(*attitude, 0.0, 0.0, lift / level)
     x[s.MASS] = vehicle.constants.mass_start
-    x[s.ELEVATOR], x[s.ETA] = trim.elevator, trim.equivalence_ratio
+    x[s.ELEVATOR] = trim.elevator
+    x[s.ETA] = trim.equivalence_ratio
     return x
 
 
@@ -458,7 +462,8 @@ def local_frame_rate(
     earth: Earth, altitude: float, latitude: float, v_north: float, v_east: float
 ) -> tuple[float, float, float]:
     """Return the inertial angular rate (rad/s) of the NED frame in NED components."""
-    sine, cosine = np.sin(latitude), np.cos(latitude)
+    sine = np.sin(latitude)
+    cosine = np.cos(latitude)
     *_, meridian, vertical = find_surroundings(earth, altitude, sine, cosine)
     longitude_rate = v_east / ((vertical + altitude) * cosine) + earth.rotation_rate
     return (

@@ -8,8 +8,7 @@ from typing import Any
 from abhv_mc.custom_code.child import in_child
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
-from abhv_mc.io.documents import Document
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.documents import Document, InputError, InputErrors
 from abhv_mc_vehicle.control.law_file import NATIVE, PYTHON, USER_LAWS
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.flight.interface import TOGETHER, UserCode
@@ -42,7 +41,8 @@ _REQUIREMENTS = {  # for access to the memory of a control law
 @contextlib.contextmanager
 def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
     """Yield the addresses of a vehicle's custom functions for ``width`` lanes; 0 if undefined."""
-    foreign, code = plan.vehicle.foreign, plan.vehicle_code
+    foreign = plan.vehicle.foreign
+    code = plan.vehicle_code
     # The reference keeps the functions alive while the kernel uses them.
     functions: tuple[Any, ...] = (None, None, None)
     if foreign.digest.any():
@@ -75,7 +75,8 @@ def open_law(
     runner: Any = None  # This reference keeps the control law alive while the kernel uses it.
     if plan.law == PYTHON:
         law = load_plan_law(plan)
-        source, gains = law.source, tuple(plan.gain_names.tolist())
+        source = law.source
+        gains = tuple(plan.gain_names.tolist())
         effectors = name_effectors(plan.vehicle) if commands_effectors(source) else ()
         if plan.around:
             runner = compile_filter(source, tuple(plan.filter_settings.tolist()), width)
@@ -89,11 +90,13 @@ def open_law(
     elif plan.law in NATIVE:
         lanes = max(min(flights, TOGETHER), 1)  # Later flights reuse the memory of ended flights.
         memory = len(native_memory(plan)) if memory_in_rows else None
-        gains, n_measured = tuple(plan.gain_names.tolist()), measured_count(plan)
+        gains = tuple(plan.gain_names.tolist())
+        n_measured = measured_count(plan)
         runner = _find_backend(plan.law, plan_source(plan).file).open(
             plan_source(plan), gains, width, lanes, memory, n_measured, name_effectors(plan.vehicle)
         )
-        address, context = runner.address, runner.context
+        address = runner.address
+        context = runner.context
     if plan.channels_hash:
         channels = int(compile_plan_channels(plan, width).address)
     try:

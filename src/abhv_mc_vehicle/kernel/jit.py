@@ -433,12 +433,14 @@ def load_compiler() -> _Compiler:
                 stacklevel=2,
             )
             # The variable makes child processes use the public interface directly.
-            os.environ[PUBLIC], interface = "1", "public"
+            os.environ[PUBLIC] = "1"
+            interface = "public"
             config.CACHE_DIR = str(code_folder(interface))
 
     @typeof_impl.register(_Deferred)
     def _(deferred: Any, context: Any) -> Any:
-        decorated, typing_context = deferred.decorated, registry.cpu_target.typing_context
+        decorated = deferred.decorated
+        typing_context = registry.cpu_target.typing_context
         typing_context.refresh()  # This registers intrinsics with numba.
         return typing_context.resolve_value_type(decorated)
 

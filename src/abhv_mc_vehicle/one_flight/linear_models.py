@@ -2,13 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
 
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.phrases import joined, quoted
 from abhv_mc.io.units import ANGLE, TIME
 from abhv_mc.shipped import DEFAULT_VEHICLE
-from abhv_mc_vehicle.one_flight.given import (
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.flight.plan import FlightPlan
+from abhv_mc_vehicle.flight.prepare import prepare, read_law
+from abhv_mc_vehicle.one_flight.fly_once import (
     Input,
     Quantity,
     make_document,
@@ -16,14 +22,26 @@ from abhv_mc_vehicle.one_flight.given import (
     make_parameters,
     to_si,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from abhv_mc_vehicle.flight.plan import FlightPlan
-    from abhv_mc_vehicle.stability.analysis import Stability, Time
-    from abhv_mc_vehicle.stability.margins import Linear
-    from abhv_mc_vehicle.stability.point_slopes import Points
+from abhv_mc_vehicle.stability import linearize as systems
+from abhv_mc_vehicle.stability.analysis import (
+    GROWTH,
+    Stability,
+    Time,
+    analyse,
+    closed_poles,
+    cut_loops,
+    margin_values,
+)
+from abhv_mc_vehicle.stability.margins import Linear
+from abhv_mc_vehicle.stability.model_file import make_model
+from abhv_mc_vehicle.stability.path_coordinates import COORDINATES
+from abhv_mc_vehicle.stability.point_slopes import Points, find_period
+from abhv_mc_vehicle.stability.points import AT_LIMIT, flown_points, fly_disturbed, near_nodes
+from abhv_mc_vehicle.stability.probe import law_memory_rows, plant_states
+from abhv_mc_vehicle.stability.steady import make_steady_plan, trim_points
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.vehicle.actuators import slack_warnings
+from abhv_mc_vehicle.vehicle_simulator.make_plans import check_rows
 
 _MARGIN_UNITS = {
     "gain_margin_low_db": "dB",
@@ -45,8 +63,8 @@ HELD = ("altitude", "speed", "heading")
 class Place(NamedTuple):
     """Linearization point of a flight."""
 
-    plan: "FlightPlan"  # plan with the reference and gains at the point
-    points: "Points"  # arrays with a single point
+    plan: FlightPlan  # plan with the reference and gains at the point
+    points: Points  # arrays with a single point
     warnings: list[str]
 
 
@@ -65,10 +83,10 @@ class StateSpace(NamedTuple):
     ['aileron', 'rudder', 'elevator', 'equivalence_ratio']
     """
 
-    A: "pd.DataFrame"
-    B: "pd.DataFrame"
-    C: "pd.DataFrame"
-    D: "pd.DataFrame"
+    A: pd.DataFrame
+    B: pd.DataFrame
+    C: pd.DataFrame
+    D: pd.DataFrame
 
 
 @dataclass(frozen=True)
@@ -111,7 +129,7 @@ class LinearModel:
     closed: StateSpace
     period_s: float
     measurement_delay_periods: int
-    point: "pd.Series"  # values of the states at the point, with ``attrs["units"]``
+    point: pd.Series  # values of the states at the point, with ``attrs["units"]``
     warnings: tuple[str, ...]
 
 
@@ -128,17 +146,6 @@ def take_point(
 
     See :func:`abhv_mc.linearize`. Raise InputError if the point does not exist.
     """
-    import numpy as np
-
-    from abhv_mc_vehicle.control.mission import read_mission
-    from abhv_mc_vehicle.flight.prepare import prepare, read_law
-    from abhv_mc_vehicle.stability.point_slopes import find_period
-    from abhv_mc_vehicle.stability.points import AT_LIMIT, flown_points, near_nodes
-    from abhv_mc_vehicle.stability.steady import make_steady_plan, trim_points
-    from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-    from abhv_mc_vehicle.vehicle.actuators import slack_warnings
-    from abhv_mc_vehicle.vehicle_simulator.make_plans import check_rows
-
     time: Time = "trim" if isinstance(at, str) and at == "trim" else to_si(at, TIME, "at")
     angle = to_si(bank, ANGLE, "bank")
     if angle and time != "trim":
@@ -152,7 +159,8 @@ def take_point(
     law: Any = make_document("control", controller)  # Documents are accepted in place of paths.
     craft: Any = make_document("vehicle", vehicle)
     mission_document: Any = make_document("mission", mission)
-    name, packed = law.path.stem, load_vehicle(craft)
+    name = law.path.stem
+    packed = load_vehicle(craft)
     if packed.constants.surface_limit == 0.0 or packed.constants.equivalence_ratio_max == 0.0:
         raise InputError(
             craft.path,
@@ -207,28 +215,22 @@ def take_point(
     return Place(plan, taken.points, warnings)
 
 
-def analyse_place(
-    location: Place, hold: Sequence[str] = ()
-) -> "tuple[Linear, Stability, list[str]]":
+def analyse_place(location: Place, hold: Sequence[str] = ()) -> tuple[Linear, Stability, list[str]]:
     """Return the linear model at a point, the stability margins, and notes.
 
     `hold` names slow states that are held constant; the notes list the removed poles. Raise
     InputError for other names.
     """
-    import numpy as np
-
-    from abhv_mc_vehicle.stability.analysis import GROWTH, analyse, closed_poles
-    from abhv_mc_vehicle.stability.linearize import linearize
-    from abhv_mc_vehicle.stability.path_coordinates import COORDINATES
-
     for name in hold:
         if name not in HELD:
             raise InputError("hold", f"unknown name '{name}'", one_of(HELD, name))
     held = [COORDINATES.index(name) for name in hold]
-    linear = linearize(location.plan, location.points, held)
-    stability, name = analyse(linear, _FREQUENCIES, apart=True), location.plan.controller
+    linear = systems.linearize(location.plan, location.points, held)
+    stability = analyse(linear, _FREQUENCIES, apart=True)
+    name = location.plan.controller
+    notes: list[str] = []
     if held:
-        free = closed_poles(linearize(location.plan, location.points))[0]
+        free = closed_poles(systems.linearize(location.plan, location.points))[0]
         left = list(stability.poles[0])
         removed = []
         for pole in free:  # The remaining poles differ slightly from the original poles.
@@ -238,24 +240,18 @@ def analyse_place(
             elif pole.imag >= 0.0:
                 turning = f" +- {pole.imag:.2g}j" if pole.imag > 0.0 else ""
                 removed.append(f"{pole.real:+.2g}{turning}")
-        text = f"{name}: {quoted(hold)} held constant"
-        return (
-            linear,
-            stability,
-            [f"{text}, which removes the poles at {joined(removed)} 1/s"],
-        )
-    growing = stability.poles[0][stability.poles[0].real >= GROWTH]
-    if growing.size and np.abs(growing).max() < _SLOW:
-        slow = (
-            f"{name}: the unstable poles are slow and belong to states that the controller may "
-            "not control"
-        )
-        return (
-            linear,
-            stability,
-            [f"{slow}: hold {quoted(HELD)} to compute the margins of the remaining dynamics"],
-        )
-    return linear, stability, []
+        notes = [
+            f"{name}: {quoted(hold)} held constant, which removes the poles at "
+            f"{joined(removed)} 1/s"
+        ]
+    else:
+        growing = stability.poles[0][stability.poles[0].real >= GROWTH]
+        if growing.size and np.abs(growing).max() < _SLOW:
+            notes = [
+                f"{name}: the unstable poles are slow and belong to states that the controller may "
+                f"not control: hold {quoted(HELD)} to compute the margins of the remaining dynamics"
+            ]
+    return linear, stability, notes
 
 
 def linearize(
@@ -299,13 +295,10 @@ def linearize(
     >>> loop.C.shape[0]
     4
     """
-    import pandas as pd
-
-    from abhv_mc_vehicle.stability.linearize import linearize
-    from abhv_mc_vehicle.stability.model_file import make_model
-
     location = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
-    model = make_model(location.plan, location.points, linearize(location.plan, location.points))
+    model = make_model(
+        location.plan, location.points, systems.linearize(location.plan, location.points)
+    )
     point = pd.Series(model["point"]["states"], model["plant"]["states"], name="point")
     point.attrs["units"] = dict(
         zip(model["plant"]["states"], model["plant"]["state_units"], strict=True)
@@ -329,7 +322,7 @@ def margins(
     bank: Quantity = 0.0,
     hold: Sequence[str] = (),
     dispersions: Mapping[str, Quantity] | None = None,
-) -> "pd.DataFrame":
+) -> pd.DataFrame:
     """Return stability margins, as ``abhv-mc margins`` prints them.
 
     Parameters
@@ -363,10 +356,6 @@ def margins(
     >>> bool(table["gain_margin_high_db"].min() > 6.0)
     True
     """
-    import pandas as pd
-
-    from abhv_mc_vehicle.stability.analysis import cut_loops, margin_values
-
     location = take_point(mission, vehicle, controller, at, bank, dispersions=dispersions)
     _, stability, notes = analyse_place(location, hold)
     table = pd.DataFrame.from_dict(
@@ -392,7 +381,7 @@ def fly_on(
     disturbance: Mapping[str, float] | None = None,
     duration: Quantity = 1.0,
     dispersions: Mapping[str, Quantity] | None = None,
-) -> "pd.DataFrame":
+) -> pd.DataFrame:
     """Continue a flight after a disturbance, for comparison with a linear model.
 
     Parameters
@@ -422,14 +411,6 @@ def fly_on(
     >>> states.index.name
     'time'
     """
-    import numpy as np
-    import pandas as pd
-
-    from abhv_mc_vehicle.stability.plant_inputs import plant_states
-    from abhv_mc_vehicle.stability.points import fly_disturbed
-    from abhv_mc_vehicle.stability.probe import law_memory_rows
-    from abhv_mc_vehicle.vehicle_simulator.make_plans import check_rows
-
     plan = make_flight_plan(mission, vehicle, controller)
     names = [*plant_states(plan.vehicle), *(f"law_{name}" for name in law_memory_rows(plan))]
     change = np.zeros(len(names))
@@ -454,8 +435,6 @@ def fly_on(
 
 def _make_tables(system: dict[str, Any]) -> StateSpace:
     """Convert a system of :func:`abhv_mc_vehicle.stability.model_file.make_model` to tables."""
-    import pandas as pd
-
     kinds = ("state", "input", "output")
     units = {
         name: unit
@@ -464,7 +443,7 @@ def _make_tables(system: dict[str, Any]) -> StateSpace:
         if unit
     }
 
-    def table(name: str, rows: str, columns: str) -> "pd.DataFrame":
+    def table(name: str, rows: str, columns: str) -> pd.DataFrame:
         frame = pd.DataFrame(system[name], index=system[rows], columns=system[columns])
         frame.attrs["units"] = units
         return frame

@@ -27,7 +27,7 @@ from abhv_mc_vehicle.kernel.flight.interface import LANES, Z_ROWS, make_memory
 from abhv_mc_vehicle.kernel.flight.observe import ALIVE
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.given import Input, temporary_folder, write_inputs
+from abhv_mc_vehicle.one_flight.fly_once import Input, temporary_folder, write_inputs
 from abhv_mc_vehicle.user_code.law_interface import Command, Measured
 from abhv_mc_vehicle.user_code.plain_law import SOCKET
 from abhv_mc_vehicle.vehicle.actuators import name_effectors
@@ -152,7 +152,8 @@ class Plant:
     ) -> None:
         if rows is not None and dispersions:
             raise InputError("Plant", "both rows and dispersions", "one of them")
-        self.commands, self._table = tuple(commands), rows
+        self.commands = tuple(commands)
+        self._table = rows
         self.flights = check_count(flights if rows is None else len(rows), 1, "flights")
         study = {"name": "plant", "runs": self.flights, "mission": mission, "vehicle": vehicle}
         study |= {"controllers": {"plant": _make_law(self.commands, rate)}, "seed": seed}
@@ -170,7 +171,8 @@ class Plant:
         foreign = self._plan.vehicle.foreign
         first = s.SETTING + foreign.settings.size + foreign.states
         self._columns = slice(first, first + len(self.commands))  # commands in the lane memory
-        self._memory, self._opened = make_memory(LANES), contextlib.ExitStack()
+        self._memory = make_memory(LANES)
+        self._opened = contextlib.ExitStack()
         code = self._opened.enter_context(
             open_law(self._plan, LANES, True, self.flights, dispersed=True)
         )
@@ -267,12 +269,14 @@ class Plant:
 
     def _draw(self, seed: int) -> Floats:
         """Return rows of all parameters [flight, parameter]."""
-        experiment, table = self._experiment, self._table
+        experiment = self._experiment
+        table = self._table
         if table is None:
             model = experiment.model.model_copy(update={"seed": seed})
             source = replace(experiment, model=model).make_samples()
             return experiment.rows(source.draw(0, self.flights))
-        names, values = tuple(map(str, table.columns)), table.to_numpy(np.float64)
+        names = tuple(map(str, table.columns))
+        values = table.to_numpy(np.float64)
         _check_names("rows", names, experiment.parameters.dispersible)
         if np.isnan(values).any():
             raise InputError("rows", "an empty cell", "a number in each cell")
@@ -281,7 +285,8 @@ class Plant:
 
     def _find_nominal(self) -> Floats:
         plan = self._plan
-        axes, eta = plan.initial_state[s.AILERON : s.ELEVATOR + 1], plan.initial_state[s.ETA]
+        axes = plan.initial_state[s.AILERON : s.ELEVATOR + 1]
+        eta = plan.initial_state[s.ETA]
         values = dict(zip(REFERENCE, plan.reference[0].tolist(), strict=True))
         values |= dict(
             zip(name_effectors(plan.vehicle), plan.vehicle.effectors.mix @ axes, strict=True)
@@ -292,7 +297,8 @@ class Plant:
 
     def _conform(self, commands: ArrayLike | Mapping[str, ArrayLike]) -> Floats:
         """Return commands [flight, command]."""
-        values, shape = self._rows[:, self._columns].copy(), (self.flights, len(self.commands))
+        values = self._rows[:, self._columns].copy()
+        shape = (self.flights, len(self.commands))
         try:
             if isinstance(commands, Mapping):
                 _check_names("commands", tuple(commands), self.commands)
@@ -316,7 +322,8 @@ class Plant:
 
         If ``saves`` is true, the flights are saved for the next tick; otherwise, they end.
         """
-        plan, results = self._kernel_plan, self._results
+        plan = self._kernel_plan
+        results = self._results
         every = max(last, 1)  # The histories have the samples of tick 0 and of the last tick.
         plan = plan._replace(
             timing=plan.timing._replace(ticks=last + saves),

@@ -3,20 +3,24 @@
 import math
 from collections.abc import Sequence
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from abhv_mc.io.documents import InputError, found_value
 from abhv_mc.io.phrases import joined
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, format_quantity
 from abhv_mc.shipped import DEFAULT_VEHICLE
-from abhv_mc_vehicle.one_flight.given import Input, Quantity, make_document, to_si
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from abhv_mc_vehicle.control.design.flying_qualities import FlyingQualities
-    from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
-    from abhv_mc_vehicle.plant.trim import TrimPoint
+from abhv_mc_vehicle.control.design.flying_qualities import FlyingQualities, find_flying_qualities
+from abhv_mc_vehicle.control.design.reference import make_start_point, on_glide_path
+from abhv_mc_vehicle.control.mission import read_mission
+from abhv_mc_vehicle.flight.prepare import trim_start
+from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.one_flight.fly_once import Input, Quantity, make_document, to_si
+from abhv_mc_vehicle.plant.trim import GRAVITY, TrimPoint
+from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
+from abhv_mc_vehicle.vehicle.table_file import valid_range
+from abhv_mc_vehicle.vehicle.warnings import find_vehicle_warnings
 
 COLUMNS = {  # unit of each column, except the bank angle
     "flight_path_angle_deg": "deg",
@@ -76,7 +80,7 @@ def trim(
     heading: Quantity | None = None,
     mass: Quantity | None = None,
     rotating: bool = False,
-) -> "pd.DataFrame":
+) -> pd.DataFrame:
     """Return controls, forces and flying qualities of trimmed steady flight.
 
     Air and Earth are those of the mission, without wind. A vehicle without an engine glides.
@@ -121,15 +125,6 @@ def trim(
     >>> bool(table["angle_of_attack_deg"].is_monotonic_increasing)
     True
     """
-    import pandas as pd
-
-    from abhv_mc_vehicle.control.design.flying_qualities import find_flying_qualities
-    from abhv_mc_vehicle.control.design.reference import make_start_point, on_glide_path
-    from abhv_mc_vehicle.control.mission import read_mission
-    from abhv_mc_vehicle.flight.prepare import trim_start
-    from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-    from abhv_mc_vehicle.vehicle.warnings import find_vehicle_warnings
-
     document: Any = make_document("vehicle", vehicle)
     mission_document: Any = make_document("mission", mission)
     flown = read_mission(mission_document)
@@ -137,13 +132,13 @@ def trim(
     banks = [bank] if isinstance(bank, str | int | float | Real) else list(bank)
     if not banks:
         raise InputError("bank", "no angle is given", "one or more bank angles")
-    conditions = {
-        "altitude": altitude,
-        "speed": speed,
-        "flight_path_angle": flight_path_angle,
-        "latitude": latitude,
-        "heading": heading,
-    }
+    conditions = dict(
+        altitude=altitude,
+        speed=speed,
+        flight_path_angle=flight_path_angle,
+        latitude=latitude,
+        heading=heading,
+    )
     start = flown.start.model_copy(
         update={
             name: _quantity(name, value) for name, value in conditions.items() if value is not None
@@ -163,7 +158,6 @@ def trim(
     weighed = craft.constants.mass_start if kilograms is None else kilograms
     craft = craft._replace(constants=craft.constants._replace(mass_start=weighed))
     rows = []
-    faults = []
     trims = []
     for angle in angles:
         banked = start.model_copy(update={"bank": angle})
@@ -172,13 +166,11 @@ def trim(
         point = make_start_point(case)
         qualities = find_flying_qualities(craft, earth, point, balanced, weighed)
         rows.append(_make_row(balanced, qualities, craft.constants.area, weighed))
-        faults.append(balanced.fault)
         trims.append(balanced)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
-    table["trimmed"] = [not fault for fault in faults]
-    table["fault"] = pd.Series(
-        [fault or None for fault in faults], dtype=object
-    )  # An object Series keeps None as the value without a fault.
+    table["trimmed"] = [not balanced.fault for balanced in trims]
+    # An object Series keeps None as the value without a fault.
+    table["fault"] = pd.Series([balanced.fault or None for balanced in trims], dtype=object)
     table.index = pd.Index(map(math.degrees, angles), name="bank_deg")
     warnings = _find_range_warnings(craft, trims, start.altitude, weighed)
     for name, label, least in _LATERAL:
@@ -198,11 +190,9 @@ def trim(
 
 
 def _find_range_warnings(
-    vehicle: "Vehicle", trims: "list[TrimPoint]", altitude: float, mass: float
+    vehicle: Vehicle, trims: list[TrimPoint], altitude: float, mass: float
 ) -> list[str]:
     """Return a sentence if a trimmed point is outside the ranges of the tables or the limits."""
-    from abhv_mc_vehicle.vehicle.table_file import valid_range
-
     outside = []
     for name in ("mach", "angle_of_attack", "elevator", "equivalence_ratio", "altitude", "mass"):
         fixed = {"altitude": altitude, "mass": mass}
@@ -220,11 +210,9 @@ def _find_range_warnings(
 
 
 def _make_row(
-    trim: "TrimPoint", qualities: "FlyingQualities", area: float, mass: float
+    trim: TrimPoint, qualities: FlyingQualities, area: float, mass: float
 ) -> tuple[float, ...]:
     """Return a row of the table as the values of COLUMNS."""
-    from abhv_mc_vehicle.plant.trim import GRAVITY
-
     pressure_area = trim.dynamic_pressure * area
     return (
         math.degrees(trim.flight_path_angle),

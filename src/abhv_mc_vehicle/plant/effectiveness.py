@@ -48,7 +48,8 @@ def count_rows(vehicle: Vehicle) -> int:
 def make_effectiveness(vehicle: Vehicle) -> Effectiveness:
     """Return the terms of the coefficients' derivatives, see :class:`Effectiveness`."""
     weights = _input_weights(vehicle)
-    tables, terms = vehicle.tables, vehicle.build_up
+    tables = vehicle.tables
+    terms = vehicle.build_up
     entries: list[tuple[int, int, int, int, float]] = []
     slope_rows, _ = _slope_rows(vehicle, weights)
     constant = VARIABLES.index("one")

@@ -122,7 +122,8 @@ def _balance(
     """
     constants = vehicle.constants
     along, across = _specific_force(earth, point)
-    sin_s, cos_s = math.sin(point.bank), math.cos(point.bank)
+    sin_s = math.sin(point.bank)
+    cos_s = math.cos(point.bank)
     pitch_rate = across * sin_s * sin_s / (cos_s * point.speed) + point.flight_path_rate * cos_s
     limits = deflection_range(vehicle, 2)
     density, sound = map(float, nominal_air(point.air, point.altitude))
@@ -154,7 +155,8 @@ def _balance(
         elevator = elevator_of(alpha)
         return unbalance(alpha, elevator, eta_of(alpha, elevator))[1]
 
-    low, high = constants.angle_of_attack_min, constants.angle_of_attack_max
+    low = constants.angle_of_attack_min
+    high = constants.angle_of_attack_max
     alpha = _root(lift_of, max(low, -_USUAL), min(high, _USUAL))
     if (low < -_USUAL or high > _USUAL) and abs(lift_of(alpha)) > _TOLERANCE:
         alpha = _root(lift_of, low, high)
@@ -194,12 +196,15 @@ def _specific_force(earth: Earth, point: FlightPoint) -> tuple[float, float]:
 
     The components are along the velocity, and normal to it in the vertical plane, upward.
     """
-    sin_lat, cos_lat = math.sin(point.latitude), math.cos(point.latitude)
+    sin_lat = math.sin(point.latitude)
+    cos_lat = math.cos(point.latitude)
     _, _, north, down, meridian, vertical = find_surroundings(
         earth, point.altitude, sin_lat, cos_lat
     )
-    sin_g, cos_g = math.sin(point.flight_path_angle), math.cos(point.flight_path_angle)
-    sin_h, cos_h = math.sin(point.heading), math.cos(point.heading)
+    sin_g = math.sin(point.flight_path_angle)
+    cos_g = math.cos(point.flight_path_angle)
+    sin_h = math.sin(point.heading)
+    cos_h = math.cos(point.heading)
     forward = np.array([cos_g * cos_h, cos_g * sin_h, -sin_g])
     up = np.array([-sin_g * cos_h, -sin_g * sin_h, -cos_g])
     velocity = point.speed * forward
@@ -227,7 +232,8 @@ def _control(
     eta: float,
 ) -> TrimPoint:
     """Return forces and moments for the given controls, which need not trim the vehicle."""
-    constants, (density, sound) = vehicle.constants, air
+    constants = vehicle.constants
+    density, sound = air
     q_bar = 0.5 * density * point.speed**2
     variables = make_variables(
         vehicle,
@@ -249,7 +255,8 @@ def _control(
     captured = constants.capture_thrust * eta * density * point.speed * fixed["capture_area_ratio"]
     thrust = captured * fixed["specific_impulse"] + q_bar * fixed["thrust_area"]
 
-    sin_a, cos_a = math.sin(alpha), math.cos(alpha)
+    sin_a = math.sin(alpha)
+    cos_a = math.cos(alpha)
     x = lift * sin_a - drag * cos_a + thrust * constants.thrust_cos
     z = -lift * cos_a - drag * sin_a - thrust * constants.thrust_sin
     impulse = fixed["specific_impulse"]
@@ -257,8 +264,10 @@ def _control(
     propulsion = [0.0] * N_THRUST
     if vehicle.foreign.propulsion:
         propulsion = evaluate_functions(vehicle, variables, density, point.speed)[1][:, 0].tolist()
-        x, z = x + propulsion[0], z + propulsion[2]
-    cg_x, cg_z = fixed["center_of_gravity_x"], fixed["center_of_gravity_z"]
+        x = x + propulsion[0]
+        z = z + propulsion[2]
+    cg_x = fixed["center_of_gravity_x"]
+    cg_z = fixed["center_of_gravity_z"]
     moment = q_bar * constants.area * constants.chord * coefficients["pitching_moment"]
     moment += thrust * constants.thrust_cos * constants.thrust_offset_z + cg_x * z - cg_z * x
     if vehicle.foreign.propulsion:
@@ -267,7 +276,8 @@ def _control(
             + vehicle.foreign.engine_z * propulsion[0]
             - vehicle.foreign.engine_x * propulsion[2]
         )
-        thrust, fuel_flow = propulsion[0], propulsion[6]
+        thrust = propulsion[0]
+        fuel_flow = propulsion[6]
     x = x + point.push[0]
     z = z + point.push[1]
     moment = moment + point.push[2]

@@ -70,12 +70,14 @@ def analyse(linear: Linear, frequencies: int = FREQUENCIES, apart: bool = False)
     """
     if apart and linear.apart is not None:
         return analyse(linear, frequencies)._replace(apart=analyse(linear.apart, frequencies))
-    discrete, span = _closed_poles(linear), linear.period * max(len(linear.phases), 1)
+    discrete = _closed_poles(linear)
+    span = linear.period * max(len(linear.phases), 1)
     poles = closed_poles(linear, discrete)
     stable = np.array(
         [system_poles.size > 0 and system_poles[0].real < GROWTH for system_poles in poles]
     )
-    systems, inputs = len(poles), linear.law_D.shape[1]
+    systems = len(poles)
+    inputs = linear.law_D.shape[1]
     margins = Margins._make(
         np.full(shape, np.nan) for shape in [(systems, inputs)] * 9 + [(systems,)] * 3
     )
@@ -173,7 +175,8 @@ def _least(margins: Margins, system: int) -> Floats:
             20.0
             * np.log10(np.minimum(margins.gain_high[system], 1.0 / margins.gain_low[system])).min()
         )
-    phase, delay = margins.phase[system].min(), margins.delay[system].min()
+    phase = margins.phase[system].min()
+    delay = margins.delay[system].min()
     return np.array([gain, np.rad2deg(phase), 1e3 * delay, margins.all_disk[system]])
 
 
@@ -217,8 +220,10 @@ def _loops(stability: Stability) -> Iterator[tuple[str, Stability, int]]:
 def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, float]:
     m = stability.margins
     with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = 20.0 * np.log10(m.gain_low[system, i]), 20.0 * np.log10(m.gain_high[system, i])
-    phase, delay = np.rad2deg(m.phase[system, i]), 1e3 * m.delay[system, i]
+        low = 20.0 * np.log10(m.gain_low[system, i])
+        high = 20.0 * np.log10(m.gain_high[system, i])
+    phase = np.rad2deg(m.phase[system, i])
+    delay = 1e3 * m.delay[system, i]
     values = (low, high, phase, delay, m.sensitivity[system, i], m.crossover[system, i])
     return {
         name: np.nan if stability.cut[system, i] else float(x)
@@ -245,7 +250,8 @@ def make_rows(
     system contains the growing poles (1/s, real and imaginary part). Rows of individual effectors
     have `counts: False` if the controller commands axes.
     """
-    stable, reasons = bool(stability.stable[system]), cut_loops(stability, system)
+    stable = bool(stability.stable[system])
+    reasons = cut_loops(stability, system)
     effector_loops = [
         name for name, loop_stability, _ in _loops(stability) if loop_stability is stability.apart
     ]

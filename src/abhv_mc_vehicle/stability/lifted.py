@@ -50,8 +50,10 @@ class _Lifted(NamedTuple):
 def find_lifted_margins(linear: Linear, system: int, omega: Floats) -> Margins:
     """Return the margins of one system; `omega` [frequency] increases to pi / (N T)."""
     every, single = _lift(linear, system)
-    rows, eye = np.arange(len(linear.inputs)), np.eye(single.ticks)
-    grid, shape = np.tile(omega, (rows.size, 1)), (rows.size, omega.size, *eye.shape)
+    rows = np.arange(len(linear.inputs))
+    eye = np.eye(single.ticks)
+    grid = np.tile(omega, (rows.size, 1))
+    shape = (rows.size, omega.size, *eye.shape)
     L = _gains(single, np.repeat(rows, omega.size), grid.ravel()).reshape(shape)
     S = inverse(eye + L)
 
@@ -86,7 +88,8 @@ def fundamental_gains(linear: Linear, omega: Floats) -> Complexes:
 
 def _lift(linear: Linear, system: int) -> tuple[_Lifted, _Lifted]:
     """Return all loops of a system together, and each loop with the others closed."""
-    closes, inputs = (linear.cut[system] == 0)[:, None], np.arange(len(linear.inputs))
+    closes = (linear.cut[system] == 0)[:, None]
+    inputs = np.arange(len(linear.inputs))
     ticks = [
         (A, B, closes * C) for A, B, C in (open_loop(phase, system) for phase in linear.phases)
     ]
@@ -101,7 +104,8 @@ def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: floa
     """Return the lifted loops of systems, given A, B and C in each tick."""
     parts = []
     for ticks in systems:
-        (n, k), count = ticks[0][1].shape, len(ticks)
+        n, k = ticks[0][1].shape
+        count = len(ticks)
         state = np.eye(n)
         driven = np.zeros((n, k, count))
         out = []
@@ -109,7 +113,8 @@ def _over_ticks(systems: list[list[tuple[Floats, Floats, Floats]]], period: floa
         for tick, (A, B, C) in enumerate(ticks):
             out.append(C @ state)
             ahead.append(np.tensordot(C, driven, 1))
-            state, driven = A @ state, np.tensordot(A, driven, 1)
+            state = A @ state
+            driven = np.tensordot(A, driven, 1)
             driven[:, :, tick] = B
         flat = (state, driven.reshape(n, -1), np.stack(out, 1).reshape(-1, n), np.stack(ahead, 1))
         parts.append((*flat[:3], flat[3].reshape(k * count, -1)))
@@ -135,7 +140,8 @@ def _harmonics(law: _Lifted, omega: Floats) -> Floats:
 
 def _in_harmonics(law: _Lifted, system: Ints, omega: Floats) -> Complexes:
     """Return the loop gains between harmonics instead of ticks, by a unitary transformation."""
-    L, count = _gains(law, system, omega), law.ticks
+    L = _gains(law, system, omega)
+    count = law.ticks
     loops = L.shape[-1] // count
     ticks = L.reshape(omega.size, loops, count, loops, count).swapaxes(2, 3)
     wave = np.exp(1j * law.period * _harmonics(law, omega)[:, None, :] * np.arange(count)[:, None])[
@@ -148,7 +154,8 @@ def _harmonic(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> Fl
     """Return the dominant frequency in the eigenvector of a locus [point], rad/s."""
     values, vectors = np.linalg.eig(_in_harmonics(law, system, omega))
     share = np.abs(inverse(vectors) * np.swapaxes(vectors, -1, -2))
-    points, nearest = np.arange(omega.size), np.abs(values - locus[:, None]).argmin(axis=1)
+    points = np.arange(omega.size)
+    nearest = np.abs(values - locus[:, None]).argmin(axis=1)
     share = share[points, nearest].reshape(omega.size, values.shape[1] // law.ticks, law.ticks)
     content = share.sum(axis=1)
     return _harmonics(law, omega)[points, content.argmax(axis=1)]
@@ -176,14 +183,17 @@ def _delays(law: _Lifted, system: Ints, omega: Floats, locus: Complexes) -> tupl
 
     def left(x: Floats) -> Floats:
         w = np.exp(x[:, 0])
-        L, late = _in_harmonics(law, system, w), np.exp(-1j * _harmonics(law, w) * x[:, 1:])
+        L = _in_harmonics(law, system, w)
+        late = np.exp(-1j * _harmonics(law, w) * x[:, 1:])
         values = 1.0 + eigenvalues(L * np.tile(late, L.shape[-1] // law.ticks)[:, None])
         nearest = values[np.arange(len(x)), np.abs(values).argmin(axis=1)]
         return np.column_stack([nearest.real, nearest.imag])
 
-    harmonic, turn = _harmonic(law, system, omega, locus), np.angle(locus) + np.pi
+    harmonic = _harmonic(law, system, omega, locus)
+    turn = np.angle(locus) + np.pi
     guess = np.where(harmonic > 0.0, turn, 2.0 * np.pi - turn) / np.abs(harmonic)
-    x, small_step = np.column_stack([np.log(omega), guess]), np.full(omega.size, 1e-7)
+    x = np.column_stack([np.log(omega), guess])
+    small_step = np.full(omega.size, 1e-7)
     for _ in range(_NEWTON_STEPS):
         f = left(x)
         if np.abs(f).max(initial=0.0) < 1e-11:

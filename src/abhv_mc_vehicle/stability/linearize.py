@@ -33,7 +33,8 @@ from abhv_mc_vehicle.kernel.plant.vehicle import (
 )
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.stability.margins import NO_EFFECT, STUCK, Linear
-from abhv_mc_vehicle.stability.plant_inputs import (
+from abhv_mc_vehicle.stability.point_slopes import LONGEST, Points, law_phases, plant_slopes
+from abhv_mc_vehicle.stability.probe import (
     INPUTS,
     held_at,
     mix_matrix,
@@ -41,7 +42,6 @@ from abhv_mc_vehicle.stability.plant_inputs import (
     name_inputs,
     sticks_here,
 )
-from abhv_mc_vehicle.stability.point_slopes import LONGEST, Points, law_phases, plant_slopes
 from abhv_mc_vehicle.vehicle.actuators import surface_list
 
 _LAG, _INTERVAL = (
@@ -112,7 +112,8 @@ def add_sensors(plan: FlightPlan, points: Points, phases: tuple[Linear, ...]) ->
             "the intervals differ between flights",
             "equal intervals, to linearize flights together",
         )
-    first, models = max(points.tick, 1), []
+    first = max(points.tick, 1)
+    models = []
     for tick in range(first, first + repeats_after(ticks[0], len(phases))):
         law = phases[(tick - first) % len(phases)]
         fresh = (tick - law.delay[:, None]) % ticks == 0
@@ -143,15 +144,21 @@ def _sense(
     at_once = 1.0 - (1.0 - stays) * lag
     later = stays * at_once + (1.0 - stays) * lag - stays
     points, measured = lag.shape
-    m, measurements = late.size + sampled.size, np.arange(measured)
-    A, B = np.zeros((points, m, m)), np.zeros((points, m, measured))
-    C, D = np.zeros((points, measured, m)), np.zeros((points, measured, measured))
+    m = late.size + sampled.size
+    measurements = np.arange(measured)
+    A = np.zeros((points, m, m))
+    B = np.zeros((points, m, measured))
+    C = np.zeros((points, measured, m))
+    D = np.zeros((points, measured, measured))
     D[:, measurements, measurements] = scale * at_once
-    states, samples = np.arange(late.size), late.size + np.arange(sampled.size)
-    A[:, states, states], B[:, states, late] = stays[:, late], later[:, late]
+    states = np.arange(late.size)
+    samples = late.size + np.arange(sampled.size)
+    A[:, states, states] = stays[:, late]
+    B[:, states, late] = later[:, late]
     C[:, late, states] = scale[:, late]
     C[:, sampled, samples] = ~fresh[:, sampled]
-    A[:, samples], B[:, samples] = C[:, sampled], D[:, sampled]
+    A[:, samples] = C[:, sampled]
+    B[:, samples] = D[:, sampled]
     return A, B, C, D
 
 
@@ -179,7 +186,8 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
     rates = [*range(_N_PATH), *range(_MEASURED + n, plant.slope.shape[1])]
     moved = [*range(_N_PATH), *range(_N_PATH + k, plant.slope.shape[2])]
     driven = slice(_N_PATH, _N_PATH + k)
-    plant_A, plant_B = plant.slope[:, rates][:, :, moved], plant.slope[:, rates, driven]
+    plant_A = plant.slope[:, rates][:, :, moved]
+    plant_B = plant.slope[:, rates, driven]
     held_B = np.zeros_like(plant_B)
     if (points.lane[:, s.SLOW_EFFECTOR : s.SLOW_EFFECTOR + MAX_EFFECTORS] != NEVER).any():
         held_B = plant_slopes(plan, points, hold_slow=True).slope[:, rates, driven] - plant_B
@@ -196,7 +204,8 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
         # The rate of a stuck input is set to zero at every tick.
         A[sticks[:, i], :, 11 + 2 * i] = 0.0
     sense = _sensing(plant.slope[:, _MEASURED : _MEASURED + n], k)
-    A, B = np.delete(np.delete(A, held, 1), held, 2), np.delete(B, held, 1)
+    A = np.delete(np.delete(A, held, 1), held, 2)
+    B = np.delete(B, held, 1)
     age = (points.lane[:, s.parameter_row("sensor.delay")] / plan.timing.tick + 0.5).astype(
         np.int64
     )
@@ -228,11 +237,13 @@ def linearize(plan: FlightPlan, points: Points, held: Sequence[int] = ()) -> Lin
 
 def _mixed(linear: Linear, mix: Floats) -> Linear:
     """Return the model with axes as inputs; `mix` [effector, axis] maps axes to effectors."""
-    inverse_mix, moves = np.linalg.pinv(mix), linear.cut == 0
+    inverse_mix = np.linalg.pinv(mix)
+    moves = linear.cut == 0
     felt = (moves[:, :, None] & (mix != 0.0)).any(axis=1)
     stuck = ((linear.cut == STUCK)[:, :, None] & (mix != 0.0)).any(axis=1)
     cut = np.where(felt, 0, np.where(stuck, STUCK, NO_EFFECT))
-    law_C, law_D = inverse_mix @ linear.law_C, inverse_mix @ linear.law_D
+    law_C = inverse_mix @ linear.law_C
+    law_D = inverse_mix @ linear.law_D
     return linear._replace(B=linear.B @ mix, law_C=law_C, law_D=law_D, cut=cut, inputs=INPUTS)
 
 
@@ -246,7 +257,8 @@ def _sensing(slope: Floats, inputs: int) -> Floats:
     clean = np.where(np.abs(slope - rounded) < _WHOLE, rounded, slope)
     last = 10 + 2 * inputs
     sense = np.zeros((*slope.shape[:2], slope.shape[2] + inputs))
-    sense[:, :, :10], sense[:, :, 10:last:2] = clean[:, :, :10], clean[:, :, 10 : 10 + inputs]
+    sense[:, :, :10] = clean[:, :, :10]
+    sense[:, :, 10:last:2] = clean[:, :, 10 : 10 + inputs]
     sense[:, :, last:] = clean[:, :, 10 + inputs :]
     return sense
 
@@ -258,19 +270,23 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
     """
     actuators = plan.vehicle.actuators[surface_list(plan.vehicle)]
     k = len(actuators)
-    A, B = np.zeros((len(lane), 2 * k, 2 * k)), np.zeros((len(lane), 2 * k, k))
+    A = np.zeros((len(lane), 2 * k, 2 * k))
+    B = np.zeros((len(lane), 2 * k, k))
     for i, (bandwidth, damping, kind) in enumerate(actuators[:, [BANDWIDTH, DAMPING, KIND]]):
         ideal = kind == IDEAL
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
         if kind == FIRST_ORDER:  # The rate state follows the actual rate almost instantly.
-            A[:, 2 * i, 2 * i], B[:, 2 * i, i] = -w, w
-            A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE * w, -_AT_ONCE
+            A[:, 2 * i, 2 * i] = -w
+            B[:, 2 * i, i] = w
+            A[:, 2 * i + 1, 2 * i] = -_AT_ONCE * w
+            A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE
             B[:, 2 * i + 1, i] = _AT_ONCE * w
             continue
         A[:, 2 * i, 2 * i + 1] = 1.0
-        A[:, 2 * i + 1, 2 * i], A[:, 2 * i + 1, 2 * i + 1] = -(w**2), -2.0 * zeta * w
+        A[:, 2 * i + 1, 2 * i] = -(w**2)
+        A[:, 2 * i + 1, 2 * i + 1] = -2.0 * zeta * w
         B[:, 2 * i + 1, i] = w**2
     return A, B
 
@@ -285,7 +301,8 @@ def hold(
     from scipy.linalg import expm
 
     actuator_A, actuator_B = actuator_matrices(plan, lane)
-    last, k = 10 + actuator_A.shape[1], actuator_B.shape[2]
+    last = 10 + actuator_A.shape[1]
+    k = actuator_B.shape[2]
     n = last + plant_A.shape[1] - 10
     size = n + (2 * k if held_B.any() else k)
     moved = np.array([*range(10), *range(last, n)])
@@ -309,7 +326,8 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
 
     The states are those of the plant, the controller and the delayed measurements.
     """
-    m, d = linear.law_A.shape[1], int(linear.delay[point])
+    m = linear.law_A.shape[1]
+    d = int(linear.delay[point])
     sense = linear.sense[point]
     measured, p = sense.shape
     n = p + m + measured * d
@@ -319,8 +337,10 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
         seen[:, n - measured :] = np.eye(measured)
     else:
         seen[:, :p] = sense
-    A, B = np.zeros((n, n)), np.zeros((n, linear.B.shape[2]))
-    A[:p, :p], B[:p] = linear.A[point], linear.B[point]
+    A = np.zeros((n, n))
+    B = np.zeros((n, linear.B.shape[2]))
+    A[:p, :p] = linear.A[point]
+    B[:p] = linear.B[point]
     A[p : p + m] = linear.law_B[point] @ seen
     A[p : p + m, p : p + m] += linear.law_A[point]
     if d:

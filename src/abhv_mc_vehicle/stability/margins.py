@@ -22,7 +22,7 @@ from abhv_mc_vehicle.kernel.stability.structured import (
     peak_of_structured_singular_values,
     structured_singular_values,
 )
-from abhv_mc_vehicle.stability.plant_inputs import INPUTS
+from abhv_mc_vehicle.stability.probe import INPUTS
 from abhv_mc_vehicle.stability.search import (
     Quantity,
     changes_of_sign,
@@ -31,7 +31,8 @@ from abhv_mc_vehicle.stability.search import (
 )
 
 # reasons why an input has no loop
-STUCK, NO_EFFECT = 1, 2
+STUCK = 1
+NO_EFFECT = 2
 REASONS = {STUCK: "stuck", NO_EFFECT: "no effect"}
 
 
@@ -107,7 +108,8 @@ def to_hessenberg(A: Floats, B: Floats, C: Floats) -> tuple[Floats, Floats, Floa
 
 def loop_gains(loops: Loops, system: Ints, omega: Floats) -> Complexes:
     """Return the loop gain L [point, input, input] of `system` [point] at `omega` (rad/s)."""
-    points, inputs = len(omega), loops.law_D.shape[1]
+    points = len(omega)
+    inputs = loops.law_D.shape[1]
     result = np.empty((points, inputs, inputs), np.complex128)
     fill_loop_gains(
         *loops[:8],
@@ -192,7 +194,8 @@ def find_margins(response: Response, omega: Floats, period: float) -> Margins:
     L = L.reshape(systems, count, inputs, inputs)
     S, closed = close(L)
     # The following arrays have one row for each loop of each system.
-    grid, half = np.repeat(omega, inputs, axis=0), 0.5 * np.eye(inputs)
+    grid = np.repeat(omega, inputs, axis=0)
+    half = 0.5 * np.eye(inputs)
     gains, own = (np.moveaxis(responses, -1, 1).reshape(-1, count) for responses in closed)
 
     def at(loop: Ints, frequency: Floats) -> Closed:
@@ -278,8 +281,10 @@ def gain_margins(
         crosses &= np.abs(value.imag) < 1e-3 * np.abs(
             value.real
         )  # Exclude sign changes at which the locus jumps through infinity.
-    low, high = np.zeros(rows.size), np.full(rows.size, np.inf)
-    low_at, high_at = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
+    low = np.zeros(rows.size)
+    high = np.full(rows.size, np.inf)
+    low_at = np.full(rows.size, np.nan)
+    high_at = np.full(rows.size, np.nan)
     order = np.argsort(
         -np.abs(np.log(np.where(crosses, k, _FARTHEST)))
     )  # The last entry, which overwrites the previous entries, is the nearest to 1.
@@ -305,13 +310,15 @@ def phase_margins(
     row, where, value = _crossings(loci, _log_size, grid, values)
     turn = np.angle(value) + np.pi  # angle between -1 and the locus, from 0 to 2 pi
     where, late = delays(row, where, value)
-    phase, delay = np.full(len(grid), np.inf), np.full(len(grid), np.inf)
+    phase = np.full(len(grid), np.inf)
+    delay = np.full(len(grid), np.inf)
     crossover = np.full(len(grid), np.nan)
     for i, w, distance, tau in zip(
         row, where, np.minimum(turn, 2.0 * np.pi - turn), late, strict=True
     ):
         if distance < phase[i]:
-            phase[i], crossover[i] = distance, w
+            phase[i] = distance
+            crossover[i] = w
         delay[i] = min(delay[i], tau)
     return phase, crossover, delay
 

@@ -20,9 +20,8 @@ from abhv_mc_vehicle.stability.linearize import (
     sensor_states,
 )
 from abhv_mc_vehicle.stability.margins import Linear
-from abhv_mc_vehicle.stability.plant_inputs import mix_matrix, plant_states, plant_units
 from abhv_mc_vehicle.stability.point_slopes import Points
-from abhv_mc_vehicle.stability.probe import law_memory_rows
+from abhv_mc_vehicle.stability.probe import law_memory_rows, mix_matrix, plant_states, plant_units
 
 FORMATS = (".npz", ".mat", ".json")
 
@@ -36,14 +35,18 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
     with `period`. If a controller repeats after several `ticks`, the sampled models apply to the
     tick of the point, and `closed_over_ticks` is the closed loop over all ticks.
     """
-    m, d = linear.law_A.shape[1], int(linear.delay[0])
+    m = linear.law_A.shape[1]
+    d = int(linear.delay[0])
     old = [f"{name}_{age}_ago" for age in range(1, d + 1) for name in path.COORDINATES]
     actuator_A, actuator_B = actuator_matrices(plan, points.lane[:1])
-    last, k = 10 + actuator_A.shape[1], len(linear.inputs)
+    last = 10 + actuator_A.shape[1]
+    k = len(linear.inputs)
     p = last + linear.plant_A.shape[1] - 10
     moved = np.array([*range(10), *range(last, p)])
-    A, B = np.zeros((p, p)), np.zeros((p, k))
-    A[moved[:, None], moved], A[moved, 10:last:2] = linear.plant_A[0], linear.plant_B[0]
+    A = np.zeros((p, p))
+    B = np.zeros((p, k))
+    A[moved[:, None], moved] = linear.plant_A[0]
+    A[moved, 10:last:2] = linear.plant_B[0]
     A[10:last, 10:last] = actuator_A[0]
     B[10:last] = actuator_B[0] if linear.apart is None else actuator_B[0] @ mix_matrix(plan.vehicle)
     loop_A, loop_B, loop_C = open_loop(linear, 0)
@@ -61,7 +64,8 @@ def make_model(plan: FlightPlan, points: Points, linear: Linear) -> dict[str, An
         (*plant.names, *memory.names, *old), (*plant.units, *memory.units, *path.UNITS * d)
     )
     both = _Named((*truth.names, *commands.names), (*truth.units, *commands.units))
-    closed_C, no_feedthrough = np.vstack([np.eye(10, n), -loop_C]), np.zeros((10 + k, k))
+    closed_C = np.vstack([np.eye(10, n), -loop_C])
+    no_feedthrough = np.zeros((10 + k, k))
     over_ticks = {"A": closed_period(linear, 0), "states": list(states.names)}
     return (
         {"ticks": len(linear.phases), "closed_over_ticks": over_ticks} if linear.phases else {}

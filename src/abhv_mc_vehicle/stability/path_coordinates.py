@@ -40,7 +40,8 @@ def make_states(path: Floats, controls: Floats, latitude: Floats, mass: Floats) 
     x[:, s.ALTITUDE] = path[:, ALTITUDE]
     x[:, s.LATITUDE] = latitude
     x[:, s.MASS] = mass
-    x[:, s.U], x[:, s.V] = V * np.cos(beta) * np.cos(alpha), V * np.sin(beta)
+    x[:, s.U] = V * np.cos(beta) * np.cos(alpha)
+    x[:, s.V] = V * np.sin(beta)
     x[:, s.W] = V * np.cos(beta) * np.sin(alpha)
     turns = [(path[:, CHI], 3), (path[:, GAMMA], 2), (path[:, BANK], 1), (-beta, 3), (alpha, 2)]
     attitude = np.zeros((len(path), 4))
@@ -65,12 +66,15 @@ def path_rates(states: Floats, rates: Floats) -> Floats:
 
 def _turned(quaternion: Floats, angle: Floats, axis: int) -> Floats:
     """Return the quaternion rotated about its own body axis 1, 2 or 3."""
-    cosine, sine = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    cosine = np.cos(0.5 * angle)
+    sine = np.sin(0.5 * angle)
     q = quaternion.T
     # the two axes after the rotation axis, in right-handed order
-    j, k = axis % 3 + 1, (axis + 1) % 3 + 1
+    j = axis % 3 + 1
+    k = (axis + 1) % 3 + 1
     turned = np.empty_like(q)
-    turned[0], turned[axis] = q[0] * cosine - q[axis] * sine, q[0] * sine + q[axis] * cosine
+    turned[0] = q[0] * cosine - q[axis] * sine
+    turned[axis] = q[0] * sine + q[axis] * cosine
     turned[j], turned[k] = q[j] * cosine + q[k] * sine, q[k] * cosine - q[j] * sine
     return turned.T
 
@@ -88,9 +92,12 @@ def _axes(attitude: Floats) -> Floats:
 
 
 def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
-    x, dx = states.T, rates.T
-    v, dv = x[s.U : s.W + 1], dx[s.U : s.W + 1]
-    q, dq = x[s.Q0 : s.Q3 + 1], dx[s.Q0 : s.Q3 + 1]
+    x = states.T
+    dx = rates.T
+    v = x[s.U : s.W + 1]
+    dv = dx[s.U : s.W + 1]
+    q = x[s.Q0 : s.Q3 + 1]
+    dq = dx[s.Q0 : s.Q3 + 1]
     C = _axes(q)
     # The matrix is quadratic in the quaternion, so any central difference is exact.
     dC = 0.5 * (_axes(q + dq) - _axes(q - dq))
@@ -108,14 +115,17 @@ def _motion(states: Floats, rates: Floats) -> tuple[Floats, Floats]:
     ca = np.cos(alpha)
     sb = np.sin(beta)
     cb = np.cos(beta)
-    (x_d, y_d, z_d), (dx_d, dy_d, dz_d) = C[2], dC[2]
-    ahead, d_ahead = ca * x_d + sa * z_d, ca * dx_d + sa * dz_d + d_alpha * (ca * z_d - sa * x_d)
+    x_d, y_d, z_d = C[2]
+    dx_d, dy_d, dz_d = dC[2]
+    ahead = ca * x_d + sa * z_d
+    d_ahead = ca * dx_d + sa * dz_d + d_alpha * (ca * z_d - sa * x_d)
     right = cb * y_d - sb * ahead
     d_right = cb * dy_d - sb * d_ahead - d_beta * (sb * y_d + cb * ahead)
     below = ca * z_d - sa * x_d
     d_below = ca * dz_d - sa * dx_d - d_alpha * (sa * z_d + ca * x_d)
     bank, d_bank = _angle(right, below, d_right, d_below)
-    turning, d_turning = x[s.ROLL_RATE : s.YAW_RATE + 1], dx[s.ROLL_RATE : s.YAW_RATE + 1]
+    turning = x[s.ROLL_RATE : s.YAW_RATE + 1]
+    d_turning = dx[s.ROLL_RATE : s.YAW_RATE + 1]
     path = np.stack([x[s.ALTITUDE], V, gamma, chi, alpha, beta, bank, *turning], axis=1)
     return path, np.stack(
         [dx[s.ALTITUDE], dV, d_gamma, d_chi, d_alpha, d_beta, d_bank, *d_turning], axis=1

@@ -30,8 +30,8 @@ from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, Tables
 from abhv_mc_vehicle.kernel.stability.probes import PlantAnswer
 from abhv_mc_vehicle.stability import path_coordinates as path
-from abhv_mc_vehicle.stability.plant_inputs import as_axes
 from abhv_mc_vehicle.stability.probe import (
+    as_axes,
     ask_plant,
     begin,
     law_at,
@@ -147,9 +147,7 @@ class Points(NamedTuple):
     """Points of linearization, one row each, in SI units and radians."""
 
     path: Floats  # true path coordinates [point, 10]
-    controls: (
-        Floats  # positions [point, input] of the inputs in abhv_mc_vehicle.stability.plant_inputs
-    )
+    controls: Floats  # positions [point, input] of the inputs in abhv_mc_vehicle.stability.probe
     latitude: Floats  # latitude [point]
     mass: Floats  # mass [point]
     measured: Floats  # measurement used by the controller [point, 10]
@@ -306,7 +304,8 @@ def find_period(plan: FlightPlan) -> Period:
 
 
 def _find_period(plan: FlightPlan) -> Period:
-    names, n = list(law_memory_rows(plan)), measured_count(plan)
+    names = list(law_memory_rows(plan))
+    n = measured_count(plan)
     sensed, _ = begin(plan, fly_until(plan, nominal_parameters(), 0))
     start = np.hstack([sensed[0, s.MEASURED : s.MEASURED + n], law_at(plan, sensed, 0)[0]])
     settling = max(round(_SETTLING / plan.timing.tick), 1)
@@ -330,7 +329,8 @@ def _find_period(plan: FlightPlan) -> Period:
     responses = responses[:, moved][
         :, :, np.append(~carried, np.ones(values.shape[2] - len(names), bool))
     ]
-    before, command = memory[settling - 1 : -1, 0], late[:, 0, len(names) :]
+    before = memory[settling - 1 : -1, 0]
+    command = late[:, 0, len(names) :]
     clocks = before[:, carried]
     only_grow = (np.diff(clocks, axis=0) >= 0.0).all(axis=0) | (np.diff(clocks, axis=0) <= 0.0).all(
         axis=0
@@ -395,7 +395,8 @@ def law_phases(plan: FlightPlan, points: Points) -> list[Slopes]:
     period = find_period(plan)
     if period.ticks == 1 and not period.carried.any():
         return [law_slopes(plan, points)]
-    still, first = go_on(plan, points.tick, period.ticks), max(points.tick, 1)
+    still = go_on(plan, points.tick, period.ticks)
+    first = max(points.tick, 1)
     carried = np.flatnonzero(period.carried)
     n = points.measured.shape[1]
     phases = []

@@ -20,15 +20,18 @@ from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuators import POSITION, STAGE
 from abhv_mc_vehicle.kernel.plant.vehicle import NEVER, VARIABLES, Tables
 from abhv_mc_vehicle.stability import path_coordinates as path
-from abhv_mc_vehicle.stability.plant_inputs import (
+from abhv_mc_vehicle.stability.point_slopes import SWITCHES, Points, ask_at, over_period, switching
+from abhv_mc_vehicle.stability.probe import (
     actuator_columns,
     as_axes,
+    begin,
     custom_of,
     held_at,
+    law_at,
+    law_memory_rows,
+    law_tick,
     range_of,
 )
-from abhv_mc_vehicle.stability.point_slopes import SWITCHES, Points, ask_at, over_period, switching
-from abhv_mc_vehicle.stability.probe import begin, law_at, law_memory_rows, law_tick
 
 AT_LIMIT = "a command is at a limit"
 
@@ -85,7 +88,8 @@ def behind_limit(plan: FlightPlan, points: Points) -> Mask:
     ):  # The limits on angle of attack and bank are applied inside the controller's code.
         return beyond
     low, high, bank = plan.settings[-N_LIMITS:][:3]
-    alpha, sigma = free.guidance[:, 1], np.abs(free.guidance[:, 2])
+    alpha = free.guidance[:, 1]
+    sigma = np.abs(free.guidance[:, 2])
     return beyond | (alpha < low) | (alpha > high) | (sigma > bank)
 
 
@@ -109,7 +113,8 @@ def _near(owner: str, tables: Tables, variables: Floats) -> list[str]:
     for start, length, variable in zip(
         tables.axis_start, tables.axis_length, tables.axis_variable, strict=True
     ):
-        name, x = VARIABLES[variable], variables[variable]
+        name = VARIABLES[variable]
+        x = variables[variable]
         if name == "one":
             continue
         grid = tables.grid[start : start + length]
@@ -141,7 +146,8 @@ def disturb(plan: FlightPlan, saved: SavedFlights, change: Floats) -> SavedFligh
 
     The controller's memory at tick 0 cannot be changed.
     """
-    rows, disturbed = saved.rows.copy(), closed_states(plan, saved) + change
+    rows = saved.rows.copy()
+    disturbed = closed_states(plan, saved) + change
     states = rows[:, s.X : s.X + s.N_STATES]
     columns = np.array(actuator_columns(plan.vehicle))
     n = 10 + len(columns)

@@ -30,8 +30,10 @@ def refine_crossings(
 
     The method of Anderson and Bjorck is used, with bisection in every third step.
     """
-    a, b = np.log(omega[loop, interval]), np.log(omega[loop, interval + 1])
-    fa, fb = values[loop, interval].copy(), values[loop, interval + 1].copy()
+    a = np.log(omega[loop, interval])
+    b = np.log(omega[loop, interval + 1])
+    fa = values[loop, interval].copy()
+    fb = values[loop, interval + 1].copy()
     end = b.copy()
     busy = np.arange(loop.size)
     for step in range(_CROSSING_STEPS):
@@ -70,23 +72,27 @@ def refine_peaks(
     f_middle = value.copy()
     f_low, f_high = (quantity(loops, np.exp(end)) for end in (low, high))
     for step in range(_PEAK_STEPS):
-        left, right = middle - low, high - middle
+        left = middle - low
+        right = high - middle
         longer = np.where(right > left, middle + _SECTION * right, middle - _SECTION * left)
         with np.errstate(divide="ignore", invalid="ignore"):
-            p, q = right * (f_middle - f_low), left * (f_middle - f_high)
+            p = right * (f_middle - f_low)
+            q = left * (f_middle - f_high)
             vertex = middle + 0.5 * (right * p - left * q) / (p + q)
         far = np.minimum(np.abs(vertex - low), np.abs(vertex - high)) > 0.0
         useful = np.isfinite(vertex) & (vertex > low) & (vertex < high) & (vertex != middle) & far
         new = np.where(useful & (step % 3 != 2), vertex, longer)
         f_new = quantity(loops, np.exp(new))
-        better, after = f_new > f_middle, new > middle
+        better = f_new > f_middle
+        after = new > middle
         low, f_low = _choose(
             better & after, middle, f_middle, ~better & ~after, new, fb=f_new, x=low, f=f_low
         )
         high, f_high = _choose(
             better & ~after, middle, f_middle, ~better & after, new, fb=f_new, x=high, f=f_high
         )
-        middle, f_middle = np.where(better, new, middle), np.where(better, f_new, f_middle)
+        middle = np.where(better, new, middle)
+        f_middle = np.where(better, f_new, f_middle)
     return f_middle, np.exp(middle)
 
 

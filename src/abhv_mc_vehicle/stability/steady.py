@@ -31,16 +31,6 @@ from abhv_mc_vehicle.kernel.laws.trim_lookup import GuidancePoints
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import NEVER, PARAMETER_INDEX, Vehicle
 from abhv_mc_vehicle.stability import path_coordinates as path
-from abhv_mc_vehicle.stability.plant_inputs import (
-    as_axes,
-    custom_of,
-    from_axes,
-    held_at,
-    mix_matrix,
-    mixes,
-    range_of,
-    solved_states,
-)
 from abhv_mc_vehicle.stability.point_slopes import (
     SWITCHES,
     Points,
@@ -52,7 +42,18 @@ from abhv_mc_vehicle.stability.point_slopes import (
     switching,
 )
 from abhv_mc_vehicle.stability.points import AT_LIMIT, Found
-from abhv_mc_vehicle.stability.probe import begin, law_memory_rows
+from abhv_mc_vehicle.stability.probe import (
+    as_axes,
+    begin,
+    custom_of,
+    from_axes,
+    held_at,
+    law_memory_rows,
+    mix_matrix,
+    mixes,
+    range_of,
+    solved_states,
+)
 from abhv_mc_vehicle.user_code.design import DesignModel
 
 _STEPS = 40
@@ -107,7 +108,8 @@ def _strengths(slope: Floats) -> Floats:
 
 def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Points, Mask]:
     """Return equilibria with a constant heading rate, and a mask of the converged points."""
-    m, n = points.memory.shape[1], points.measured.shape[1]
+    m = points.memory.shape[1]
+    n = points.measured.shape[1]
     law_measured = free.slope[:, :, :n]
     law_memory = free.slope[:, :, n:] - np.eye(free.slope.shape[1], m)
     moves = _moves(plan, points)
@@ -128,7 +130,8 @@ def _come_to_rest(plan: FlightPlan, points: Points, free: Slopes) -> tuple[Point
         at_rest = np.abs(left).max(axis=1) < _EQUILIBRIUM
         if iteration == _STEPS or at_rest.all():
             break
-        J, j = np.zeros((*left.shape, k + own.size + m)), k + own.size
+        J = np.zeros((*left.shape, k + own.size + m))
+        j = k + own.size
         law = slice(10, m + k)  # rows of the controller's memory and commands
         J[:, :10, :j] = plant.slope[:, :10, columns]
         J[:, law, :j] = law_measured @ plant.slope[:, seen][:, :, columns]
@@ -201,7 +204,8 @@ def make_steady_plan(
     heading_rate = _turn_of_bank(vehicle, plan, row, bank) if bank else 0.0
     nominal = _trim_turn(vehicle, plan, row, heading_rate)
     row[ref.HEADING_RATE] = heading_rate
-    row[ref.ANGLE_OF_ATTACK], row[ref.BANK] = nominal.angle_of_attack[0], nominal.bank[0]
+    row[ref.ANGLE_OF_ATTACK] = nominal.angle_of_attack[0]
+    row[ref.BANK] = nominal.bank[0]
     row[ref.EQUIVALENCE_RATIO] = nominal.equivalence_ratio[0]
     row[ref.ELEVATOR] = nominal.elevator[0]
     reference = np.tile(row, (3, 1))
@@ -248,7 +252,8 @@ def steady_air(parameters: Floats) -> Floats:
 
     The steady wind is unchanged.
     """
-    steady, nominal = parameters.copy(), nominal_parameters()[0]
+    steady = parameters.copy()
+    nominal = nominal_parameters()[0]
     for name, i in PARAMETER_INDEX.items():
         if name.startswith(("wind.gust", "wind.turbulence")):
             steady[:, i] = nominal[i]
@@ -272,21 +277,25 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     # flights with a failed engine, whose thrust is assumed to have decayed
     out = lane[:, s.ENGINE_FAILED] > 0.0
     lane[out, s.ENGINE_THRUST] = lane[out, s.parameter_row("failure.engine.thrust")]
-    count, nothing = len(lane), np.empty((len(lane), 0))
-    stuck_at, mix = held_at(plan.vehicle, lane), mix_matrix(plan.vehicle)
+    count = len(lane)
+    nothing = np.empty((len(lane), 0))
+    stuck_at = held_at(plan.vehicle, lane)
+    mix = mix_matrix(plan.vehicle)
     stuck = np.pad(stuck_at != NEVER, ((0, 0), (0, 1)))
     stuck_at = np.pad(stuck_at, ((0, 0), (0, 1)))
     coordinates = np.zeros((count, 14))
     coordinates[:, path.ALTITUDE] = row[ref.ALTITUDE]
     coordinates[:, path.SPEED] = row[ref.SPEED]
     coordinates[:, path.CHI] = row[ref.HEADING]
-    coordinates[:, path.ALPHA], coordinates[:, path.BANK] = row[ref.ANGLE_OF_ATTACK], row[ref.BANK]
+    coordinates[:, path.ALPHA] = row[ref.ANGLE_OF_ATTACK]
+    coordinates[:, path.BANK] = row[ref.BANK]
     coordinates[:, 12:] = row[ref.ELEVATOR], row[ref.EQUIVALENCE_RATIO]
 
     def controls(coordinates: Floats) -> Floats:
         return np.where(stuck, stuck_at, from_axes(plan.vehicle, coordinates[:, 10:]))
 
-    latitude, mass = lane[:, s.X + s.LATITUDE], lane[:, s.X + s.MASS]
+    latitude = lane[:, s.X + s.LATITUDE]
+    mass = lane[:, s.X + s.MASS]
     custom = custom_of(plan.vehicle, lane)
     points = Points(
         path=coordinates[:, :10],
@@ -321,7 +330,8 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
         left = plant.value[:, expected]
         left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
         left[~holds] = 0.0
-        slope, end = plant.slope[:, expected], 10 + mix.shape[0]
+        slope = plant.slope[:, expected]
+        end = 10 + mix.shape[0]
         parts = slope[:, :, _UNKNOWNS[:-4]], slope[:, :, 10:end] @ moved, slope[:, :, end + own]
         J = np.concatenate(parts, axis=2)
         J[~holds] = 0.0
@@ -374,8 +384,10 @@ def _memory_at_rest(plan: FlightPlan, points: Points) -> tuple[Floats, Mask, Mas
     the commands are as close to the controls as possible. All conditions apply over the
     controller's period: counters and clocks may advance, and commands are averaged.
     """
-    period, count = find_period(plan), len(law_memory_rows(plan))
-    memory, grows = np.zeros((len(points.path), count)), np.zeros(len(points.path), bool)
+    period = find_period(plan)
+    count = len(law_memory_rows(plan))
+    memory = np.zeros((len(points.path), count))
+    grows = np.zeros(len(points.path), bool)
     memory[:, period.carried] = period.start[period.carried]
     uneven = grows
     last = [s.CMD <= row < s.CMD + 4 for row in law_memory_rows(plan).values()]

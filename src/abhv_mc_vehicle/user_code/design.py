@@ -137,7 +137,8 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     aerodynamic tables.
     """
     altitude, speed, gamma, chi, alpha, beta, bank = x[:7]
-    environment, mass = nominal.environment, nominal.mass
+    environment = nominal.environment
+    mass = nominal.mass
     rise = altitude - environment.altitude
     gravity = environment.gravity + environment.gravity_slope * rise
     local_air = environment._replace(
@@ -153,7 +154,8 @@ def _rates(vehicle: Vehicle, nominal: Nominal, x: Numbers) -> Numbers:
     along = F[0] * ca * cb + F[1] * sb + F[2] * sa * cb
     side = F[1] * cb - (F[0] * ca + F[2] * sa) * sb
     normal = F[0] * sa - F[2] * ca
-    momentum, radius = mass * speed, environment.radius + rise
+    momentum = mass * speed
+    radius = environment.radius + rise
     sg = np.sin(gamma)
     cg = np.cos(gamma)
     ss = np.sin(bank)
@@ -214,7 +216,8 @@ def _design(
 ) -> tuple[tuple[str, ...], Floats]:
     if code is not None:
         load_functions(code, model.vehicle)
-    recipe, numbers = source.recipe, iter(settings.tolist())
+    recipe = source.recipe
+    numbers = iter(settings.tolist())
     if recipe is None:
         kind = load_law(source).settings
         settings_tuple = kind and kind(*numbers)
@@ -229,11 +232,13 @@ def _design(
             for name, n in recipe["settings"]
         }
         settings_tuple = namedtuple("Settings", values)(**values)
-    ticks, file = len(model.table), source.file
+    ticks = len(model.table)
+    file = source.file
     expected = f"design(model, settings) that returns a named tuple of numbers or arrays [{ticks}]"
     with in_its_folder(source), watching(source), refuse_in_words(source, "the design", expected):
         design = run_module(source).names["design"]
-        designed, line = design(model, settings_tuple), design.__code__.co_firstlineno
+        designed = design(model, settings_tuple)
+        line = design.__code__.co_firstlineno
         if not (isinstance(designed, tuple) and hasattr(designed, "_fields")):
             raise InputError(file, f"the design returns {type(designed).__name__}", expected, line)
         columns = np.empty((ticks, len(designed)))

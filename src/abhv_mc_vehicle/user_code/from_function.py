@@ -66,11 +66,13 @@ def _take(name: str, value: Any, law: types.FunctionType, definitions: dict[str,
     elif isinstance(value, int | float | str | tuple):
         definitions[name] = f"{name} = {value!r}\n"
     elif hasattr(value, "__module__") and hasattr(value, "__name__"):
-        home, original = value.__module__, value.__name__
+        home = value.__module__
+        original = value.__name__
         if home.startswith(
             ("abhv_mc.", "abhv_mc_vehicle.")
         ):  # A law that outlives this version imports only extend.
-            home, original = _EXTEND, _find_public_name(name, value)
+            home = _EXTEND
+            original = _find_public_name(name, value)
         definitions[name] = f"from {home} import {original} as {name}\n"
     else:
         raise InputError(

@@ -19,8 +19,7 @@ from typing import Any
 from abhv_mc.custom_code.source import UserSource, read_source
 from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
 from abhv_mc.io.atomic_write import atomic_write
-from abhv_mc.io.documents import Document
-from abhv_mc.io.input_error import InputError, InputErrors, one_of
+from abhv_mc.io.documents import Document, InputError, InputErrors, one_of
 from abhv_mc.io.input_files import read_input
 from abhv_mc.io.phrases import quoted
 from abhv_mc_vehicle.control.law_file import (
@@ -212,7 +211,8 @@ def _explain(source: UserSource, output: str) -> InputError:
 
 def refuse_platform(source: UserSource) -> str | None:
     """Return the reason why a law's library cannot run on this machine, or None."""
-    recipe, current = source.recipe, describe_platform()
+    recipe = source.recipe
+    current = describe_platform()
     if recipe is None or recipe["platform"] == current:
         return None
     return f"the library of the law was not built for {current}, but for {recipe['platform']}"

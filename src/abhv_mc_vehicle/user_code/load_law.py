@@ -255,7 +255,8 @@ def check_fields(module: Module, name: str, kinds: dict[str, Any]) -> None:
             and isinstance(node.value, ast.Name)
             and node.value.id in kinds
         ):
-            argument, fields = node.value.id, kinds[node.value.id]._fields
+            argument = node.value.id
+            fields = kinds[node.value.id]._fields
             if node.attr not in fields:
                 location = node.lineno, (node.value.end_col_offset or 0) + 2
                 expected = one_of(fields, node.attr)

@@ -89,7 +89,8 @@ def import_names(
 
 def lay_out(docstring: str, statements: Iterable[Line]) -> str:
     """Return the text of a module, with at most ``WIDTH`` characters per line if possible."""
-    lines, before = [f'"""{docstring}\n"""'], ""
+    lines = [f'"""{docstring}\n"""']
+    before = ""
     for text, comment, indent in statements:
         kind = next(
             (kind for kind in ("from", "@", "class", "def") if text.startswith(kind)), "name"
@@ -100,7 +101,8 @@ def lay_out(docstring: str, statements: Iterable[Line]) -> str:
             comment, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# "
         )
         if len(broken) == 1 and len(beside) <= WIDTH:
-            broken, above = [beside], []
+            broken = [beside]
+            above = []
         if not indent and kind in ("@", "class", "def"):
             lines += ["", ""] if before != "@" else []
         elif not indent and (above or kind != before):
@@ -140,7 +142,8 @@ def write_unless_edited(
     The new version of an edited file is written next to it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    paths, edited = [], []
+    paths = []
+    edited = []
     for name, text in texts.items():
         path = folder / name
         if path.exists() and _is_edited(path):

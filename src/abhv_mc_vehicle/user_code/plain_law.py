@@ -55,8 +55,10 @@ class PlainLaw:
         memory_in_rows: bool = False,
         effectors: tuple[str, ...] = (),
     ) -> None:
-        self._in_rows, self._remembers = memory_in_rows, "memory" in law.arguments
-        self._law, self._width = law, width
+        self._in_rows = memory_in_rows
+        self._remembers = "memory" in law.arguments
+        self._law = law
+        self._width = width
         self._effectors = {name: s.EFFECTOR_COMMAND + i for i, name in enumerate(effectors)}
         self._gains, self._commands = split_columns(gains)
         self._memories: dict[

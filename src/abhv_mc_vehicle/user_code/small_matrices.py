@@ -85,7 +85,8 @@ def solve(a: Any, b: Any) -> Any:
     >>> solve(((2.0, 0.0), (0.0, 4.0)), (2.0, 2.0))
     (1.0, 0.5)
     """
-    vector, n = not isinstance(b[0], tuple), len(a)
+    vector = not isinstance(b[0], tuple)
+    n = len(a)
     sides = [(side,) for side in b] if vector else b
     rows: list[Any] = [[*row, *side] for row, side in zip(a, sides, strict=True)]
     for k in range(n):
@@ -146,7 +147,8 @@ class _Emitted:
     """Number in compiled code; its operations emit LLVM instructions."""
 
     def __init__(self, builder: Any, value: Any) -> None:
-        self.builder, self.value = builder, value
+        self.builder = builder
+        self.value = value
 
     def __add__(self, other: "_Emitted") -> "_Emitted":
         return _Emitted(self.builder, self.builder.fadd(self.value, other.value))

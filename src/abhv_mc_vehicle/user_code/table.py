@@ -70,7 +70,8 @@ class Table(LookUp):
                 f"found extrapolate={extrapolate!r}",
                 f"{one_of(ENDS)}, for all grids or for each grid",
             )
-        self.grids, self.values = tuple(grids), values
+        self.grids = tuple(grids)
+        self.values = values
         self.extrapolate = tuple(ENDS[end] for end in ends)
 
     def make_compiled(self) -> Any:
@@ -105,14 +106,16 @@ def _make_2d(
     below_1: bool,
     above_1: bool,
 ) -> Any:
-    last_0, last_1 = grid_0.size - 1, grid_1.size - 1
+    last_0 = grid_0.size - 1
+    last_1 = grid_1.size - 1
 
     def look_up(x, y):  # type: ignore[no-untyped-def]
         x = grid_0[0] if x < grid_0[0] and not below_0 else x
         x = grid_0[last_0] if x > grid_0[last_0] and not above_0 else x
         y = grid_1[0] if y < grid_1[0] and not below_1 else y
         y = grid_1[last_1] if y > grid_1[last_1] and not above_1 else y
-        i, j = 0, 0
+        i = 0
+        j = 0
         for k in range(1, last_0):
             i = k if x >= grid_0[k] else i
         for k in range(1, last_1):
@@ -140,9 +143,11 @@ def _make_nd(table: Table) -> Any:
     def look_up(*at):  # type: ignore[no-untyped-def]
         value = 0.0
         for corner in range(1 << axes):
-            weight, place = 1.0, 0
+            weight = 1.0
+            place = 0
             for axis in range(axes):
-                start, last = starts[axis], starts[axis] + lengths[axis] - 1
+                start = starts[axis]
+                last = starts[axis] + lengths[axis] - 1
                 x = at[axis]
                 x = grid[start] if x < grid[start] and not below[axis] else x
                 x = grid[last] if x > grid[last] and not above[axis] else x
@@ -210,20 +215,24 @@ class Scattered(LookUp):
         # Barycentric coordinates are ``transform`` times the vector from the last corner.
         last = positions[corners[:, -1]]
         edges = np.swapaxes(positions[corners[:, :-1]] - last[:, np.newaxis], 1, 2)
-        self.transform, self.last = np.linalg.inv(edges), np.ascontiguousarray(last)
+        self.transform = np.linalg.inv(edges)
+        self.last = np.ascontiguousarray(last)
 
     def make_compiled(self) -> Any:
-        axes, simplices = self.axes, len(self.values)
+        axes = self.axes
+        simplices = len(self.values)
         transform = self.transform
         last = self.last
         values = self.values
 
         def look_up(*at):  # type: ignore[no-untyped-def]
-            best, worst = 0, -np.inf
+            best = 0
+            worst = -np.inf
             for k in range(
                 simplices
             ):  # The containing or nearest simplex has the largest minimum coordinate.
-                least, rest = np.inf, 1.0
+                least = np.inf
+                rest = 1.0
                 for i in range(axes):
                     part = 0.0
                     for j in range(axes):

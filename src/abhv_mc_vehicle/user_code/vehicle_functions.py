@@ -18,8 +18,8 @@ from abhv_mc.io.phrases import counted
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.foreign import NOMINAL
 from abhv_mc_vehicle.kernel.plant.state import aligned_zeros, variable_row
-from abhv_mc_vehicle.kernel.plant.thrust import NOMINAL
 from abhv_mc_vehicle.kernel.plant.vehicle import (
     COEFFICIENTS,
     PARAMETER_INDEX,
@@ -73,7 +73,8 @@ def load_vehicle(path: str | Path) -> Vehicle:
     """
     file = read_vehicle_file(path)
     vehicle = pack_vehicle(file, PARAMETER_INDEX)
-    rows, axes = count_rows(vehicle), vehicle.tables.axis_variable.size
+    rows = count_rows(vehicle)
+    axes = vehicle.tables.axis_variable.size
     if rows > s.MAX_TABLE_ROWS:
         raise InputError(
             file.path,
@@ -296,7 +297,8 @@ def _settings(module: Module, function_code: FunctionCode) -> dict[str, float | 
     The value of a field is None if the vehicle file sets it, else the field's default.
     """
     kind: Any = module.names.get("Settings")
-    entries, units = dict(function_code.settings), module.names.get("UNITS", {})
+    entries = dict(function_code.settings)
+    units = module.names.get("UNITS", {})
     fields = kind._fields if kind is not None else ()
     values: dict[str, float | None] = {}
     for name in entries:
@@ -448,13 +450,15 @@ def _evaluate(
 ) -> tuple[Floats, Floats]:
     """Return coefficients and thrust [row, point] for the registered vehicle."""
     points = variables.shape[1]
-    coefficients, thrust = np.zeros((len(COEFFICIENTS), points)), np.zeros((N_THRUST, points))
+    coefficients = np.zeros((len(COEFFICIENTS), points))
+    thrust = np.zeros((N_THRUST, points))
     Z = aligned_zeros((s.LAW, WIDTH))
     for first in range(0, points, WIDTH):
         points_of_call = np.minimum(np.arange(first, first + WIDTH), points - 1)
         n = min(WIDTH, points - first)
         Z[s.VAR : s.VAR + len(VARIABLES)] = variables[:, points_of_call]
-        Z[s.F_DENSITY], Z[s.F_AIRSPEED] = density[points_of_call], speed[points_of_call]
+        Z[s.F_DENSITY] = density[points_of_call]
+        Z[s.F_AIRSPEED] = speed[points_of_call]
         if functions.aerodynamics is not None:
             call_loop(functions.aerodynamics, Z, settings)
             coefficients[:, first : first + n] = Z[s.COEF : s.COEF + len(COEFFICIENTS), :n]

@@ -25,7 +25,7 @@ from abhv_mc.io.units import (
 )
 from abhv_mc_vehicle.kernel.plant.state import MAX_STATES
 from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ENGINES, Inlet
-from abhv_mc_vehicle.vehicle.shared_keys import AngleRange, Positive, Range, Rising
+from abhv_mc_vehicle.vehicle.shared_keys import AngleRange, Positive, Range, Rising, located
 
 # Propulsion quantities in FIXED_TABLE_ROWS, and the vehicle-file keys that name their tables.
 PROPULSION_TABLES = {
@@ -58,12 +58,12 @@ class Actuator(StrictModel):
     """Dynamic properties of an actuator."""
 
     bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        default=None,
+        None,
         description="natural frequency of a second-order actuator, or 1 / time constant of a "
         "first-order one",
     )
     damping: Annotated[float, Positive] | None = Field(
-        default=None, description="damping ratio of a second-order actuator"
+        None, description="damping ratio of a second-order actuator"
     )
     ideal: bool = Field(
         False,
@@ -98,15 +98,15 @@ def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None
 class EngineActuator(Actuator):
     """Actuator dynamics of the throttle."""
 
-    throttle_kind: ActuatorKind | None = Field(default=None, description=_KIND)
+    throttle_kind: ActuatorKind | None = Field(None, description=_KIND)
     damping: Annotated[float, Positive] | None = Field(
-        default=None, description="damping ratio of a second-order actuator; default: 1"
+        None, description="damping ratio of a second-order actuator; default: 1"
     )
     rate_limit: Annotated[Frequency, Positive] | None = Field(
-        default=None, description="maximum rate of change of the throttle"
+        None, description="maximum rate of change of the throttle"
     )
-    dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
-    backlash: Annotated[float, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
+    dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(None, description=_DEAD_ZONE)
+    backlash: Annotated[float, Field(ge=0.0)] | None = Field(None, description=_BACKLASH)
 
     @property
     def response(self) -> ActuatorKind:
@@ -125,9 +125,9 @@ class EngineActuator(Actuator):
 class SurfaceActuator(Actuator):
     """Actuator dynamics of a control surface."""
 
-    kind: ActuatorKind | None = Field(default=None, description=_KIND)
-    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = Field(default=None, description=_DEAD_ZONE)
-    backlash: Annotated[Angle, Field(ge=0.0)] | None = Field(default=None, description=_BACKLASH)
+    kind: ActuatorKind | None = Field(None, description=_KIND)
+    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = Field(None, description=_DEAD_ZONE)
+    backlash: Annotated[Angle, Field(ge=0.0)] | None = Field(None, description=_BACKLASH)
 
     @property
     def response(self) -> ActuatorKind | None:
@@ -149,10 +149,10 @@ class ThrustLine(StrictModel):
     """Thrust line relative to the moment reference."""
 
     inclination: Angle = Field(
-        default=0.0, description=("angle of the thrust direction above the body x axis")
+        0.0, description=("angle of the thrust direction above the body x axis")
     )
     offset: Length = Field(
-        default=0.0,
+        0.0,
         description="distance of the thrust line below the moment reference; a positive value "
         "gives a nose-up moment",
     )
@@ -162,25 +162,25 @@ class Unstart(StrictModel):
     """Flow conditions in which the inlet stays started; under other conditions it unstarts."""
 
     angle_of_attack: AngleRange = Field(
-        default=(-math.inf, math.inf),
+        (-math.inf, math.inf),
         description="angles of attack at which the inlet stays started",
     )
     sideslip: Annotated[Angle, Positive] = Field(
-        default=math.inf, description="maximum sideslip of a started inlet, in either direction"
+        math.inf, description="maximum sideslip of a started inlet, in either direction"
     )
     mach: Range = Field(
-        default=(-math.inf, math.inf), description="Mach numbers at which the inlet stays started"
+        (-math.inf, math.inf), description="Mach numbers at which the inlet stays started"
     )
     restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
-        default=math.inf,
+        math.inf,
         description="time for which all conditions must be met before the inlet restarts; "
         "default: no restart",
     )
     drag_increment: float = Field(
-        default=0.0, description="increment of the drag coefficient while the inlet is unstarted"
+        0.0, description="increment of the drag coefficient while the inlet is unstarted"
     )
     pitching_moment_increment: float = Field(
-        default=0.0,
+        0.0,
         description="increment of the pitching moment coefficient while the inlet is unstarted",
     )
 
@@ -237,7 +237,7 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 
 class _Inlets(StrictModel):
     unstart: Unstart | None = Field(
-        default=None,
+        None,
         description="flow conditions under which the inlet stays started; default: all conditions",
     )
     engines: dict[str, Engine] = Field(
@@ -271,7 +271,7 @@ class _Inlets(StrictModel):
 class _Propulsion(EngineActuator, _Inlets):
     specific_impulse: str = Field(description="name of the table that gives the specific impulse")
     standard_gravity: Annotated[Acceleration, Positive] = Field(
-        default=9.80665,
+        9.80665,
         description="gravitational acceleration in the definition of the specific impulse",
     )
     thrust_line: ThrustLine = Field(
@@ -344,7 +344,7 @@ class Surfaces(SurfaceActuator):
         default_factory=dict, description="maximum deflections that differ from 'limit', by axis"
     )
     rate_limit: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="maximum deflection rate"
+        None, description="maximum deflection rate"
     )
 
     @model_validator(mode="after")
@@ -365,11 +365,9 @@ class Effector(SurfaceActuator):
     aileron: float = Field(0.0, description="deflection per unit of aileron command")
     rudder: float = Field(0.0, description="deflection per unit of rudder command")
     elevator: float = Field(0.0, description="deflection per unit of elevator command")
-    limits: tuple[Angle, Angle] | None = Field(
-        default=None, description="minimum and maximum deflection"
-    )
+    limits: tuple[Angle, Angle] | None = Field(None, description="minimum and maximum deflection")
     rate: Annotated[AngularRate, Positive] | None = Field(
-        default=None, description="maximum deflection rate"
+        None, description="maximum deflection rate"
     )
 
     @property
@@ -421,7 +419,7 @@ class CustomState(StrictModel):
 
     unit: str = Field(description="SI unit of the state, such as m, rad/s or K; - if dimensionless")
     start: Number | None = Field(
-        default=None,
+        None,
         description="initial value of the state; default: its equilibrium value in trim",
     )
 
@@ -472,8 +470,6 @@ class Dynamics(StrictModel):
                         (key, name),
                     )
         for name, value in self.settings.items():
-            try:
+            with located("settings", name):
                 parse_any(value)
-            except Refusal as refusal:
-                raise Refusal(refusal.found, refusal.expected, ("settings", name)) from None
         return self

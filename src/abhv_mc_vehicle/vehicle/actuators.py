@@ -69,17 +69,20 @@ def axis_limits(vehicle: Vehicle) -> Floats:
 def deflection_range(vehicle: Vehicle, axis: int) -> tuple[float, float]:
     """Return the range (rad) of an axis deflection that the effectors of the axis can reach."""
     limit = min(vehicle.constants.surface_limit, vehicle.actuators[axis, HIGH])
-    low, high = -limit, limit
+    low = -limit
+    high = limit
     if vehicle.constants.driven:
         actuators = vehicle.actuators[FIRST_EFFECTOR:]
         for mix, actuator in zip(vehicle.effectors.mix[:, axis], actuators, strict=True):
             if mix != 0.0:
                 ends = sorted((actuator[LOW] / mix, actuator[HIGH] / mix))
-                low, high = max(low, ends[0]), min(high, ends[1])
+                low = max(low, ends[0])
+                high = min(high, ends[1])
     return float(low), float(high)
 
 
-_AXES, _FIRST = VARIABLES.index("aileron") + np.arange(3), VARIABLES.index("effector_0")
+_AXES = VARIABLES.index("aileron") + np.arange(3)
+_FIRST = VARIABLES.index("effector_0")
 
 
 def pack_effectors(
@@ -110,7 +113,8 @@ def pack_actuators(content: VehicleDocument, mix: Floats) -> Floats:
     ``mix`` [effector, 3] is that of all effectors. The key ``surfaces`` supplies omitted values of
     effectors, and all values of axes that count as effectors.
     """
-    surfaces, engine = content.surfaces, content.propulsion
+    surfaces = content.surfaces
+    engine = content.propulsion
     limit = surfaces.limit if surfaces else 0.0
     axis = _make_row(surfaces, (-limit, limit), surfaces.response if surfaces else None)
     throttle = _make_row(engine, throttle_range(engine), engine.response if engine else None)

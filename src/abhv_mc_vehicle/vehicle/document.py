@@ -40,6 +40,7 @@ from abhv_mc_vehicle.vehicle.shared_keys import (
     Range,
     Rising,
     SensingKeys,
+    located,
 )
 
 REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V), r b/(2 V)
@@ -58,7 +59,7 @@ class Reference(StrictModel):
     )
     chord: Annotated[Length, _Size] = Field(description="reference length of the pitching moment")
     nose_radius: Annotated[Length, Positive] | None = Field(
-        default=None, description="nose radius for the stagnation heat flux"
+        None, description="nose radius for the stagnation heat flux"
     )
 
 
@@ -78,13 +79,13 @@ class MassPoint(StrictModel):
         description="moment of inertia about body z (down)"
     )
     inertia_matrix_element_13: Inertia = Field(
-        default=0.0, description="element xz of the inertia matrix: minus the integral of x z dm"
+        0.0, description="element xz of the inertia matrix: minus the integral of x z dm"
     )
     center_of_gravity_x: Length = Field(
-        default=0.0, description="distance of the centre of gravity forward of the moment reference"
+        0.0, description="distance of the centre of gravity forward of the moment reference"
     )
     center_of_gravity_z: Length = Field(
-        default=0.0, description="distance of the centre of gravity below the moment reference"
+        0.0, description="distance of the centre of gravity below the moment reference"
     )
 
     @model_validator(mode="after")
@@ -129,12 +130,12 @@ class MassModel(MassPoints):
         description="initial mass of the vehicle, within the mass range of the points"
     )
     empty: Annotated[Mass, Positive] | None = Field(
-        default=None,
+        None,
         description="mass without fuel, at which the engine stops; default: the engine burns no "
         "fuel",
     )
     file: File | None = Field(
-        default=None,
+        None,
         description="CSV file with one row per point and the columns mass_kg, inertia_xx_kg_m2, "
         "...",
     )
@@ -161,11 +162,11 @@ class TableEntry(CommaKeys):
     """Table read from a CSV file, or a constant."""
 
     file: File | None = Field(
-        default=None, description="CSV file with one column per axis and the column 'value'"
+        None, description="CSV file with one column per axis and the column 'value'"
     )
-    constant: float | None = Field(default=None, description="constant value instead of a file")
-    unit: str = Field(default="-", description="unit of the values, such as 1/deg, 1/rad, s, m2")
-    scale: float = Field(default=1.0, description="factor that multiplies the values")
+    constant: float | None = Field(None, description="constant value instead of a file")
+    unit: str = Field("-", description="unit of the values, such as 1/deg, 1/rad, s, m2")
+    scale: float = Field(1.0, description="factor that multiplies the values")
     columns: dict[str, str] = Field(
         default_factory=dict,
         description="meanings of columns with non-standard headers, such as alpha: "
@@ -185,10 +186,8 @@ class TableEntry(CommaKeys):
             raise Refusal(
                 "'columns' is combined with 'constant'", "'columns' only with 'file'", ("columns",)
             )
-        try:
+        with located("unit"):
             parse_unit(self.unit)
-        except Refusal as refusal:
-            raise Refusal(refusal.found, refusal.expected, ("unit",)) from None
         return self
 
 
@@ -197,10 +196,10 @@ class Term(StrictModel):
 
     table: str = Field(description="name of a table")
     times: str | None = Field(
-        default=None,
+        None,
         description="variable that multiplies the table, such as elevator or pitch_rate",
     )
-    scale: float = Field(default=1.0, description="factor that multiplies the values of the table")
+    scale: float = Field(1.0, description="factor that multiplies the values of the table")
 
 
 class ReferencePoint(StrictModel):
@@ -240,7 +239,7 @@ class Aerodynamics(StrictModel):
     """Aerodynamic coefficients, each the sum of its terms."""
 
     force_axes: Literal["stability", "wind"] = Field(
-        default="stability",
+        "stability",
         description="axes of lift and drag; in wind axes, drag opposes the velocity even with "
         "sideslip",
     )
@@ -306,22 +305,20 @@ class VehicleDocument(StrictModel):
     reference: Reference = Field(description="reference area and lengths of the coefficients")
     mass: MassModel = Field(description="mass, inertia and centre of gravity")
     surfaces: Surfaces | None = Field(
-        default=None, description="actuators of the control surfaces; default: none"
+        None, description="actuators of the control surfaces; default: none"
     )
     effectors: dict[str, Effector] = Field(
         default_factory=dict,
         max_length=MAX_EFFECTORS,
         description="control surfaces, each driven by a mix of aileron, rudder and elevator",
     )
-    propulsion: Propulsion | None = Field(
-        default=None, description="engine of the vehicle; default: none"
-    )
+    propulsion: Propulsion | None = Field(None, description="engine of the vehicle; default: none")
     sensing: SensingKeys = Field(
         SensingKeys(),
         description="reference for the measured quantities; a mission may override it",
     )
     limits: FlightLimits | None = Field(
-        default=None, description="limits that end a flight; default: no limits"
+        None, description="limits that end a flight; default: no limits"
     )
     tables: dict[str, TableEntry] = Field(
         default_factory=dict, description="tables by name; each table must be used"
@@ -332,7 +329,7 @@ class VehicleDocument(StrictModel):
     ] = Field(Aerodynamics(), description="terms of the six coefficients, or a function")
 
     dynamics: Dynamics | None = Field(
-        default=None, description="custom states, integrated with the vehicle; default: none"
+        None, description="custom states, integrated with the vehicle; default: none"
     )
 
     def state_limits(self) -> dict[str, float]:
@@ -340,17 +337,12 @@ class VehicleDocument(StrictModel):
         states = self.dynamics.states if self.dynamics else {}
         limits = {}
         for name, value in (self.limits.states if self.limits else {}).items():
-            key = ("limits", f"state.{name}")
-            if name not in states:
-                raise Refusal(
-                    f"a limit names the unknown state '{name}'", one_of(states, name), key
-                )
-            try:
+            with located("limits", f"state.{name}"):
+                if name not in states:
+                    raise Refusal(f"a limit names the unknown state '{name}'", one_of(states, name))
                 limits[name] = parse_quantity(value, dimension_of(states[name].unit))
-            except Refusal as refusal:
-                raise Refusal(refusal.found, refusal.expected, key) from None
-            if limits[name] <= 0.0:
-                raise Refusal(f"the limit is {value}", "a positive limit", key)
+                if limits[name] <= 0.0:
+                    raise Refusal(f"the limit is {value}", "a positive limit")
         return limits
 
     def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
@@ -385,10 +377,8 @@ class VehicleDocument(StrictModel):
                     ("effectors", name),
                 )
             if self.surfaces:
-                try:
+                with located("effectors", name):
                     effector.complete(self.surfaces)
-                except Refusal as refusal:
-                    raise Refusal(refusal.found, refusal.expected, ("effectors", name)) from None
         factors = (*FACTORS, *self.effectors)
         for table, quantity, key in self.uses():
             if table not in self.tables:

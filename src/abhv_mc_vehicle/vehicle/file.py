@@ -107,7 +107,8 @@ def make_code(document: Document, content: VehicleDocument) -> VehicleCode | Non
     )
     if coefficients is None and thrust is None and dynamics is None:
         return None
-    limits, own_states = content.state_limits(), custom.states if custom else {}
+    limits = content.state_limits()
+    own_states = custom.states if custom else {}
     states = tuple(
         CustomState(
             name,
@@ -240,7 +241,8 @@ def _check_meaning(document: Document, content: VehicleDocument, name: str, tabl
                 "unit",
             )
     if any(quantity == "specific_impulse" and used == name for used, quantity, _ in content.uses()):
-        low, high = float(table.values.min()), float(table.values.max())
+        low = float(table.values.min())
+        high = float(table.values.max())
         if low < 0.0 or high > _LARGEST_IMPULSE:
             raise document.error(
                 ("tables", name),

@@ -4,8 +4,9 @@ Quantities are measured relative to the air or to the Earth. Bank, flight path a
 always relative to the Earth.
 """
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -15,6 +16,15 @@ from abhv_mc.io.units import Angle, HeatFlux, Pressure
 from abhv_mc_vehicle.kernel.plant.vehicle import LoadBounds, Sensing
 
 Positive = Field(gt=0.0)
+
+
+@contextlib.contextmanager
+def located(*keys: str | int) -> Iterator[None]:
+    """Set ``keys`` as the location of each Refusal raised inside the context."""
+    try:
+        yield
+    except Refusal as refusal:
+        raise Refusal(refusal.found, refusal.expected, keys) from None
 
 
 def _check_rising(ends: tuple[float, float]) -> tuple[float, float]:
@@ -61,16 +71,16 @@ class LoadLimits(StrictModel):
         None, description="maximum dynamic pressure"
     )
     load_factor: Annotated[float, Positive] | None = Field(
-        default=None,
+        None,
         description="maximum magnitude of the specific force, in g, as a plain number",
     )
     heat_flux: Annotated[HeatFlux, Positive] | None = Field(
-        default=None,
+        None,
         description="maximum heat flux at the stagnation point; requires reference.nose_radius in "
         "the vehicle file",
     )
     bank: Annotated[Angle, Positive] | None = Field(
-        default=None, description="maximum bank angle about the velocity, in either direction"
+        None, description="maximum bank angle about the velocity, in either direction"
     )
     oscillation: (
         Annotated[
@@ -78,7 +88,7 @@ class LoadLimits(StrictModel):
         ]
         | None
     ) = Field(
-        default=None,
+        None,
         description="maximum ripple of bank, angle of attack and sideslip: one value, or a value "
         "per angle",
     )

@@ -151,14 +151,16 @@ def valid_range(vehicle: Vehicle, variable: str) -> tuple[float, float]:
 
     The range is infinite if no table depends on the variable and it has no limit.
     """
-    tables, envelope = vehicle.tables, vehicle.constants.envelope._asdict()
+    tables = vehicle.tables
+    envelope = vehicle.constants.envelope._asdict()
     low, high = (
         envelope.get(f"{variable}_{end}", limit)
         for end, limit in (("min", -np.inf), ("max", np.inf))
     )
     for axis in np.flatnonzero(tables.axis_variable == VARIABLES.index(variable)):
         grid = tables.grid[tables.axis_start[axis] :][: tables.axis_length[axis]]
-        low, high = max(low, float(grid[0])), min(high, float(grid[-1]))
+        low = max(low, float(grid[0]))
+        high = min(high, float(grid[-1]))
     return low, high
 
 
@@ -169,7 +171,8 @@ def nodes_of(tables: Tables, variable: str) -> Floats:
     return np.unique(np.concatenate([np.zeros(0), *grids]))
 
 
-VALUE, IGNORE = "value", "ignore"
+VALUE = "value"
+IGNORE = "ignore"
 
 ALIASES = {
     "alpha": "angle_of_attack",

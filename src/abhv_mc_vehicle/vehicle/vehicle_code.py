@@ -35,7 +35,8 @@ from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
 
 N_THRUST = 7  # number of values of a propulsion function: force, moment, fuel flow
 STEP = 1e-5  # step of the central differences, rad
-_ALTITUDE, _MACH = VARIABLES.index("altitude"), VARIABLES.index("mach")
+_ALTITUDE = VARIABLES.index("altitude")
+_MACH = VARIABLES.index("mach")
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,8 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
         for axis, stride in zip(tables.group_axis[g], tables.group_stride[g], strict=True):
             if stride == 0:
                 continue
-            first, length = tables.axis_start[axis], tables.axis_length[axis]
+            first = tables.axis_start[axis]
+            length = tables.axis_length[axis]
             grid = tables.grid[first : first + length]
             x = np.clip(variables[tables.axis_variable[axis]], grid[0], grid[-1])
             cell = np.clip(np.searchsorted(grid, x, side="right") - 1, 0, length - 2)
@@ -240,7 +242,8 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
                 for weight, node in corners
                 for side, share in ((0, 1.0 - upper), (1, upper))
             ]
-        first_row, width = tables.group_row[g], tables.group_width[g]
+        first_row = tables.group_row[g]
+        width = tables.group_width[g]
         within = np.arange(width).reshape(-1, *[1] * (variables.ndim - 1))
         rows[first_row : first_row + width] = sum(
             weight * tables.data[node + within] for weight, node in corners
@@ -253,11 +256,13 @@ def table_rows(tables: Tables, variables: Numbers) -> Numbers:
 
     A complex step gives the exact derivative within a table cell.
     """
-    low, weight = [], []
+    low = []
+    weight = []
     for variable, start, length in zip(
         tables.axis_variable, tables.axis_start, tables.axis_length, strict=True
     ):
-        grid, x = tables.grid[start : start + length], variables[variable]
+        grid = tables.grid[start : start + length]
+        x = variables[variable]
         x = x if np.imag(x).any() else x.real
         cell = np.clip(np.searchsorted(grid, x.real, side="right") - 1, 0, length - 2)
         fraction = (x - grid[cell]) / (grid[cell + 1] - grid[cell])
@@ -267,7 +272,8 @@ def table_rows(tables: Tables, variables: Numbers) -> Numbers:
     shape = variables.shape[1:]
     rows = np.zeros((tables.n_rows, *shape), np.result_type(*weight, np.float64))
     for group, width in enumerate(tables.group_width):
-        axes, strides = tables.group_axis[group], tables.group_stride[group]
+        axes = tables.group_axis[group]
+        strides = tables.group_stride[group]
         used = [d for d in range(len(strides)) if strides[d]]
         node = np.full(shape, tables.group_start[group], np.int64)
         for d in used:

@@ -120,7 +120,8 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
         values = evaluate_coefficients(vehicle, variables, rows=rows)
         coefficient = dict(zip(COEFFICIENTS, values, strict=True))
         fixed = evaluate_fixed(vehicle, variables, rows)
-        lift, drag = coefficient["lift"], coefficient["drag"]
+        lift = coefficient["lift"]
+        drag = coefficient["drag"]
         forward = lift * np.sin(alpha) - drag * np.cos(alpha)
         down = -lift * np.cos(alpha) - drag * np.sin(alpha)
         arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
@@ -162,7 +163,8 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         same = sign * coefficients(middle)["pitching_moment"] > 0.0
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
+        low = np.where(same, middle, low)
+        high = np.where(same, high, middle)
     balanced = coefficients(0.5 * (low + high))
     considered = trimmed & (balanced["drag"] > 0.0) & (mach > 2.0)
     ratio = np.where(

@@ -200,7 +200,8 @@ class VehicleContents(Contents):
         Points must lie within the mission. A requirement on margins needs the margins of all
         flights.
         """
-        document, model = self.document, self.model
+        document = self.document
+        model = self.model
         needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_NAMES]
         if model.margins is None:
             for i in needed:
@@ -282,7 +283,8 @@ def _declare_metrics(
 ) -> tuple[Metric, ...]:
     """Return the records of custom metrics. The file of custom channels is not run."""
     location: tuple[str, ...] = ("metrics",)
-    entries, source = model.metrics, document
+    entries = model.metrics
+    source = document
     if isinstance(entries, Path):
         source, entries = read_metrics_file(entries)
         location = ()

@@ -72,7 +72,8 @@ def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> F
     from abhv_mc_vehicle.flight.prepare import user_law_of
     from abhv_mc_vehicle.stability.steady import make_steady_plan
 
-    law, mission = read_controller(controller), read_mission(campaign.model.mission)
+    law = read_controller(controller)
+    mission = read_mission(campaign.model.mission)
     steady = make_steady_plan(
         plan.vehicle, mission, law, plan.controller, user_code=user_law_of(plan, law)
     )
@@ -118,7 +119,8 @@ def make_corners(campaign: "Experiment") -> Floats:
     else:
         sides = np.random.default_rng(campaign.model.seed).integers(0, 2, (_SOME, count))
     values = ends[np.arange(count), sides]
-    nominal, parameters = campaign.parameters.nominal[None], campaign.parameters
+    nominal = campaign.parameters.nominal[None]
+    parameters = campaign.parameters
     return (
         np.vstack([nominal, full_rows(campaign.names, values, campaign.derived, parameters)])
         if count
@@ -136,7 +138,8 @@ def describe_stability(campaign: "Experiment", plans: Mapping[str, FlightPlan]) 
     vehicle = next(iter(plans.values())).vehicle
     if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
         return {}
-    rows, controllers = make_corners(campaign), {}
+    rows = make_corners(campaign)
+    controllers = {}
     for name, file in campaign.model.controllers.items():
         try:
             controllers[name] = _describe(name, make_steady(campaign, plans[name], file), rows)

@@ -34,7 +34,8 @@ def write_gains(file: Path, plan: FlightPlan) -> None:
             file, f"the control law {plan.controller} has no gains", "a control law with a design"
         )
     ticks = plan.timing.ticks + 1
-    times, gains = plan.reference[:ticks, TIME], plan.gains[:ticks]
+    times = plan.reference[:ticks, TIME]
+    gains = plan.gains[:ticks]
     with atomic_write(file) as temporary, temporary.open("wb") as stream:
         if file.suffix == ".mat":
             from scipy.io import savemat

@@ -54,7 +54,8 @@ class Zone(StrictModel):
 
     def _coefficients(self) -> tuple[float, float, float, float]:
         """Return the coefficients of the northward coordinate, and the squared radius."""
-        sine, cosine = math.sin(self._origin[0]), math.cos(self._origin[0])
+        sine = math.sin(self._origin[0])
+        cosine = math.cos(self._origin[0])
         normal = _RADIUS / math.sqrt(1.0 - _E2 * sine * sine)
         squared = normal**2 * (1.0 - _E2) / (1.0 - _E2 * sine * sine)
         return (1.0 - _E2) * cosine, sine, _E2 * normal * sine * cosine, squared
@@ -62,7 +63,8 @@ class Zone(StrictModel):
     def _project(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Return coordinates towards east and north, m, of latitudes and longitudes (rad)."""
         forward, up, shift, squared = self._coefficients()
-        sine, cosine = np.sin(latitude), np.cos(latitude)
+        sine = np.sin(latitude)
+        cosine = np.cos(latitude)
         normal = _RADIUS / np.sqrt(1.0 - _E2 * sine * sine)
         x = normal * cosine * np.sin(longitude - self._origin[1])
         y = normal * (forward * sine - up * cosine * np.cos(longitude - self._origin[1])) + shift
@@ -100,7 +102,8 @@ class Zone(StrictModel):
         if self.polygon is None:
             return f"{scale} * sqrt(h) - {self.radius!r}"
         # The first argument of min only assigns the coordinates.
-        distances, sides = [f"(x := (h := {scale}) * x) * 0 + (y := h * y) * 0 + 1e30"], []
+        distances = [f"(x := (h := {scale}) * x) * 0 + (y := h * y) * 0 + 1e30"]
+        sides = []
         for corner, along, length in zip(
             *(values.tolist() for values in self._edges()), strict=True
         ):
@@ -124,7 +127,8 @@ class Zone(StrictModel):
             return np.degrees(self._corners()[[*range(len(self.polygon)), 0]])
         assert self.radius is not None  # noqa: S101
         angle = np.linspace(0.0, 2.0 * np.pi, _OUTLINE + 1)
-        east, north = self.radius * np.cos(angle), self.radius * np.sin(angle)
+        east = self.radius * np.cos(angle)
+        north = self.radius * np.sin(angle)
         latitude, longitude = (np.full(len(angle), value) for value in self._origin)
         for _ in range(8):  # fixed-point iterations
             x, y = self._project(latitude, longitude)

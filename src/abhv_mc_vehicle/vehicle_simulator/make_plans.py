@@ -111,7 +111,8 @@ def check_rows(plan: FlightPlan, parameters: Floats) -> None:
 
 def _find_invalid(plan: FlightPlan, parameters: Floats) -> tuple[str, str] | None:
     """Return an invalid sensor time or member of the ensemble and its range, or None."""
-    members, count = parameters[:, PARAMETER_INDEX[MEMBER]], plan.members
+    members = parameters[:, PARAMETER_INDEX[MEMBER]]
+    count = plan.members
     wrong = members[(members % 1.0 != 0.0) | (members < 0.0) | (members > count)]
     if wrong.size:
         expected = f"a whole number from 0 to {count}" if count else "a mission with an ensemble"
@@ -141,7 +142,8 @@ def declare(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
 def declare_metrics(campaign: Experiment, plan: FlightPlan) -> FlightPlan:
     """Return the plan with the campaign's metrics, specialized to its varied parameters."""
     contents = campaign.contents
-    declared, sources = pack_metrics(contents.declared), pack_sources(contents.user_sources)
+    declared = pack_metrics(contents.declared)
+    sources = pack_sources(contents.user_sources)
     laws = [name for name in campaign.parameters.index if name.startswith("law.")]
     return replace(
         plan,
@@ -268,10 +270,12 @@ def describe_end(plan: FlightPlan, parameters: Floats, outcome: Outcome) -> str:
 
 def _find(plan: FlightPlan, parameters: Floats) -> str:
     """Return the first quantity of a flight that is not finite, with its time."""
-    recording, memory = Recording(1, tuple(range(len(CHANNELS)))), make_memory(LANES)
+    recording = Recording(1, tuple(range(len(CHANNELS))))
+    memory = make_memory(LANES)
     results = make_results(plan, 1, recording, False)
     fly_in_memory(plan, parameters, results, recording, memory)
-    end, lane = int(results.end_tick[0]), memory.Z[:, 0]
+    end = int(results.end_tick[0])
+    lane = memory.Z[:, 0]
     commands = [
         name for i, name in enumerate(plan.effectors) if np.isnan(lane[s.EFFECTOR_COMMAND + i])
     ]

@@ -22,8 +22,7 @@ from abhv_mc.interfaces import (
     StoredPlans,
     TrimMargins,
 )
-from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.documents import InputError, read_document
 from abhv_mc_vehicle.flight.channels import (
     CHANNELS,
     REFERENCE_CHANNELS,
@@ -46,7 +45,8 @@ class VehicleSimulator(Simulator):
     )
 
     def __init__(self, experiment: Experiment) -> None:
-        self.experiment, self.outcomes = experiment, OUTCOMES
+        self.experiment = experiment
+        self.outcomes = OUTCOMES
         self.systems, self.mission = tuple(experiment.model.controllers), self
         own = (
             effector_channels(experiment.contents.effectors),
@@ -126,13 +126,15 @@ class VehicleSimulator(Simulator):
         from abhv_mc_vehicle.vehicle_simulator.make_plans import check_rows
 
         varied = {*self.experiment.names, *names}
-        derived, parameters = self.experiment.derived, self.experiment.parameters
+        derived = self.experiment.derived
+        parameters = self.experiment.parameters
         for plan in plans.values():
             check_rows(plan, full_rows(names, rows, derived, parameters))
         return {name: plan.lean_for(varied) for name, plan in plans.items()}
 
     def find_stride(self, plan: FlightPlan, output: str) -> int:
-        document, rate = self.experiment.document, getattr(self.experiment.model.keep, output).rate
+        document = self.experiment.document
+        rate = getattr(self.experiment.model.keep, output).rate
         ticks = 1.0 / (rate * plan.timing.tick)
         every = round(ticks)
         if every < 1 or abs(ticks - every) > 1e-9 * ticks:

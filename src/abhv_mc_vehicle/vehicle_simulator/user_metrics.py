@@ -213,7 +213,8 @@ def _record(
     nonnegative: bool,
     window: tuple[float, float],
 ) -> Metric:
-    unit, statistic = _unit(name, entry, sources), entry.statistic
+    unit = _unit(name, entry, sources)
+    statistic = entry.statistic
     record = Metric(
         name=name,
         unit=unit,

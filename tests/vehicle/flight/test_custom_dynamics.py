@@ -22,11 +22,11 @@ from abhv_mc_vehicle.flight.vehicle_parameters import vehicle_parameters
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.state import variable_row
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 from abhv_mc_vehicle.stability.linearize import closed_loop, linearize
-from abhv_mc_vehicle.stability.plant_inputs import plant_states
 from abhv_mc_vehicle.stability.points import flown_points, fly_disturbed
+from abhv_mc_vehicle.stability.probe import plant_states
 
 AREA, CHORD = 8.026848, 2.7432
 FREQUENCY, DAMPING, EXCITATION = 20.0, 0.01, 0.05

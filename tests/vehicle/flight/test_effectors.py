@@ -12,7 +12,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.laws.columns import LQR_SETTINGS, TLC_SETTINGS
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.given import make_document, write_inputs
+from abhv_mc_vehicle.one_flight.fly_once import make_document, write_inputs
 
 LAW = """
 from abhv_mc.extend import Command, controller

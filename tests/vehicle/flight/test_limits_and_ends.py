@@ -19,7 +19,7 @@ from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.flight.plan import EndBounds, FlightPlan
 from abhv_mc_vehicle.kernel.plant.vehicle import LoadBounds
-from abhv_mc_vehicle.one_flight.given import make_flight_plan, write_inputs
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan, write_inputs
 
 
 @pytest.fixture(scope="module")

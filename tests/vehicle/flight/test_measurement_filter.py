@@ -11,7 +11,7 @@ from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.prepare import prepare
 from abhv_mc_vehicle.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc_vehicle.one_flight.fly_once import fly as fly_table
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.vehicle_simulator.make_plans import make_plans
 
 FILTER = """

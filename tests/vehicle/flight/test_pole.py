@@ -12,7 +12,7 @@ from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from benchmarks.verification.fly_recording import make_motion, make_replay_plan, make_start, replay
 from benchmarks.verification.nesc_cases import ELLIPSOID

@@ -10,7 +10,7 @@ from abhv_mc.io.documents import InputError
 from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.prepare import table_faults
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 
 GLIDER = {"base": "ghame_x", "propulsion": None}
 NOTHING = {"constant": 0, "unit": "1/deg"}

@@ -19,7 +19,7 @@ from abhv_mc_vehicle.kernel.flight.ripple import (
 )
 from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 
 TICK = 0.01  # s
 

@@ -17,7 +17,7 @@ from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere, warm_pressure
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 
 LEVEL = {"base": "level", "duration": "21 s"}
 AIR = {"angle_of_attack": "air", "sideslip": "air"}

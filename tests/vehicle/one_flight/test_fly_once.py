@@ -14,7 +14,7 @@ from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.given import make_document, make_flight_plan, make_parameters
+from abhv_mc_vehicle.one_flight.fly_once import make_document, make_flight_plan, make_parameters
 from abhv_mc_vehicle.one_flight.linear_models import take_point
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 

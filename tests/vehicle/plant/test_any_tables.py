@@ -16,7 +16,7 @@ from abhv_mc_vehicle.kernel.jit import kernel
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.aerodynamics import build_up, look_up, make_cells
 from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS, PARAMETER_INDEX
-from abhv_mc_vehicle.one_flight.given import make_document
+from abhv_mc_vehicle.one_flight.fly_once import make_document
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_coefficients, make_variables

@@ -2,7 +2,7 @@
 
 from abhv_mc.io.units import dimension_of, parse_in_unit
 from abhv_mc.shipped import find_input
-from abhv_mc_vehicle.one_flight.given import make_parameters
+from abhv_mc_vehicle.one_flight.fly_once import make_parameters
 from abhv_mc_vehicle.plant.parameters import OURS, PARAMETERS
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 

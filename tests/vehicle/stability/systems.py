@@ -12,9 +12,8 @@ from abhv_mc_vehicle.flight.prepare import make_plan, read_law
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.stability.analysis import analyse
 from abhv_mc_vehicle.stability.linearize import closed_loop, closed_period, linearize, sensor_states
-from abhv_mc_vehicle.stability.plant_inputs import plant_states
 from abhv_mc_vehicle.stability.points import flown_points, fly_disturbed
-from abhv_mc_vehicle.stability.probe import law_memory_rows
+from abhv_mc_vehicle.stability.probe import law_memory_rows, plant_states
 from abhv_mc_vehicle.stability.steady import make_steady_plan, trim_points
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 

@@ -8,10 +8,10 @@ import pytest
 from abhv_mc.flights.timing import Timing
 from abhv_mc_vehicle.flight.fly import fly_until
 from abhv_mc_vehicle.flight.vehicle_parameters import vehicle_parameters
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.stability.linearize import closed_loop, linearize
-from abhv_mc_vehicle.stability.plant_inputs import plant_states
 from abhv_mc_vehicle.stability.points import closed_states, disturb, flown_points
+from abhv_mc_vehicle.stability.probe import plant_states
 
 TICK, TICKS = 20, 100
 

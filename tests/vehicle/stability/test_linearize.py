@@ -27,9 +27,8 @@ from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.stability import probe, steady
 from abhv_mc_vehicle.stability.analysis import analyse
 from abhv_mc_vehicle.stability.linearize import actuator_matrices, linearize
-from abhv_mc_vehicle.stability.plant_inputs import INPUTS
 from abhv_mc_vehicle.stability.points import flown_points
-from abhv_mc_vehicle.stability.probe import ask_plant
+from abhv_mc_vehicle.stability.probe import INPUTS, ask_plant
 from abhv_mc_vehicle.stability.steady import make_steady_plan, trim_points
 
 # An independent simulator: gain down and up (dB), phase (deg), delay (ms), sensitivity of each

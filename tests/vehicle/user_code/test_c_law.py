@@ -17,7 +17,7 @@ from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, sincos, wrap
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.stability.analysis import analyse
 from abhv_mc_vehicle.stability.linearize import linearize
 from abhv_mc_vehicle.stability.points import flown_points

@@ -21,7 +21,7 @@ from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.kernel.flight.fly_lanes import COMPACTION
 from abhv_mc_vehicle.kernel.flight.interface import LANES
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle_simulator.stored_plans import rebuild_plan
 

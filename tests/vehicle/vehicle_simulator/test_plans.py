@@ -19,7 +19,7 @@ from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten, stored_arrays
 from abhv_mc_vehicle.kernel.laws.columns import LQR_GAINS
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.stability.fly_with_margins import add_margins
 from abhv_mc_vehicle.vehicle_simulator.export_gains import write_gains
 from abhv_mc_vehicle.vehicle_simulator.make_plans import _find_jumps

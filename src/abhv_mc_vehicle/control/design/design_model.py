@@ -104,7 +104,8 @@ def engine_at(vehicle: Vehicle, variables: Numbers, density: Any, speed: Any) ->
         return np.zeros((N_THRUST, *variables.shape[1:]))
     _, wrench = evaluate_functions(vehicle, variables, density, speed)
     fx, fy, fz = wrench[:3]
-    x, z = vehicle.foreign.engine_x, vehicle.foreign.engine_z
+    x = vehicle.foreign.engine_x
+    z = vehicle.foreign.engine_z
     arm = np.stack([-z * fy, z * fx - x * fz, x * fy])
     return np.concatenate([wrench[:3], wrench[3:6] + arm, wrench[6:]])
 
@@ -141,7 +142,8 @@ def guidance_rates(
     _, lift, drag, thrust = (0.5 * density * speed**2 * vehicle.constants.area) * table_rows(
         trim_tables, variables
     )[:4]
-    cos_line, sin_line = vehicle.constants.thrust_cos, vehicle.constants.thrust_sin
+    cos_line = vehicle.constants.thrust_cos
+    sin_line = vehicle.constants.thrust_sin
     normal = lift + thrust * (np.sin(alpha) * cos_line + np.cos(alpha) * sin_line)
     axial = thrust * (np.cos(alpha) * cos_line - np.sin(alpha) * sin_line) - drag
     gamma_rate = normal * np.cos(bank) / (mass * speed) + (
@@ -171,7 +173,8 @@ def wrench_at(
     ``rates`` contains (p, q, r), and ``deflections`` contains (aileron, rudder, elevator).
     """
     constants = vehicle.constants
-    half_span, half_chord = constants.span / (2.0 * speed), constants.chord / (2.0 * speed)
+    half_span = constants.span / (2.0 * speed)
+    half_chord = constants.chord / (2.0 * speed)
     variables = make_variables(
         vehicle,
         mach=speed / environment.sound_speed,
@@ -257,7 +260,8 @@ def attitude_rates(
 
 def body_rate_rates(inertia: Any, moment: Any, rates: Any) -> Numbers:
     """Return the angular accelerations ``J^-1 (M - w x J w)``, equation (3)."""
-    inertia, rates = np.asarray(inertia), np.asarray(rates)
+    inertia = np.asarray(inertia)
+    rates = np.asarray(rates)
     momentum = np.einsum("ij...,j...->i...", inertia, rates)
     torque = np.asarray(moment) - np.cross(rates, momentum, axis=0)
     matrices = np.moveaxis(inertia, (0, 1), (-2, -1))

@@ -65,7 +65,8 @@ def find_flying_qualities(
     lateral = np.linalg.eigvals(slopes[np.ix_(*2 * ([_BANK, _BETA, _P, _R],))])
     stiffness = float(np.linalg.det(pitch))
     short_period = math.sqrt(stiffness) if stiffness > 0.0 else math.nan
-    roll, yaw = slopes[_P], slopes[_R]
+    roll = slopes[_P]
+    yaw = slopes[_R]
     alpha = trim.angle_of_attack
     directional = float(yaw[_BETA] * math.cos(alpha) - roll[_BETA] * math.sin(alpha))
     dutch_roll = max(lateral[lateral.imag > 0.0], key=abs, default=complex(math.nan))

@@ -151,7 +151,8 @@ def make_models(vehicle: Vehicle, trim_tables: Tables, nominal: Nominal) -> Line
         operating_point,
     )
     turn = attitude_slopes(vehicle, nominal)
-    pitch, roll_yaw = turn[..., [0, 4], :], turn[..., [2, 1, 3, 5], :]
+    pitch = turn[..., [0, 4], :]
+    roll_yaw = turn[..., [2, 1, 3, 5], :]
     pairs = (
         (guide[..., :4], guide[..., 4:]),
         (pitch[..., [0, 4]], pitch[..., [8]]),

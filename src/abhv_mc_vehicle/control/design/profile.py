@@ -43,14 +43,16 @@ def make_profile(mission: m.Mission, times: Floats) -> Profile:
     """
     if isinstance(mission.manoeuvre, m.Recorded):
         return _recorded(mission.manoeuvre, mission.duration, times)
-    start, ones = mission.start, np.ones_like(times)
+    start = mission.start
+    ones = np.ones_like(times)
     # rows of each array: the quantity and its rate; for altitude, also the acceleration
     altitude = np.outer([start.altitude, 0.0, 0.0], ones)
     speed, heading, path = (
         np.outer([value, 0.0], ones)
         for value in (start.speed, start.heading, start.flight_path_angle)
     )
-    speed_now, path_now = start.speed, start.flight_path_angle
+    speed_now = start.speed
+    path_now = start.flight_path_angle
 
     for _, begin, manoeuvre in mission.list_manoeuvres():
         since = times - begin

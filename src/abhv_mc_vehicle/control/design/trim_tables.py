@@ -48,8 +48,10 @@ def make_trim_tables(
     node.
     """
     constants = vehicle.constants
-    density, sound_speed = standard_air(altitude)[0], float(nominal_air(air, altitude)[1])
-    low, high = 0.9 * speed_range[0] / sound_speed, 1.1 * speed_range[1] / sound_speed
+    density = standard_air(altitude)[0]
+    sound_speed = float(nominal_air(air, altitude)[1])
+    low = 0.9 * speed_range[0] / sound_speed
+    high = 1.1 * speed_range[1] / sound_speed
     alpha_low = max(_ANGLES_OF_ATTACK[0], constants.angle_of_attack_min)
     alpha_high = min(_ANGLES_OF_ATTACK[1], constants.angle_of_attack_max)
     if steady_mach is None:
@@ -92,8 +94,10 @@ def make_trim_tables(
     if vehicle.foreign.propulsion:
         engine = engine_at(vehicle, variables, density, speed) / q_area
         thrust = engine[0]
-        lift, drag = lift - engine[2] * np.cos(alpha), drag - engine[2] * np.sin(alpha)
-        flow, force = engine[6] * q_area, engine[0] * q_area
+        lift = lift - engine[2] * np.cos(alpha)
+        drag = drag - engine[2] * np.sin(alpha)
+        flow = engine[6] * q_area
+        force = engine[0] * q_area
         burns = flow > 0.0
         impulse = np.where(
             burns, force / (constants.standard_gravity * np.where(burns, flow, 1.0)), 0.0
@@ -126,7 +130,8 @@ def rebuild_trim_tables(grid: Floats, inverse_step: Floats, data: Floats) -> Tab
 
 def _pack(axes: tuple[Axis, ...], values: list[Floats]) -> Tables:
     """Pack the tables of TRIM_ROWS, and a table of zeros for unused quantities."""
-    impulse, zero = TRIM_ROWS.index("specific_impulse"), len(TRIM_ROWS)
+    impulse = TRIM_ROWS.index("specific_impulse")
+    zero = len(TRIM_ROWS)
     fixed_entries = {
         name: impulse if name == "specific_impulse" else zero for name in FIXED_TABLE_ROWS
     }
@@ -152,7 +157,8 @@ def trim_elevator(
 
     def pitching_moment(elevator: Any, speed: Any, alpha: Any, eta: Any) -> Any:
         zero = np.zeros_like(speed)
-        rates, deflections = (zero, zero, zero), (zero, zero, elevator)
+        rates = (zero, zero, zero)
+        deflections = (zero, zero, elevator)
         wrench = wrench_at(vehicle, environment, mass, speed, alpha, zero, rates, deflections, eta)
         return wrench.moment[1] / (
             environment.density * speed**2 * vehicle.constants.area * vehicle.constants.chord

@@ -113,7 +113,8 @@ def count_tick(memory, width, plan, samples, flights, n, tick, first_row):
     settled = plan.reference[tick, ref.SETTLED] > 0.0
     for m in range(lean.row.size):
         if settled or lean.settled[m] == 0:
-            out, row = O[natural(first_row + m)], Z[natural(lean.row[m])]
+            out = O[natural(first_row + m)]
+            row = Z[natural(lean.row[m])]
             count_row(out, row, lean.factor[m], lean.statistic[m], dt, Z[s.COUNTED], width)
     quantile = 0
     for m in range(programs.statistic.size):
@@ -167,7 +168,8 @@ def count_row(out, row, factor, statistic, dt, counted, width):
 @lanes
 def calculate(Z, T, instruction, constant, width):
     """Execute one instruction of a metric program in all lanes."""
-    operation, out = instruction[0], T[natural(instruction[1])]
+    operation = instruction[0]
+    out = T[natural(instruction[1])]
     if operation == _LOAD:
         row = Z[natural(instruction[2])]
         for lane in range(width):
@@ -176,7 +178,8 @@ def calculate(Z, T, instruction, constant, width):
         for lane in range(width):
             out[lane] = constant
     else:
-        a, b = T[natural(instruction[2])], T[natural(instruction[3])]
+        a = T[natural(instruction[2])]
+        b = T[natural(instruction[3])]
         if operation == _ADD:
             for lane in range(width):
                 out[lane] = a[lane] + b[lane]
@@ -219,7 +222,8 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
     now = float(tick)
     if statistic in (_MIN, _MAX, _PEAK):
         for lane in range(width):
-            x, begins = value[lane], count[lane] == 0.0
+            x = value[lane]
+            begins = count[lane] == 0.0
             low = x if begins else smaller(a[lane], x)
             high = x if begins else larger(b[lane], x)
             a[lane] = low if counted[lane] > 0.0 else a[lane]
@@ -254,7 +258,8 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
         for lane in range(width):
             x = value[lane]
             begins = count[lane] == 0.0
-            turn, sense = (x if begins else b[lane]), c[lane]
+            turn = x if begins else b[lane]
+            sense = c[lane]
             moved = x - turn
             starts = sense == 0.0 and abs(moved) > limit
             turns = moved * sense < 0.0 and abs(moved) > limit
@@ -272,7 +277,8 @@ def count_value(O, row, value, counted, statistic, limit, factor, tick, dt, widt
 @lanes
 def finish_counting(O, lane, counted, samples, dt, first_row, out):
     """Compute the metrics ``out`` [metric] of one lane with ``samples`` counted ticks."""
-    lean, programs = counted.lean, counted.programs
+    lean = counted.lean
+    programs = counted.programs
     for m in range(lean.row.size):
         a = O[natural(first_row + m), lane]
         out[lean.column[m]] = finish_value(

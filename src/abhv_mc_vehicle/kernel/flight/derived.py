@@ -38,7 +38,8 @@ BANK_CYCLE_HZ, ANGLE_OF_ATTACK_CYCLE_HZ, SIDESLIP_CYCLE_HZ = (row + FREQUENCY fo
 FUEL_LEFT_KG, STAGNATION_HEAT_FLUX_W_M2, LOAD_FACTOR_G, HEADING_DEG = range(
     FIRST_DERIVED, FIRST_DERIVED + 4
 )
-_ERRORS, _SURFACES = FIRST_DERIVED + 4, FIRST_DERIVED + 10
+_ERRORS = FIRST_DERIVED + 4
+_SURFACES = FIRST_DERIVED + 10
 ALTITUDE_ERROR_M, SPEED_ERROR_MPS, HEADING_ERROR_DEG, CROSS_TRACK_M = range(_ERRORS, _ERRORS + 4)
 ANGLE_OF_ATTACK_ERROR_DEG, BANK_ERROR_DEG = range(_ERRORS + 4, _SURFACES)
 AILERON_FROM_TRIM_DEG, RUDDER_FROM_TRIM_DEG, ELEVATOR_FROM_TRIM_DEG = range(
@@ -109,7 +110,8 @@ def derive(Z, width, reference, vehicle, tick):
         # approaches the limit asymptotically.
         saturated = False
         for i in range(3):
-            deflection, limit = Z[X + s.AILERON + i, lane], vehicle.actuators[i, HIGH]
+            deflection = Z[X + s.AILERON + i, lane]
+            limit = vehicle.actuators[i, HIGH]
             saturated |= limit > 0.0 and (
                 abs(deflection) >= limit * Z[s.K_LIMIT, lane] or abs(Z[s.CMD + i, lane]) >= limit
             )
@@ -129,7 +131,8 @@ def follow_ripples(Z, width, settled, tick, length):
     settled intervals.
     """
     for i in range(3):
-        row, factor = RIPPLES + i * N_RIPPLE_ROWS, _DEG if i == 2 else 1.0
+        row = RIPPLES + i * N_RIPPLE_ROWS
+        factor = _DEG if i == 2 else 1.0
         if settled == 1.0:
             for lane in range(width):
                 keep_cycle(Z, lane, row, length)

@@ -100,18 +100,16 @@ from abhv_mc_vehicle.kernel.plant.failures import (
 )
 from abhv_mc_vehicle.kernel.plant.foreign import (
     add_sensed,
+    add_thrust,
     find_dispersed,
     finish_states,
     foreign_coefficients,
+    foreign_thrust,
+    is_misaligned,
     keep_motion,
     load_settings,
     run_dynamics,
     start_states,
-)
-from abhv_mc_vehicle.kernel.plant.thrust import (
-    add_thrust,
-    foreign_thrust,
-    is_misaligned,
     turn_thrust,
 )
 
@@ -187,7 +185,8 @@ def begin_tick(plan, memory, width, active, tick):
 @lanes
 def move(plan, memory, width, active, tick):
     """Compute motion and air data at a control tick."""
-    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    Z = memory.Z
+    tick_length = plan.timing.step * plan.timing.steps_per_tick
     navigate(Z, width, tick_length, tick == 0)
     calm(Z, width)
     if active is not None:
@@ -199,7 +198,8 @@ def move(plan, memory, width, active, tick):
 @lanes
 def measure(plan, memory, width, active, tick, evaluated):
     """Compute the measurement at a control tick, with sensor errors and sensor failures."""
-    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    Z = memory.Z
+    tick_length = plan.timing.step * plan.timing.steps_per_tick
     if active is not None:
         instruments(plan, Z, width, active, tick, evaluated)
         if active.sensor_errors.changed:
@@ -246,7 +246,8 @@ def evaluate(plan, memory, width, stage, active):
 @lanes
 def recorded_tick(plan, memory, width, tick):
     """Set surfaces and engine to recorded values, and the command rows to recorded rates."""
-    Z, gains = memory.Z, plan.gains
+    Z = memory.Z
+    gains = plan.gains
     for lane in range(width):
         for i in range(3):
             place_actuator(Z, lane, s.AILERON + i, gains[tick, i])
@@ -355,7 +356,8 @@ def keeps_forces(plan, law, active):
     The forces depend on the commands if any actuator is ideal or a failure is possible. The result
     is also False if a nominal vehicle is evaluated, because this overwrites rows of the forces.
     """
-    failures, ideal = active.failures, False
+    failures = active.failures
+    ideal = False
     for i in range(FIRST_EFFECTOR + count_driven(plan.vehicle)):
         ideal |= plan.vehicle.actuators[i, KIND] == IDEAL
     nominal = law in (TLC, RECORDED) or plan.user_code.onboard > 0
@@ -371,10 +373,12 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
     A = memory.A
     step = plan.timing.step
     steps_per_tick = plan.timing.steps_per_tick
-    first, once = 0, False
+    first = 0
+    once = False
     if active is not None and senses_forces(plan):
         # Forces are evaluated before the measurement; the first stage reuses them if possible.
-        first, once = -1, keeps_forces(plan, law, active)
+        first = -1
+        once = keeps_forces(plan, law, active)
     for tick in range(first_tick, end):
         move(plan, memory, width, active, tick)
         flying = True
@@ -403,7 +407,8 @@ def fly_ticks(plan, memory, results, width, law, active, first_tick, end, flight
                 if not flying:
                     break
             if stage == 0:
-                actuators, recorded = plan.vehicle.actuators, law == RECORDED
+                actuators = plan.vehicle.actuators
+                recorded = law == RECORDED
                 run_actuators(Z, Z, width, actuators, 0, FIRST_EFFECTOR, step, recorded, active)
                 if active is not None:
                     run_effectors(Z, A, width, plan.vehicle, step, active)
@@ -432,10 +437,13 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     saved = memory.saved
     order = memory.order
     keeps = results.saved.shape[1] > 0
-    O, dt = memory.O, plan.timing.step * plan.timing.steps_per_tick
-    driven, custom = count_driven(plan.vehicle) > 0, has_functions(plan)
+    O = memory.O
+    dt = plan.timing.step * plan.timing.steps_per_tick
+    driven = count_driven(plan.vehicle) > 0
+    custom = has_functions(plan)
     own = plan.user_code.address != 0
-    start, last = plan.first_tick, plan.timing.ticks if keeps else plan.timing.ticks + 1
+    start = plan.first_tick
+    last = plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = (
         1 < width < last_flight - first_flight
     )  # With a single lane or a single group, there are no lanes to reassign.
@@ -469,7 +477,8 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                         order[still_flying] = flight
                         still_flying += 1
                     else:
-                        metrics, samples = results.metrics[flight], O[observe.SAMPLES, lane]
+                        metrics = results.metrics[flight]
+                        samples = O[observe.SAMPLES, lane]
                         finish_counting(
                             O, lane, plan.counted, samples, dt, observe.FIRST_METRIC, metrics
                         )
@@ -481,7 +490,8 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
 @lanes
 def has_functions(plan):
     """Return whether custom functions or dispersed settings need more rows of lane memory."""
-    code, settings = plan.user_code, plan.parameters.shape[1] > s.N_PARAMETERS
+    code = plan.user_code
+    settings = plan.parameters.shape[1] > s.N_PARAMETERS
     return settings or code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
 
@@ -499,7 +509,8 @@ def start_lanes(plan, memory, width, find, flights, n):
     load_settings(Z, width, plan.parameters, flights, n)
     start_flights(Z, width, plan.initial_state)
     start_failures(Z, width)
-    actuators, step = plan.vehicle.actuators, plan.timing.step
+    actuators = plan.vehicle.actuators
+    step = plan.timing.step
     # The three axes have identical actuators.
     prepare_actuators(Z, Z, width, actuators, AXES - 1, FIRST_EFFECTOR, step)
     leave_effectors(Z, width, plan.vehicle)
@@ -537,7 +548,8 @@ def make_fly_lanes(capacity: int, lean: bool = False) -> Callable[..., None]:
         """Simulate one flight for each row of the plan's parameters, in ``capacity`` lanes."""
         # The caller has checked the width; this condition makes it a constant for LLVM.
         if has_width(memory, capacity):
-            width, flights = memory.Z.shape[1], plan.parameters.shape[0]
+            width = memory.Z.shape[1]
+            flights = plan.parameters.shape[0]
             fly_groups(
                 plan,
                 memory,

@@ -117,10 +117,9 @@ def measure_more(Z, width, reference, tick, warm):
         Z[s.M_PITCH, lane] = asin(2.0 * (q0 * q2 - q1 * q3))
         Z[s.M_ROLL, lane] = atan2(2.0 * (q0 * q1 + q2 * q3), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
         Z[s.M_YAW, lane] = atan2(2.0 * (q0 * q3 + q1 * q2), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
-        Z[s.M_LATITUDE, lane], Z[s.M_LONGITUDE, lane] = (
-            Z[X + s.LATITUDE, lane],
-            Z[X + s.LONGITUDE, lane],
-        )
-        Z[s.M_NORTH, lane], Z[s.M_EAST, lane] = Z[s.NORTH, lane], Z[s.EAST, lane]
+        Z[s.M_LATITUDE, lane] = Z[X + s.LATITUDE, lane]
+        Z[s.M_LONGITUDE, lane] = Z[X + s.LONGITUDE, lane]
+        Z[s.M_NORTH, lane] = Z[s.NORTH, lane]
+        Z[s.M_EAST, lane] = Z[s.EAST, lane]
         for i in range(3):
             Z[s.M_ACCELERATION + i, lane] = Z[s.SPECIFIC_X + i, lane]

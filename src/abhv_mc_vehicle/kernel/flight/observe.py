@@ -158,8 +158,10 @@ def widen(low, high, row, hidden, width):
 def keep_extremes(E, observed, least, greatest, width):
     """Widen the results ``[channel]`` of a bin to include the extremes of all lanes."""
     for i in range(observed.channel_row.size):
-        low, high = E[2 * i], E[2 * i + 1]
-        smallest, largest = low[0], high[0]
+        low = E[2 * i]
+        high = E[2 * i + 1]
+        smallest = low[0]
+        largest = high[0]
         for lane in range(1, width):
             smallest = low[lane] if low[lane] < smallest else smallest
             largest = high[lane] if high[lane] > largest else largest

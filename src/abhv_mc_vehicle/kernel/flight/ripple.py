@@ -67,7 +67,8 @@ def _changes(now, farthest):
 @lanes
 def change_side(Z, lane, row, error, tick, length):
     """Start a new side if the error has changed sides; ``length`` is the control period, s."""
-    farthest, mean = Z[row + FARTHEST, lane], Z[row + MEAN, lane]
+    farthest = Z[row + FARTHEST, lane]
+    mean = Z[row + MEAN, lane]
     if _changes(error - mean, farthest - mean):
         keep_cycle(Z, lane, row, length)
         Z[row + SWING, lane] = abs(farthest - Z[row + LAST, lane])
@@ -81,7 +82,8 @@ def change_side(Z, lane, row, error, tick, length):
 @lanes
 def keep_cycle(Z, lane, row, length):
     """Store the cycle formed by the last three sides if it is the largest so far."""
-    before, swing = Z[row + SWING, lane], abs(Z[row + FARTHEST, lane] - Z[row + LAST, lane])
+    before = Z[row + SWING, lane]
+    swing = abs(Z[row + FARTHEST, lane] - Z[row + LAST, lane])
     size = larger(before, swing)
     if before >= HALF * swing and swing >= HALF * before and size > Z[row + LARGEST, lane]:
         Z[row + LARGEST, lane] = size

@@ -48,7 +48,8 @@ _N_EARLIER = N_SEEN - len(ACCELERATIONS)  # number of sensors other than acceler
 _SCALE = parameter_row("sensor.altitude_scale")
 _N_SCALED = len(SCALED_SENSORS) - len(ACCELERATIONS)
 # The rows for accelerations are not contiguous with the rows for other measurements.
-_LAG, _INTERVAL = parameter_row("sensor.altitude_lag"), parameter_row("sensor.altitude_interval")
+_LAG = parameter_row("sensor.altitude_lag")
+_INTERVAL = parameter_row("sensor.altitude_interval")
 _LATER_LAG = parameter_row(f"sensor.{ACCELERATIONS[0]}_lag") - _N_EARLIER
 _LATER_INTERVAL = parameter_row(f"sensor.{ACCELERATIONS[0]}_interval") - _N_EARLIER
 _LATER_SCALE = _ACCELERATION_SCALE - _N_SCALED
@@ -91,12 +92,15 @@ def lag_and_scale(Z, width, active, dt, tick):
     for i in range(N_SEEN if active.accelerations else _N_EARLIER):
         row = i + (_LAG if i < _N_EARLIER else _LATER_LAG)
         for lane in range(width):
-            true, lag = Z[MEASURED + i, lane], Z[row, lane]
+            true = Z[MEASURED + i, lane]
+            lag = Z[row, lane]
             ratio = lag / dt
             decayed = 1.0 - exp(-1.0 / ratio) if lag > 0.0 else 1.0
-            lag_error, step = Z[TRUE + i, lane] - Z[LATE + i, lane], true - Z[TRUE + i, lane]
+            lag_error = Z[TRUE + i, lane] - Z[LATE + i, lane]
+            step = true - Z[TRUE + i, lane]
             if _TURNS[i]:
-                lag_error, step = wrap(lag_error), wrap(step)
+                lag_error = wrap(lag_error)
+                step = wrap(step)
             late = Z[LATE + i, lane] + decayed * lag_error + (1.0 - decayed * ratio) * step
             if _TURNS[i]:
                 late = wrap(late)
@@ -160,7 +164,8 @@ def disturb_accelerations(Z, width, tick):
         n0, n1 = draw_normals(Z, lane, ACCELERATION_NOISE)
         n2, _ = draw_normals(Z, lane, ACCELERATION_NOISE)
         row = MEASURED + _N_EARLIER
-        bias, sigma = _ACCELERATION_BIAS, _ACCELERATION_SIGMA
+        bias = _ACCELERATION_BIAS
+        sigma = _ACCELERATION_SIGMA
         Z[row, lane] += Z[bias, lane] + Z[sigma, lane] * n0
         Z[row + 1, lane] += Z[bias + 1, lane] + Z[sigma + 1, lane] * n1
         Z[row + 2, lane] += Z[bias + 2, lane] + Z[sigma + 2, lane] * n2
@@ -174,7 +179,8 @@ def hold(Z, width, active, dt, tick):
         for lane in range(width):
             ticks = max(int(min(Z[row, lane] / dt, _LONGEST) + 0.5), 1)
             value = Z[MEASURED + i, lane] if tick % ticks == 0 else Z[HELD + i, lane]
-            Z[HELD + i, lane], Z[MEASURED + i, lane] = value, value
+            Z[HELD + i, lane] = value
+            Z[MEASURED + i, lane] = value
 
 
 @lanes

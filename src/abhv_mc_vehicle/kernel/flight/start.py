@@ -109,7 +109,8 @@ def face_air(Z, width):
         w_n, w_e, _ = rotate_to_ned(
             q0, q1, q2, q3, Z[s.AIR_U, lane], Z[s.AIR_V, lane], Z[s.AIR_W, lane]
         )
-        a_n, a_e = v_n - w_n, v_e - w_e
+        a_n = v_n - w_n
+        a_e = v_e - w_e
         sine, cosine = sincos(0.5 * atan2(v_n * a_e - v_e * a_n, v_n * a_n + v_e * a_e))
         q0, q1, q2, q3 = multiply(cosine, 0.0, 0.0, sine, q0, q1, q2, q3)
         u, v, w = rotate_to_body(q0, q1, q2, q3, v_n, v_e, v_d)

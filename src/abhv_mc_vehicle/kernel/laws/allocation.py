@@ -10,7 +10,7 @@ from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.aerodynamics import N_INPUTS
 from abhv_mc_vehicle.kernel.plant.equations import aerodynamic_force
-from abhv_mc_vehicle.kernel.plant.thrust import thrust
+from abhv_mc_vehicle.kernel.plant.foreign import thrust
 
 
 @lanes
@@ -59,7 +59,8 @@ def nominal_moment(Z, lane, constants, density, q_bar, speed):
     """
     fx, fy, fz = force_of(Z, lane, constants, q_bar, s.COEF, 1)
     t = thrust(Z, lane, constants, Z[s.V_ETA, lane], density, speed, q_bar)
-    tx, tz = t * constants.thrust_cos, -t * constants.thrust_sin
+    tx = t * constants.thrust_cos
+    tz = -t * constants.thrust_sin
     f_x, f_y, f_z = (
         Z[s.F_THRUST, lane],
         Z[s.F_THRUST + 1, lane],

@@ -37,9 +37,12 @@ from abhv_mc_vehicle.kernel.plant.aerodynamics import (
     table_slopes,
 )
 from abhv_mc_vehicle.kernel.plant.effectors import set_effectors
-from abhv_mc_vehicle.kernel.plant.foreign import nominal_coefficients, nominal_slopes
+from abhv_mc_vehicle.kernel.plant.foreign import (
+    nominal_coefficients,
+    nominal_slopes,
+    nominal_thrust,
+)
 from abhv_mc_vehicle.kernel.plant.state import LAW, N_COEFFICIENTS
-from abhv_mc_vehicle.kernel.plant.thrust import nominal_thrust
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere_lanes
 
 # Memory of the control law: error integrals, differentiator states, trim data and slopes.
@@ -71,7 +74,8 @@ def dot6(gains, errors):
 @lanes
 def tlc_guidance(Z, width, vehicle, reference, gains, settings, k, dt):
     """Compute sub-loops 1 and 2: commands for path, angle of attack, bank and throttle."""
-    constants, g = vehicle.constants, gains[k]
+    constants = vehicle.constants
+    g = gains[k]
     for lane in range(width):
         altitude = Z[s.M_ALTITUDE, lane] - reference[k, ref.ALTITUDE]
         int_altitude = Z[I_ALTITUDE, lane] + dt * altitude
@@ -134,14 +138,16 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
     """Compute sub-loops 3 and 4 and the control allocation: deflection commands."""
     constants = vehicle.constants
     mass = reference[k, ref.MASS]
-    wd_attitude, wd_rate = settings[0], settings[1]
+    wd_attitude = settings[0]
+    wd_rate = settings[1]
     aileron_min = settings[5]
     aileron_max = settings[6]
     rudder_min = settings[7]
     rudder_max = settings[8]
     elevator_min = settings[9]
     elevator_max = settings[10]
-    decay_attitude, decay_rate = exp(-wd_attitude * dt), exp(-wd_rate * dt)
+    decay_attitude = exp(-wd_attitude * dt)
+    decay_rate = exp(-wd_rate * dt)
     g = gains[k]
     attitude_spectrum = Spectrum(*six_from(g, TLC_ATTITUDE))
     rate_spectrum = Spectrum(*six_from(g, TLC_RATE))
@@ -149,7 +155,8 @@ def tlc_attitude(Z, width, vehicle, earth, reference, gains, settings, k, dt, fi
         speed = Z[s.M_SPEED, lane]
         q_bar = 0.5 * Z[RHO_NOM, lane] * speed * speed
         q_s = q_bar * constants.area
-        alpha_cmd, bank_cmd = Z[s.ALPHA_CMD, lane], Z[s.BANK_CMD, lane]
+        alpha_cmd = Z[s.ALPHA_CMD, lane]
+        bank_cmd = Z[s.BANK_CMD, lane]
         sin_a, cos_a = sincos(alpha_cmd)
         sin_s, cos_s = sincos(bank_cmd)
         sin_g, cos_g = sincos(Z[s.M_GAMMA, lane])

@@ -134,10 +134,14 @@ def rate_gains(inertia, p, q, r, spectrum):
     jy = inertia.yy
     jz = inertia.zz
     j13 = inertia.e13
-    roll_by_p, roll_by_q = jx * spectrum.a2_0 - j13 * q, -(jz - jy) * r - j13 * p
-    pitch_by_p, pitch_by_r = -(jx - jz) * r + 2.0 * j13 * p, -(jx - jz) * p - 2.0 * j13 * r
-    yaw_by_p, yaw_by_q = j13 * spectrum.a2_0 - (jy - jx) * q, -(jy - jx) * p + j13 * r
-    roll_by_r, yaw_by_r = j13 * spectrum.a2_2 - (jz - jy) * q, jz * spectrum.a2_2 + j13 * q
+    roll_by_p = jx * spectrum.a2_0 - j13 * q
+    roll_by_q = -(jz - jy) * r - j13 * p
+    pitch_by_p = -(jx - jz) * r + 2.0 * j13 * p
+    pitch_by_r = -(jx - jz) * p - 2.0 * j13 * r
+    yaw_by_p = j13 * spectrum.a2_0 - (jy - jx) * q
+    yaw_by_q = -(jy - jx) * p + j13 * r
+    roll_by_r = j13 * spectrum.a2_2 - (jz - jy) * q
+    yaw_by_r = jz * spectrum.a2_2 + j13 * q
     return (
         (jx * spectrum.a1_0, roll_by_p, 0.0, roll_by_q, j13 * spectrum.a1_2, roll_by_r),
         (0.0, pitch_by_p, jy * spectrum.a1_1, jy * spectrum.a2_1, 0.0, pitch_by_r),

@@ -54,13 +54,15 @@ def follow(Z, W, row, tables, axis, cells):
     """Update cell and fraction of every lane on one axis, searching only if necessary."""
     has_left = False
     for lane in range(W):
-        x, low = Z[row, lane], cells.low[axis, lane]
+        x = Z[row, lane]
+        low = cells.low[axis, lane]
         has_left |= not (low <= x < cells.high[axis, lane])
         cells.fraction[axis, lane] = (x - low) * cells.per_step[axis, lane]
     if has_left:
         start = natural(tables.axis_start[axis])
         end = start + natural(tables.axis_length[axis])
-        grid, inverse_step = tables.grid[start:end], tables.inverse_step[start:end]
+        grid = tables.grid[start:end]
+        inverse_step = tables.inverse_step[start:end]
         for lane in range(W):
             i, t = bracket(grid, inverse_step, grid.size, cells.cell[axis, lane], Z[row, lane])
             cells.cell[axis, lane] = i
@@ -74,10 +76,14 @@ def follow(Z, W, row, tables, axis, cells):
 def blend(data, corner, s0, s1, s2, t0, t1, t2, per_step, value, slope):
     """Interpolate all tables of a cell as one vector, with slopes along the middle axis."""
     weights = weigh(t0, t2)
-    a, b = natural(corner), natural(corner + s0)
-    c, d = natural(corner + s2), natural(corner + s0 + s2)
-    e, f = natural(corner + s1), natural(corner + s1 + s0)
-    g, h = natural(corner + s1 + s2), natural(corner + s1 + s0 + s2)
+    a = natural(corner)
+    b = natural(corner + s0)
+    c = natural(corner + s2)
+    d = natural(corner + s0 + s2)
+    e = natural(corner + s1)
+    f = natural(corner + s1 + s0)
+    g = natural(corner + s1 + s2)
+    h = natural(corner + s1 + s0 + s2)
     for k in range(CHUNK):
         low = mix(weights, (data[a + k], data[b + k], data[c + k], data[d + k]))
         high = mix(weights, (data[e + k], data[f + k], data[g + k], data[h + k]))
@@ -131,7 +137,8 @@ X_TOLERANCE = 1e-11  # tolerance in angle of attack, rad, and in equivalence rat
 MAX_ITERATIONS = 100
 
 # half widths of the shortened brackets about the previous solution: rad, and equivalence ratio
-_NEAR_ALPHA, _NEAR_ETA = np.deg2rad(0.25), 0.02
+_NEAR_ALPHA = np.deg2rad(0.25)
+_NEAR_ETA = 0.02
 
 # Flags that are added to the status, which is 0 if all three equations are satisfied.
 NO_EQUIVALENCE_RATIO = 1
@@ -192,7 +199,8 @@ class Cut(NamedTuple):
 @routine
 def _cut_at_mach(tables, mach, cut):
     """Interpolate the trim tables at a Mach number; store the result in ``cut.plane``."""
-    start, length = tables.axis_start[0], tables.axis_length[0]
+    start = tables.axis_start[0]
+    length = tables.axis_length[0]
     nodes = tables.grid[start : start + length]
     inverse_step = tables.inverse_step[start : start + length]
     i, s = bracket(nodes, inverse_step, length, 0, mach)
@@ -211,7 +219,8 @@ def _cut_at_mach(tables, mach, cut):
 @scalar
 def _locate(nodes, x):
     """Return the cell of ``x`` among the nodes and the fraction of the cell, both clamped."""
-    low, high = 0, nodes.size - 1
+    low = 0
+    high = nodes.size - 1
     while high - low > 1:
         middle = (low + high) // 2
         if x < nodes[middle]:
@@ -275,15 +284,18 @@ def _alpha_of(eta, near, margin, cut, expected, bounds):
     On return, ``cut.line`` contains the values at ``eta``.
     """
     _cut_at_eta(eta, cut)
-    low, high = max(bounds.alpha_low, near - margin), min(bounds.alpha_high, near + margin)
-    root, status = near, NO_SIGN_CHANGE
+    low = max(bounds.alpha_low, near - margin)
+    high = min(bounds.alpha_high, near + margin)
+    root = near
+    status = NO_SIGN_CHANGE
     for _ in range(bounds.searches):
         root, _, status = _brent_alpha(
             _alpha_residual, (cut, expected), low, high, X_TOLERANCE, MAX_ITERATIONS
         )
         if status != NO_SIGN_CHANGE:
             break
-        low, high = bounds.alpha_low, bounds.alpha_high
+        low = bounds.alpha_low
+        high = bounds.alpha_high
     return root, status
 
 
@@ -300,7 +312,8 @@ def _eta_residual(eta, near_alpha, margin, cut, expected, bounds):
 @routine
 def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
     """Solve all three equations; return equivalence ratio and status."""
-    low, high = max(bounds.eta_low, near - margin), min(bounds.eta_high, near + margin)
+    low = max(bounds.eta_low, near - margin)
+    high = min(bounds.eta_high, near + margin)
     root = near
     status = NO_SIGN_CHANGE
     arguments = (near_alpha, alpha_margin, cut, expected, bounds)
@@ -310,7 +323,8 @@ def _eta_of(near, margin, near_alpha, alpha_margin, cut, expected, bounds):
         )
         if status != NO_SIGN_CHANGE:
             break
-        low, high = bounds.eta_low, bounds.eta_high
+        low = bounds.eta_low
+        high = bounds.eta_high
     return root, status
 
 
@@ -325,7 +339,8 @@ def fill_trim(tables, constants, points, mass, tick, fixed_eta, warm, bounds, cu
         speed = points.speed[k]
         gamma = points.flight_path_angle[k]
         chi = points.heading[k]
-        gravity, radius = points.gravity[k], points.radius[k]
+        gravity = points.gravity[k]
+        radius = points.radius[k]
         cos_gamma = np.cos(gamma)
         turn = speed * speed * cos_gamma * np.sin(chi) * np.tan(points.latitude[k]) / radius
         expected = _Demand(
@@ -338,7 +353,8 @@ def fill_trim(tables, constants, points, mass, tick, fixed_eta, warm, bounds, cu
             constants.thrust_sin,
         )
         _cut_at_mach(tables, expected.mach, cut)
-        eta, status = fixed_eta, 0
+        eta = fixed_eta
+        status = 0
         if fixed_eta < 0.0:
             eta, search_status = _eta_of(
                 near_eta, eta_margin, near_alpha, alpha_margin, cut, expected, bounds

@@ -21,8 +21,8 @@ from abhv_mc_vehicle.kernel.laws.tlc import (
 from abhv_mc_vehicle.kernel.numerics.lane_math import clamp
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.effectors import count_driven, leave_effectors, share_commands
+from abhv_mc_vehicle.kernel.plant.foreign import thrust
 from abhv_mc_vehicle.kernel.plant.state import LAW
-from abhv_mc_vehicle.kernel.plant.thrust import thrust
 
 MAX_MEMORY = 256  # maximum number of values in a control law's memory
 
@@ -51,7 +51,8 @@ _STEP = 1e-6
 @lanes
 def call_user(plan, memory, tick):
     """Call custom code at a control tick: a control law, or a filter of the measurement."""
-    code, dt = plan.user_code, plan.timing.step * plan.timing.steps_per_tick
+    code = plan.user_code
+    dt = plan.timing.step * plan.timing.steps_per_tick
     reference = plan.reference
     gains = plan.gains
     settings = plan.settings
@@ -61,7 +62,8 @@ def call_user(plan, memory, tick):
 @lanes
 def user_tick(plan, memory, width, tick):
     """Compute the commands from the measurement at a control tick."""
-    Z, user_code = memory.Z, plan.user_code
+    Z = memory.Z
+    user_code = plan.user_code
     if user_code.onboard > 0:
         nominal_onboard(plan, memory, width, tick)
     leave_effectors(Z, width, plan.vehicle)
@@ -109,7 +111,8 @@ def finish_commands(Z, width, constants, effectors, reference, tick):
 @lanes
 def nominal_onboard(plan, memory, width, tick):
     """Store nominal vehicle data for the measured state in rows starting at ``ONBOARD``."""
-    Z, vehicle = memory.Z, plan.vehicle
+    Z = memory.Z
+    vehicle = plan.vehicle
     constants = vehicle.constants
     nominal_variables(Z, width, vehicle, plan.reference, tick)
     # The model is evaluated at the measured point, at a shifted angle of attack, and at a shifted
@@ -125,7 +128,8 @@ def nominal_onboard(plan, memory, width, tick):
         else:
             nominal_forces(plan, memory, width, plan.user_code)
         for lane in range(width):
-            speed, density = Z[s.M_SPEED, lane], Z[RHO_NOM, lane]
+            speed = Z[s.M_SPEED, lane]
+            density = Z[RHO_NOM, lane]
             q_bar = 0.5 * density * speed * speed
             lift = q_bar * constants.area * Z[s.COEF, lane]
             drag = q_bar * constants.area * Z[s.COEF + 1, lane]

@@ -74,7 +74,8 @@ HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 
 _LOG2_E = 1.4426950408889634
 _TWO_OVER_PI = 0.6366197723675814
-_PI, _PI_LOW = 3.141592653589793, 1.2246467991473532e-16
+_PI = 3.141592653589793
+_PI_LOW = 1.2246467991473532e-16
 TAN_EIGHTH_PI = 0.41421356237309503
 
 # Adding 1.5 * 2^52 to a number rounds it to an integer, which is in the low bits of the sum.
@@ -263,15 +264,18 @@ def is_shallow(y: float, x: float) -> bool:
 def shallow_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, float]:
     """Return the same bits as :func:`two_angles` for shallow points, at a third of the cost."""
     per_x_1, per_x_2 = reciprocals(x_1, x_2)
-    u_1, u_2 = y_1 * per_x_1, y_2 * per_x_2
-    angle_1, angle_2 = u_1 + atan_excess(u_1), u_2 + atan_excess(u_2)
+    u_1 = y_1 * per_x_1
+    u_2 = y_2 * per_x_2
+    angle_1 = u_1 + atan_excess(u_1)
+    angle_2 = u_2 + atan_excess(u_2)
     return (angle_1 if u_1 != 0.0 else u_1), (angle_2 if u_2 != 0.0 else u_2)  # -0.0 is preserved.
 
 
 @scalar
 def two_angles(y_1: float, x_1: float, y_2: float, x_2: float) -> tuple[float, float]:
     """Return ``atan2`` of two points near the unit circle, within 4 ulp, with one division."""
-    first, second = octant_of(y_1, x_1), octant_of(y_2, x_2)
+    first = octant_of(y_1, x_1)
+    second = octant_of(y_2, x_2)
     per_first, per_second = reciprocals(first.denominator, second.denominator)
     return angle_in(first, first.numerator * per_first, y_1), angle_in(
         second, second.numerator * per_second, y_2

@@ -10,8 +10,10 @@ import math
 from abhv_mc_vehicle.kernel.jit import scalar
 from abhv_mc_vehicle.kernel.numerics.lane_math import log, sincos
 
-M1, M2 = 4294967087.0, 4294944443.0
-_INVERSE_M1, _INVERSE_M2 = 1.0 / M1, 1.0 / M2
+M1 = 4294967087.0
+M2 = 4294944443.0
+_INVERSE_M1 = 1.0 / M1
+_INVERSE_M2 = 1.0 / M2
 _NORM = 2.328306549295728e-10  # normalization, 1 / (m1 + 1)
 _ROUND = 6755399441055744.0  # Adding and subtracting this number rounds to an integer.
 _GOLDEN = 0.6180339887498949

@@ -46,7 +46,8 @@ def brent(
     fa = 0.0
     fb = 0.0
     fc = 0.0
-    step, before = 0.0, 0.0
+    step = 0.0
+    before = 0.0
     iterations = -2
     while True:
         fb = function(b, *arguments)
@@ -66,7 +67,8 @@ def brent(
         elif math.isnan(fb):
             return b, iterations, NOT_A_NUMBER
         if iterations == 0 or (fb > 0.0) == (fc > 0.0):
-            c, fc = a, fa
+            c = a
+            fc = fa
             step = before = b - a
 
         if abs(fc) < abs(fb):
@@ -102,5 +104,6 @@ def brent(
         if bisect:
             step = before = half
 
-        a, fa = b, fb
+        a = b
+        fa = fb
         b += step if abs(step) > tolerance else math.copysign(tolerance, half)

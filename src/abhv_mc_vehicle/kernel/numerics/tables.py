@@ -60,7 +60,8 @@ def interpolate_1d(data, corner, s0, t0, width, out):
 
     The results are stored in ``out``.
     """
-    a, b = natural(corner), natural(corner + s0)
+    a = natural(corner)
+    b = natural(corner + s0)
     for k in range(width):
         out[k] = (1.0 - t0) * data[a + k] + t0 * data[b + k]
 
@@ -72,8 +73,10 @@ def interpolate_2d(data, corner, s0, s1, t0, t1, width, out):
     The results are stored in ``out``.
     """
     weights = weigh(t0, t1)
-    a, b = natural(corner), natural(corner + s0)
-    c, d = natural(corner + s1), natural(corner + s0 + s1)
+    a = natural(corner)
+    b = natural(corner + s0)
+    c = natural(corner + s1)
+    d = natural(corner + s0 + s1)
     for k in range(width):
         out[k] = mix(weights, (data[a + k], data[b + k], data[c + k], data[d + k]))
 
@@ -85,10 +88,14 @@ def interpolate_3d(data, corner, s0, s1, s2, t0, t1, t2, width, out):
     The results are stored in ``out``.
     """
     weights = weigh(t0, t1)
-    a, b = natural(corner), natural(corner + s0)
-    c, d = natural(corner + s1), natural(corner + s0 + s1)
-    e, f = natural(corner + s2), natural(corner + s0 + s2)
-    g, h = natural(corner + s1 + s2), natural(corner + s0 + s1 + s2)
+    a = natural(corner)
+    b = natural(corner + s0)
+    c = natural(corner + s1)
+    d = natural(corner + s0 + s1)
+    e = natural(corner + s2)
+    f = natural(corner + s0 + s2)
+    g = natural(corner + s1 + s2)
+    h = natural(corner + s0 + s1 + s2)
     for k in range(width):
         lower = mix(weights, (data[a + k], data[b + k], data[c + k], data[d + k]))
         upper = mix(weights, (data[e + k], data[f + k], data[g + k], data[h + k]))

@@ -62,11 +62,13 @@ def transition(stiffness, friction, step):
     e12 = 0.0
     e21 = 0.0
     e22 = 1.0
-    i11, i12 = 1.0, 0.0
+    i11 = 1.0
+    i12 = 0.0
     # Both series are evaluated by Horner's scheme, I + A step / k (I + ...); the series of the
     # integral has k + 1 instead of k.
     for k in range(_TERMS, 0, -1):
-        x, y = step / k, step / (k + 1)
+        x = step / k
+        y = step / (k + 1)
         i11, i12 = 1.0 - y * stiffness * i12, y * (i11 - friction * i12)
         e11, e12, e21, e22 = (
             1.0 + x * e21,
@@ -128,14 +130,16 @@ def lag_step(position, command, bandwidth, step, low, high, rate_limit):
     stop = clamp(end, low, high)
     end_rate = -side * min(bandwidth * left, rate_limit)
     if stop != end:
-        end_rate, integral = 0.0, 0.5 * step * (position + stop)
+        end_rate = 0.0
+        integral = 0.5 * step * (position + stop)
     return stop, end_rate, integral
 
 
 @scalar
 def mean_within(a, b, zone):
     """Return the mean of x clamped to +-zone, for x from ``a`` to ``b``."""
-    at_a, at_b = clamp(a, -zone, zone), clamp(b, -zone, zone)
+    at_a = clamp(a, -zone, zone)
+    at_b = clamp(b, -zone, zone)
     span = b - a
     short = abs(span) < 1e-9
     integral = at_b * (b - 0.5 * at_b) - at_a * (a - 0.5 * at_a)

@@ -134,9 +134,11 @@ def prepare_actuators(Z, M, width, actuators, first, last, step):
     for i in range(first, last):
         block = actuator_rows(i).block
         for lane in range(width):
-            bandwidth, damping = Z[s.K_BANDWIDTH, lane], Z[s.K_DAMPING, lane]
+            bandwidth = Z[s.K_BANDWIDTH, lane]
+            damping = Z[s.K_DAMPING, lane]
             if i == ENGINE:
-                bandwidth, damping = Z[s.K_ENGINE_BANDWIDTH, lane], Z[s.K_ENGINE_DAMPING, lane]
+                bandwidth = Z[s.K_ENGINE_BANDWIDTH, lane]
+                damping = Z[s.K_ENGINE_DAMPING, lane]
             bandwidth = actuators[i, BANDWIDTH] * bandwidth
             damping = actuators[i, DAMPING] * damping
             prepare_actuator(M, lane, block, bandwidth, damping, step)
@@ -145,17 +147,23 @@ def prepare_actuators(Z, M, width, actuators, first, last, step):
 @lanes
 def prepare_actuator(Z, lane, block, bandwidth, damping, step):
     """Compute the coefficients of an actuator's step, and store them in its block of rows."""
-    stiffness, friction = bandwidth * bandwidth, 2.0 * damping * bandwidth
-    Z[block + STIFFNESS, lane], Z[block + FRICTION, lane] = stiffness, friction
+    stiffness = bandwidth * bandwidth
+    friction = 2.0 * damping * bandwidth
+    Z[block + STIFFNESS, lane] = stiffness
+    Z[block + FRICTION, lane] = friction
     e11, e12, e21, e22, i11, i12 = transition(stiffness, friction, step)
-    Z[block + END, lane], Z[block + END + 1, lane] = e11, e12
-    Z[block + END + 2, lane], Z[block + END + 3, lane] = e21, e22
+    Z[block + END, lane] = e11
+    Z[block + END + 1, lane] = e12
+    Z[block + END + 2, lane] = e21
+    Z[block + END + 3, lane] = e22
     # The integrator's sum, step / 6 (start + 4 middle + end), must equal the integral.
     Z[block + MIDDLE, lane] = 0.25 * (6.0 / step * i11 - 1.0 - e11)
     Z[block + MIDDLE + 1, lane] = 0.25 * (6.0 / step * i12 - e12)
     e11, e12, e21, e22, _, _ = transition(stiffness, friction, step / SUBSTEPS)
-    Z[block + SHORT, lane], Z[block + SHORT + 1, lane] = e11, e12
-    Z[block + SHORT + 2, lane], Z[block + SHORT + 3, lane] = e21, e22
+    Z[block + SHORT, lane] = e11
+    Z[block + SHORT + 1, lane] = e12
+    Z[block + SHORT + 2, lane] = e21
+    Z[block + SHORT + 3, lane] = e22
     growth = exp(bandwidth * step)
     Z[block + REACH, lane] = 0.5 * (growth + 1.0 / growth)
     Z[block + REACH + 1, lane] = 0.5 * bandwidth * (growth - 1.0 / growth)
@@ -170,7 +178,8 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
     also at limits. ``low``, ``high`` and ``rate_limit`` are [lane]. The command row of a recorded
     actuator contains its rate.
     """
-    slow, block = 0, rows.block
+    slow = 0
+    block = rows.block
     for lane in range(width):
         position = Z[rows.position, lane]
         rate = Z[rows.rate, lane]
@@ -210,7 +219,8 @@ def run_actuator(Z, width, rows, low, high, rate_limit, step, recorded):
             Z[block + SHORT + 2, lane],
             Z[block + SHORT + 3, lane],
         )
-        position, total = start, 0.0
+        position = start
+        total = 0.0
         for _ in range(SUBSTEPS):
             position, rate, integral = short_step(
                 position, rate, command, response, short, low[lane], high[lane], rate_limit[lane]
@@ -244,7 +254,8 @@ def find_slack(Z, width, actuators, i, zone, play):
 @lanes
 def command_ideal(Z, M, width, actuators, first, last):
     """Set ideal actuators to their limited commands at the start of a tick."""
-    zone, play = Z[s.LIMITS + 3], Z[s.LIMITS + 4]
+    zone = Z[s.LIMITS + 3]
+    play = Z[s.LIMITS + 4]
     for i in range(first, last):
         if actuators[i, KIND] != IDEAL:
             continue
@@ -258,13 +269,15 @@ def command_ideal(Z, M, width, actuators, first, last):
                 command = clamp(M[rows.command, lane], low, high)
                 actuator = command + clamp(actuator - command, -zone[lane], zone[lane])
                 position = follow(position, actuator, play[lane])
-                M[rows.position, lane], M[rows.middle, lane] = position, position
+                M[rows.position, lane] = position
+                M[rows.middle, lane] = position
                 M[rows.ahead, lane] = actuator - position
         else:
             for lane in range(width):
                 low, high = limits_of(Z, lane, actuators, i)
                 position = clamp(M[rows.command, lane], low, high)
-                M[rows.position, lane], M[rows.middle, lane] = position, position
+                M[rows.position, lane] = position
+                M[rows.middle, lane] = position
 
 
 @lanes
@@ -281,12 +294,14 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
     The results are stored in the same rows as by :func:`run_actuator`. ``bandwidth`` [lane] is the
     bandwidth of a first-order actuator, and 0 for second order.
     """
-    short, block = step / SUBSTEPS, rows.block
+    short = step / SUBSTEPS
+    block = rows.block
     for lane in range(low.size):
         surface = M[rows.position, lane]
         rate = M[rows.rate, lane]
         command = M[rows.command, lane]
-        half, start = play[lane], M[rows.position, lane]
+        half = play[lane]
+        start = M[rows.position, lane]
         position = surface + clamp(M[rows.ahead, lane], -half, half)
         response = Response(
             M[block + STIFFNESS, lane],
@@ -322,7 +337,8 @@ def run_slack_actuator(M, rows, bandwidth, low, high, rate_limit, zone, play, st
                 surface = position
             total += integral - 0.5 * short * (ahead + position - surface)
         M[rows.middle, lane] = 0.25 * (6.0 / step * total - start - surface)
-        M[rows.end, lane], M[rows.end_rate, lane] = surface, rate
+        M[rows.end, lane] = surface
+        M[rows.end_rate, lane] = rate
         M[rows.ahead, lane] = position - surface
 
 

@@ -44,8 +44,10 @@ class TableCells(NamedTuple):
 
 def make_cells(width: int) -> TableCells:
     """Return the memory for ``width`` lanes before the first look-up."""
-    cell, fraction = aligned_zeros((MAX_AXES, width), np.int64), aligned_zeros((MAX_AXES, width))
-    lowest, spread = aligned_zeros(MAX_AXES, np.int64), aligned_zeros(MAX_AXES, np.int64)
+    cell = aligned_zeros((MAX_AXES, width), np.int64)
+    fraction = aligned_zeros((MAX_AXES, width))
+    lowest = aligned_zeros(MAX_AXES, np.int64)
+    spread = aligned_zeros(MAX_AXES, np.int64)
     return TableCells(
         cell, fraction, lowest, spread, aligned_zeros((4, width)), aligned_zeros(MAX_TABLE_ROWS)
     )
@@ -71,7 +73,8 @@ def find_cells(Z, W, tables, cells):
         left = grid[cell]
         middle = grid[cell + 1]
         right = grid[last]
-        per_left, per_right = inverse_step[cell], inverse_step[cell + 1]
+        per_left = inverse_step[cell]
+        per_right = inverse_step[cell + 1]
         elsewhere = False
         some_below = False
         some_above = False
@@ -94,14 +97,17 @@ def find_cells(Z, W, tables, cells):
 @lanes
 def search_cells(Z, W, cells, a, grid, inverse_step, length, variable):
     """Search the cells of an axis whose lanes are not in two neighbouring cells."""
-    low, high = grid[0], grid[length - 1]
-    lowest, highest = length, 0
+    low = grid[0]
+    high = grid[length - 1]
+    lowest = length
+    highest = 0
     for lane in range(W):
         x = Z[variable, lane]
         i, t = bracket(grid, inverse_step, length, min(cells.cell[a, lane], length - 2), x)
         cells.cell[a, lane] = i
         cells.fraction[a, lane] = t
-        lowest, highest = min(lowest, i), max(highest, i)
+        lowest = min(lowest, i)
+        highest = max(highest, i)
         Z[OUTSIDE, lane] += 1.0 if x < low or x > high else 0.0
     cells.lowest[a] = lowest
     cells.spread[a] = highest - lowest
@@ -120,7 +126,8 @@ def interpolate_groups(T, W, tables, cells):
     fraction = cells.fraction
     weight = cells.weight
     for g in range(tables.group_start.size):
-        axis, stride = tables.group_axis[g], tables.group_stride[g]
+        axis = tables.group_axis[g]
+        stride = tables.group_stride[g]
         a0 = natural(axis[0])
         a1 = natural(axis[1])
         a2 = natural(axis[2])
@@ -212,7 +219,8 @@ def share_corners_2d(out, out_2, weights, corners, corners_2, W):
     """Interpolate two tables in a 2-D cell that all lanes share."""
     for lane in range(W):
         w = weights[0, lane], weights[1, lane], weights[2, lane], weights[3, lane]
-        out[lane], out_2[lane] = mix(w, corners), mix(w, corners_2)
+        out[lane] = mix(w, corners)
+        out_2[lane] = mix(w, corners_2)
 
 
 @lanes
@@ -254,7 +262,8 @@ def build_up(Z, T, W, terms, factors):
         for lane in range(W):
             Z[COEF + c, lane] = 0.0
     for term in range(terms.coefficient.size):
-        total, factor = Z[COEF + natural(terms.coefficient[term])], Z[P + natural(factors[term])]
+        total = Z[COEF + natural(terms.coefficient[term])]
+        factor = Z[P + natural(factors[term])]
         add_term(
             total, factor, T[natural(terms.table[term])], Z[VAR + natural(terms.variable[term])], W
         )

@@ -143,15 +143,18 @@ def choose_member(Z, width, profile):
     replaces one that does not exist.
     """
     for lane in range(width):
-        first, member = 0, 0.0
+        first = 0
+        member = 0.0
         last = profile.shape[0]
         for knot in range(1, last):
             if profile[knot, _ALTITUDE] < profile[knot - 1, _ALTITUDE]:
                 if member >= Z[_MEMBER, lane]:
                     last = knot
                     break
-                first, member = knot, member + 1.0
-        Z[s.FIRST_KNOT, lane], Z[s.INTERVALS, lane] = float(first), float(last - 1 - first)
+                first = knot
+                member = member + 1.0
+        Z[s.FIRST_KNOT, lane] = float(first)
+        Z[s.INTERVALS, lane] = float(last - 1 - first)
 
 
 @lanes
@@ -160,12 +163,14 @@ def find_knot(Z, lane, profile, altitude):
 
     The share is 0 or 1 beyond the ends.
     """
-    knot, count = natural(int(Z[s.FIRST_KNOT, lane])), natural(int(Z[s.INTERVALS, lane]))
+    knot = natural(int(Z[s.FIRST_KNOT, lane]))
+    count = natural(int(Z[s.INTERVALS, lane]))
     while count > 1:  # number of intervals, halved in each iteration
         half = count // 2
         knot = knot + half if altitude > profile[knot + half, _ALTITUDE] else knot
         count -= half
-    low, high = profile[knot, _ALTITUDE], profile[knot + 1, _ALTITUDE]
+    low = profile[knot, _ALTITUDE]
+    high = profile[knot + 1, _ALTITUDE]
     share = (altitude - low) / (high - low)
     share = 1.0 if share > 1.0 else share
     return knot, share if altitude > low else 0.0
@@ -213,7 +218,8 @@ def warm_air(Z, width, density_row, per_sound_row):
     offsets cannot reduce the temperature to less than a tenth of its value.
     """
     for lane in range(width):
-        per_sound, factor = Z[per_sound_row, lane], Z[s.TEMPERATURE_PROFILE, lane]
+        per_sound = Z[per_sound_row, lane]
+        factor = Z[s.TEMPERATURE_PROFILE, lane]
         share = (Z[_WARMER, lane] + Z[_COLUMN, lane]) * (per_sound * per_sound) / factor
         ratio = larger(1.0 + HEAT_CAPACITY_RATIO * GAS_CONSTANT * share, 0.1)
         Z[density_row, lane] /= ratio

@@ -107,7 +107,8 @@ class Disturbances(NamedTuple):
 @lanes
 def active_disturbances(Z, width):
     """Determine the active disturbances from the flights' parameters."""
-    gusty, turbulent = any_lane(Z, width, _GUST, 3, 0.0), any_lane(Z, width, _SIGMA, 1, 0.0)
+    gusty = any_lane(Z, width, _GUST, 3, 0.0)
+    turbulent = any_lane(Z, width, _SIGMA, 1, 0.0)
     windy = gusty or turbulent or any_lane(Z, width, _WIND, 4, 0.0)
     return Disturbances(gusty, turbulent, any_lane(Z, width, _PROFILE, _KNOTS, 1.0), windy)
 
@@ -122,7 +123,8 @@ def calm(Z, width):
         Z[s.GUST_U, lane] = 0.0
         Z[s.GUST_V, lane] = 0.0
         Z[s.GUST_W, lane] = 0.0
-        Z[s.DENSITY_PROFILE, lane], Z[s.TEMPERATURE_PROFILE, lane] = 1.0, 1.0
+        Z[s.DENSITY_PROFILE, lane] = 1.0
+        Z[s.TEMPERATURE_PROFILE, lane] = 1.0
 
 
 @lanes
@@ -165,7 +167,8 @@ def turbulence(Z, width, span, dt, first):
     if first:
         seed_stream(Z, width, TURBULENCE, _SEED, 0)
     for lane in range(width):
-        speed, length = Z[s.SPEED, lane], Z[_LENGTH, lane]
+        speed = Z[s.SPEED, lane]
+        length = Z[_LENGTH, lane]
         a = speed / (length * Z[_AXIS_LENGTH, lane])
         a_v = speed / (length * Z[_AXIS_LENGTH + 1, lane])
         a_w = speed / (length * Z[_AXIS_LENGTH + 2, lane])
@@ -178,7 +181,8 @@ def turbulence(Z, width, span, dt, first):
         Z[FILTERS, lane] = u
         Z[FILTERS + 1, lane] = v1
         Z[FILTERS + 2, lane] = v2
-        Z[FILTERS + 3, lane], Z[FILTERS + 4, lane] = w1, w2
+        Z[FILTERS + 3, lane] = w1
+        Z[FILTERS + 4, lane] = w2
         sigma = Z[_SIGMA, lane]
         sigma_w = sigma * Z[_AXIS_SIGMA + 2, lane]
         across = sigma * Z[_AXIS_SIGMA + 1, lane] * dryden_second_output(v1, v2, a_v)

@@ -74,7 +74,8 @@ def place_effectors(Z, A, width, vehicle, failing, without):
     """
     driven = count_driven(vehicle)
     for e in range(driven):
-        row, stage = natural(VAR + vehicle.effectors.variable[e]), e * N_EFFECTOR_ROWS + STAGE
+        row = natural(VAR + vehicle.effectors.variable[e])
+        stage = e * N_EFFECTOR_ROWS + STAGE
         for lane in range(width):
             Z[row, lane] = A[stage, lane]
         for i in range(3):
@@ -99,7 +100,8 @@ def fail_effector(Z, width, row, e):
 @lanes
 def weaken_effector(Z, A, width, vehicle, e, i, without):
     """Reduce the contribution of axis ``i`` to effector ``e`` by the axis's effectiveness."""
-    share, row = vehicle.effectors.share, natural(VAR + vehicle.effectors.variable[e])
+    share = vehicle.effectors.share
+    row = natural(VAR + vehicle.effectors.variable[e])
     for f in range(share.shape[1]):
         if share[i, e, f] != 0.0:
             for lane in range(width):
@@ -152,31 +154,38 @@ def share_commands(Z, width, vehicle):
 @lanes
 def start_effectors(Z, A, width, vehicle, step):
     """Initialize the effectors from the mix of the axis deflections, at rest."""
-    actuators, count = vehicle.actuators, count_driven(vehicle)
+    actuators = vehicle.actuators
+    count = count_driven(vehicle)
     prepare_actuators(Z, A, width, actuators, FIRST_EFFECTOR, FIRST_EFFECTOR + count, step)
     for e in range(count):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
             low, high = limits_of(Z, lane, actuators, FIRST_EFFECTOR + e)
             mixed = clamp(mix_axes(Z, lane, vehicle.effectors.mix, e, X + s.AILERON), low, high)
-            A[first + POSITION, lane], A[first + STAGE, lane] = mixed, mixed
-            A[first + MOVES, lane], A[first + AHEAD, lane] = 0.0, 0.0
+            A[first + POSITION, lane] = mixed
+            A[first + STAGE, lane] = mixed
+            A[first + MOVES, lane] = 0.0
+            A[first + AHEAD, lane] = 0.0
     show_axes(Z, A, width, vehicle)
 
 
 @lanes
 def show_axes(Z, A, width, vehicle):
     """Set axis deflections and rates to the values that the effectors produce together."""
-    axes, count = vehicle.effectors.axes, count_driven(vehicle)
+    axes = vehicle.effectors.axes
+    count = count_driven(vehicle)
     if count > 0:
         for i in range(3):
             for lane in range(width):
-                position, rate = 0.0, 0.0
+                position = 0.0
+                rate = 0.0
                 for e in range(count):
                     position += axes[i, e] * A[e * N_EFFECTOR_ROWS + POSITION, lane]
                     rate += axes[i, e] * A[e * N_EFFECTOR_ROWS + MOVES, lane]
-                Z[X + s.AILERON + i, lane], Z[XS + s.AILERON + i, lane] = position, position
-                Z[X + s.AILERON_RATE + i, lane], Z[XS + s.AILERON_RATE + i, lane] = rate, rate
+                Z[X + s.AILERON + i, lane] = position
+                Z[XS + s.AILERON + i, lane] = position
+                Z[X + s.AILERON_RATE + i, lane] = rate
+                Z[XS + s.AILERON_RATE + i, lane] = rate
 
 
 @lanes
@@ -190,7 +199,8 @@ def command_effectors(Z, A, width, vehicle):
             command = mixed if direct == math.inf else direct
             low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
             Z[s.EFFECTOR_ASKED + e, lane] = command
-            A[first + COMMAND, lane], A[first + SLOWED, lane] = clamp(command, low, high), 1.0
+            A[first + COMMAND, lane] = clamp(command, low, high)
+            A[first + SLOWED, lane] = 1.0
 
 
 @lanes
@@ -204,7 +214,8 @@ def begin_effectors(Z, A, width, vehicle):
         first = e * N_EFFECTOR_ROWS
         for lane in range(width):
             low, high = limits_of(Z, lane, vehicle.actuators, FIRST_EFFECTOR + e)
-            position, command = A[first + POSITION, lane], Z[s.EFFECTOR_ASKED + e, lane]
+            position = A[first + POSITION, lane]
+            command = Z[s.EFFECTOR_ASKED + e, lane]
             saturated = high > low and (
                 position <= low or position >= high or command <= low or command >= high
             )

@@ -17,9 +17,9 @@ from abhv_mc_vehicle.kernel.numerics.quaternion import (
     rotate_to_ned,
 )
 from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.kernel.plant.foreign import thrust
 from abhv_mc_vehicle.kernel.plant.rigid_body import angular_acceleration
 from abhv_mc_vehicle.kernel.plant.state import SUM, XS, X, parameter_rows
-from abhv_mc_vehicle.kernel.plant.thrust import thrust
 from abhv_mc_vehicle.kernel.world.earth import gravity_ned, radii
 
 _LIFT, _DRAG, _SIDE_FORCE, _ROLL, _PITCH, _YAW = range(s.COEF, s.COEF + 6)
@@ -159,7 +159,8 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
             Z[s.ANGULAR_ACCELERATION + 2, lane] = r_dot
 
         # Equations of translation over the ellipsoid.
-        sin_lat, cos_lat = Z[s.SIN_LAT, lane], Z[s.COS_LAT, lane]
+        sin_lat = Z[s.SIN_LAT, lane]
+        cos_lat = Z[s.COS_LAT, lane]
         meridian, vertical = radii(earth, sin_lat)
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
         g_n, g_d = gravity_ned(earth, altitude, sin_lat, cos_lat)
@@ -185,7 +186,8 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         accumulate(Z, lane, s.V, specific_y + g_y - (c * u - a * w), stage)
         accumulate(Z, lane, s.W, specific_z + g_z - (a * v - b * u), stage)
         per_north, per_east = reciprocals(meridian + altitude, (vertical + altitude) * cos_lat)
-        lat_rate, lon_rate = v_n * per_north, v_e * per_east
+        lat_rate = v_n * per_north
+        lon_rate = v_e * per_east
         accumulate(Z, lane, s.ALTITUDE, -v_d, stage)
         accumulate(Z, lane, s.LATITUDE, lat_rate, stage)
         accumulate(Z, lane, s.LONGITUDE, lon_rate, stage)
@@ -234,7 +236,8 @@ def finish_step(Z, width, step, alive):
         Z[XS + s.LONGITUDE, lane] = longitude + turn
     for i in range(s.N_STATES):
         for lane in range(width):
-            before, after = Z[X + i, lane], Z[XS + i, lane]
+            before = Z[X + i, lane]
+            after = Z[XS + i, lane]
             value = after if alive[lane] > 0.0 else before
             Z[X + i, lane] = value
             Z[XS + i, lane] = value

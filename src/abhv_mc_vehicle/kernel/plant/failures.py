@@ -106,7 +106,8 @@ def fail_sensors(Z, width, time):
     for i in range(s.N_MEASURED):
         for lane in range(width):
             failed = time >= Z[_SENSOR_TIMES + i, lane] - _SAME_TIME
-            measured, bias = Z[s.MEASURED + i, lane], Z[_BIAS + i, lane]
+            measured = Z[s.MEASURED + i, lane]
+            bias = Z[_BIAS + i, lane]
             frozen = Z[s.FROZEN + i, lane] if failed and time > 0.0 else measured
             Z[s.FROZEN + i, lane] = frozen
             Z[s.MEASURED + i, lane] = (
@@ -216,7 +217,8 @@ def fail_effectors(Z, A, width, vehicle, time, tick):
 
     A slow effector follows its mix at a reduced rate limit, and is constant over the tick.
     """
-    constants, mix = vehicle.constants, vehicle.effector_mix
+    constants = vehicle.constants
+    mix = vehicle.effector_mix
     fastest = vehicle.actuators[0, RATE_LIMIT]
     for e in range(mix.shape[0]):
         if constants.driven > 0.0:
@@ -275,14 +277,17 @@ def fail_engine(Z, width, vehicle, time, tick):
     The thrust decays with the lag of the engine. After the failure and a relight delay, it recovers
     with the relight time constant.
     """
-    constants, inlet = vehicle.constants, vehicle.constants.inlet
+    constants = vehicle.constants
+    inlet = vehicle.constants.inlet
     ideal = vehicle.actuators[ENGINE, KIND] == IDEAL
     for lane in range(width):
-        lag, unstarted = engine_lag(Z, lane, vehicle.actuators), Z[s.UNSTARTED, lane] > 0.0
+        lag = engine_lag(Z, lane, vehicle.actuators)
+        unstarted = Z[s.UNSTARTED, lane] > 0.0
         failed = fails_now(Z, lane, time, _ENGINE_TIME, _DURATION) or unstarted
         last = time if failed else Z[s.FAILED_TIME, lane]
         is_off = time - last < constants.relight_delay - _SAME_TIME
-        before, aim = Z[s.ENGINE_WHOLE, lane], Z[_THRUST, lane] if failed or is_off else 1.0
+        before = Z[s.ENGINE_WHOLE, lane]
+        aim = Z[_THRUST, lane] if failed or is_off else 1.0
         slow = (
             constants.relight_time_constant
             if aim > before and constants.relight_time_constant > 0.0

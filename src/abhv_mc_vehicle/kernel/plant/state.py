@@ -110,8 +110,10 @@ MAX_SETTINGS = 128  # maximum number of settings of a vehicle's functions, inclu
 CUSTOM_STATE = ENGINE_WHOLE + 1 + len(ENGINES) + 3
 CUSTOM_STAGE, CUSTOM_SUM, CUSTOM_RATE, MOTION = (CUSTOM_STATE + i * MAX_STATES for i in range(1, 5))
 MOTION_ACCELERATION = MOTION + 11  # The acceleration follows velocity, attitude, rates and mass.
-ANGULAR_ACCELERATION, GRAVITY = MOTION_ACCELERATION + 3, MOTION_ACCELERATION + 6
-CUSTOM_FORCE, CUSTOM_MOMENT = GRAVITY + 3, GRAVITY + 6
+ANGULAR_ACCELERATION = MOTION_ACCELERATION + 3
+GRAVITY = MOTION_ACCELERATION + 6
+CUSTOM_FORCE = GRAVITY + 3
+CUSTOM_MOMENT = GRAVITY + 6
 SENSED = CUSTOM_MOMENT + 3  # additions to the measured quantities
 SETTING = SENSED + N_SEEN
 # Rows of the subpackages laws and flight follow, starting with the memory of the control law.
@@ -148,13 +150,15 @@ M_ALTITUDE, M_SPEED, M_GAMMA, M_CHI, M_ALPHA, M_BETA, M_BANK, M_P, M_Q, M_R = ra
     M_NORTH,
     M_EAST,
 ) = range(MEASURED + N_MEASURED, COUNTED - 5)
-M_EQUIVALENT_AIRSPEED, M_CROSS_TRACK = COUNTED - 5, COUNTED - 4
+M_EQUIVALENT_AIRSPEED = COUNTED - 5
+M_CROSS_TRACK = COUNTED - 4
 M_ACCELERATION = COUNTED - 3  # acceleration along x, y, z
 GAMMA_CMD, ALPHA_CMD, BANK_CMD = range(COMMANDS, GUST)
 GUST_U, GUST_V, GUST_W, DENSITY_PROFILE, GUST_P, GUST_Q, GUST_R, TEMPERATURE_PROFILE = range(
     GUST, GUST + 8
 )
-FIRST_KNOT, INTERVALS = GUST + 8, GUST + 9
+FIRST_KNOT = GUST + 8
+INTERVALS = GUST + 9
 # commands of the actuators; factors on rate and effectiveness of the three surfaces; failed engine:
 # factor on thrust, increments of drag and pitching moment, whether it has failed; deflections of
 # stuck surfaces; inlet: whether it is unstarted, and last time out of range; last time of a failed
@@ -170,10 +174,12 @@ FAILED_TIME = FAILURE + 19
 EFFECTOR_GAIN, EFFECTOR_OFFSET, STUCK_EFFECTOR, SLOW_EFFECTOR, FROZEN = (
     FAILURE + 20 + i * MAX_ACTUATORS for i in range(5)
 )
-ENGINE_RUNS, ENGINE_ARM = ENGINE_WHOLE + 1, ENGINE_WHOLE + 1 + len(ENGINES)
+ENGINE_RUNS = ENGINE_WHOLE + 1
+ENGINE_ARM = ENGINE_WHOLE + 1 + len(ENGINES)
 
 # custom functions: arguments, thrust and moment, fuel flow, coefficients, whether dispersed
-F_DENSITY, F_AIRSPEED = FOREIGN, FOREIGN + 1
+F_DENSITY = FOREIGN
+F_AIRSPEED = FOREIGN + 1
 F_THRUST = FOREIGN + 2
 F_MOMENT = FOREIGN + 5
 F_FUEL_FLOW = FOREIGN + 8

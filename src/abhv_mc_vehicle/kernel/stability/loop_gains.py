@@ -14,8 +14,10 @@ def fill_loop_gains(
     ``angle`` [point] is the frequency in rad per control period. The other arguments are described
     in ``stability.margins``.
     """
-    n, m = plant_A.shape[1], law_A.shape[1]
-    inputs, outputs = law_D.shape[1], law_D.shape[2]
+    n = plant_A.shape[1]
+    m = law_A.shape[1]
+    inputs = law_D.shape[1]
+    outputs = law_D.shape[2]
     work = np.empty((max(n, m), max(n, m)), np.complex128)
     x = np.empty((max(n, m), inputs), np.complex128)
     y = np.empty((outputs, inputs), np.complex128)
@@ -43,7 +45,8 @@ def fill_loop_gains(
                     work[i, j] = -A[i, j]
                 work[i, i] += z
             for i in range(size - 1):
-                pivot, below = work[i, i], work[i + 1, i]
+                pivot = work[i, i]
+                below = work[i + 1, i]
                 if abs(below.real) + abs(below.imag) > abs(pivot.real) + abs(pivot.imag):
                     for j in range(i, size):
                         work[i, j], work[i + 1, j] = work[i + 1, j], work[i, j]

@@ -75,7 +75,8 @@ def _fail(plan, memory, width, active, tick):
 
 @lanes
 def _begin_all(plan, memory, before, moving, numbers, find, tick, sensed, acting):
-    Z, width = memory.Z, memory.Z.shape[1]
+    Z = memory.Z
+    width = memory.Z.shape[1]
     for start in range(0, before.shape[0], width):
         n = min(width, before.shape[0] - start)
         _load(Z, 0, width, before, numbers, start, n)
@@ -107,7 +108,8 @@ def make_probe_begin(lean: bool) -> Callable[..., Any]:
 @lanes
 def _answer(plan, memory, width, active, centred, tick, answer, start, n):
     """Fill ``answer`` for the states in the lanes."""
-    Z, tick_length = memory.Z, plan.timing.step * plan.timing.steps_per_tick
+    Z = memory.Z
+    tick_length = plan.timing.step * plan.timing.steps_per_tick
     for lane in range(width):
         for i in range(s.AILERON):
             Z[SUM + i, lane] = 0.0
@@ -153,7 +155,8 @@ def _answer(plan, memory, width, active, centred, tick, answer, start, n):
 def _answer_all(
     plan, memory, centred, acting, flight, states, custom, positions, numbers, find, tick, answer
 ):
-    Z, width = memory.Z, memory.Z.shape[1]
+    Z = memory.Z
+    width = memory.Z.shape[1]
     for start in range(0, states.shape[0], width):
         n = min(width, states.shape[0] - start)
         _load(Z, 0, width, acting, flight, start, n)
@@ -204,7 +207,8 @@ def make_probe_plant(lean: bool) -> Callable[..., Any]:
 
 @lanes
 def _law_all(plan, memory, active, tick, rows, numbers, before, after, seen):
-    Z, width = memory.Z, memory.Z.shape[1]
+    Z = memory.Z
+    width = memory.Z.shape[1]
     for start in range(0, before.shape[0], width):
         n = min(width, before.shape[0] - start)
         for lane in range(width):

@@ -54,13 +54,19 @@ def _sigma(M, x, H, V, gradient):
                 c = 1.0 / np.sqrt(1.0 + t * t)
                 s = t * c
                 for k in range(n):
-                    a, b = H[k, i], H[k, j] * np.conj(phase)
-                    H[k, i], H[k, j] = c * a - s * b, s * a + c * b
-                    a, b = V[k, i], V[k, j] * np.conj(phase)
-                    V[k, i], V[k, j] = c * a - s * b, s * a + c * b
+                    a = H[k, i]
+                    b = H[k, j] * np.conj(phase)
+                    H[k, i] = c * a - s * b
+                    H[k, j] = s * a + c * b
+                    a = V[k, i]
+                    b = V[k, j] * np.conj(phase)
+                    V[k, i] = c * a - s * b
+                    V[k, j] = s * a + c * b
                 for k in range(n):
-                    a, b = H[i, k], H[j, k] * phase
-                    H[i, k], H[j, k] = c * a - s * b, s * a + c * b
+                    a = H[i, k]
+                    b = H[j, k] * phase
+                    H[i, k] = c * a - s * b
+                    H[j, k] = s * a + c * b
     best = 0
     for i in range(1, n):
         if H[i, i].real > H[best, best].real:
@@ -87,7 +93,8 @@ def _osborne(M, x):
             largest = max(largest, M[i, j].real ** 2 + M[i, j].imag ** 2)
     for _ in range(6):
         for i in range(n):
-            row, column = 1e-24 * largest, 1e-24 * largest
+            row = 1e-24 * largest
+            column = 1e-24 * largest
             for j in range(n):
                 if j != i:
                     row += (M[i, j].real ** 2 + M[i, j].imag ** 2) * np.exp(2.0 * (x[i] - x[j]))
@@ -116,7 +123,8 @@ def _descend(M, x, H, V, room):
             inverse[i, j] = 1.0 if i == j else 0.0
     first = True
     for _ in range(_STEPS):
-        slope, size = 0.0, 0.0
+        slope = 0.0
+        size = 0.0
         for i in range(n):
             total = 0.0
             for j in range(n):
@@ -147,7 +155,8 @@ def _descend(M, x, H, V, room):
         if candidate >= value:
             break
         gained = value - candidate
-        curvature, square = 0.0, 0.0
+        curvature = 0.0
+        square = 0.0
         for i in range(n):
             y[i] = g_trial[i] - g[i]
             curvature += step * p[i] * y[i]
@@ -168,7 +177,8 @@ def _descend(M, x, H, V, room):
                 yhy += y[i] * hy[i]
             for i in range(n):
                 for j in range(n):
-                    si, sj = step * p[i], step * p[j]
+                    si = step * p[i]
+                    sj = step * p[j]
                     inverse[i, j] += (curvature + yhy) * si * sj / curvature**2 - (
                         hy[i] * sj + si * hy[j]
                     ) / curvature
@@ -183,7 +193,8 @@ def _descend(M, x, H, V, room):
 @kernel
 def _structured(M, x, value):
     n = M.shape[1]
-    H, V = np.empty((n, n), np.complex128), np.empty((n, n), np.complex128)
+    H = np.empty((n, n), np.complex128)
+    V = np.empty((n, n), np.complex128)
     room = np.empty((6 + n, n))
     for k in range(M.shape[0]):
         _osborne(M[k], x[k])
@@ -193,7 +204,8 @@ def _structured(M, x, value):
 @kernel
 def _peak(M, value, peak_index):
     n = M.shape[2]
-    H, V = np.empty((n, n), np.complex128), np.empty((n, n), np.complex128)
+    H = np.empty((n, n), np.complex128)
+    V = np.empty((n, n), np.complex128)
     room = np.empty((6 + n, n))
     x = np.empty(n)
     bound = np.empty(M.shape[1])
@@ -215,7 +227,8 @@ def _peak(M, value, peak_index):
             for f in range(M.shape[1]):
                 if bound[f] > bound[best] and tight[f] == 0:
                     bound[f] = min(bound[f], _sigma(M[system, f], x, H, V, room[0]))
-        value[system], peak_index[system] = np.exp(bound[best]), best
+        value[system] = np.exp(bound[best])
+        peak_index[system] = best
 
 
 LAST_COMPILED = _structured  # last kernel that is compiled for stability margins
@@ -235,6 +248,7 @@ def peak_of_structured_singular_values(M: NDArray[np.complex128]) -> tuple[Float
     ``M`` has shape [system, frequency, n, n].
     """
     matrices = np.ascontiguousarray(M, np.complex128)
-    value, peak_index = np.empty(len(matrices)), np.empty(len(matrices), np.int64)
+    value = np.empty(len(matrices))
+    peak_index = np.empty(len(matrices), np.int64)
     _peak(matrices, value, peak_index)
     return value, peak_index

@@ -54,7 +54,8 @@ def geopotential_height(altitude: float) -> float:
 @scalar
 def layer_at(height: float) -> Layer:
     """Return the layer at a geopotential height (m); below 0 m and for NaN, the lowest one."""
-    base, top = _BASE[0], _BASE[1]
+    base = _BASE[0]
+    top = _BASE[1]
     base_temperature = _TEMPERATURE[0]
     relative_lapse = _RELATIVE_LAPSE[0]
     rate = _RATE[0]
@@ -110,13 +111,15 @@ def warm_pressure(altitude: float, offset: float) -> float:
     The air is in hydrostatic balance, ``offset`` (K) warmer than the standard atmosphere at every
     altitude, and has the standard pressure at 0 m.
     """
-    height, power = geopotential_height(altitude), 0.0
+    height = geopotential_height(altitude)
+    power = 0.0
     for i in range(8):
         depth = height - _BASE[i]
         depth = depth if depth > 0.0 or i == 0 else 0.0
         if i < 7:
             depth = smaller(depth, _BASE[i + 1] - _BASE[i])
-        share, lapse = _TEMPERATURE[i] / (_TEMPERATURE[i] + offset), _RELATIVE_LAPSE[i] * depth
+        share = _TEMPERATURE[i] / (_TEMPERATURE[i] + offset)
+        lapse = _RELATIVE_LAPSE[i] * depth
         if _RELATIVE_LAPSE[i] == 0.0:
             power += _RATE[i] * depth * (share - 1.0)
         else:

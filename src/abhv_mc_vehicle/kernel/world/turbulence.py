@@ -58,7 +58,8 @@ def dryden_second(x1, x2, a, dt, noise1, noise2, first):
     l21 = q12 / l11
     variance = q22 - l21 * l21
     l22 = math.sqrt(variance if variance > 0.0 else 0.0)
-    next1, next2 = e * x1 + l11 * noise1, e * (x2 + dt * x1) + l21 * noise1 + l22 * noise2
+    next1 = e * x1 + l11 * noise1
+    next2 = e * (x2 + dt * x1) + l21 * noise1 + l22 * noise2
     return (start1 if first else next1), (start2 if first else next2)
 
 

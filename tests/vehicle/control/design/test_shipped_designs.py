@@ -14,7 +14,7 @@ from abhv_mc_vehicle.control.mission import read_mission
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.flight.prepare import make_plan
-from abhv_mc_vehicle.one_flight.given import make_flight_plan
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.stability.analysis import margins_of_flights
 from abhv_mc_vehicle.stability.steady import make_steady_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
