@@ -9,16 +9,13 @@ from abhv_mc.io.units import parse_unit
 from abhv_mc_daveml.formulas import MODEL
 from abhv_mc_daveml.graph import Model, Variable, parse_s119_unit
 from abhv_mc_daveml.signals import SI, find_signals, kinds_of, quantity_of, sign_of
+from abhv_mc_vehicle.user_code.law_interface import Air, Measured, Thrust
 from abhv_mc_vehicle.user_code.module_text import Line, call, declare, define, names_in, number
 
 # number in the units of the file, sum of signals of abhv-mc, or None if there is no answer yet
 Answer = float | str | None
 
-_AIR = {
-    name: f"air.{name}"
-    for name in ("altitude", "mach", "density", "pressure", "sound_speed", "dynamic_pressure",
-                 "airspeed", "sideslip", "angle_of_attack")
-}  # fmt: skip
+_AIR = {name: f"air.{name}" for name in Air._fields}
 _RATES = {
     "roll_rate": "rates.roll_rate * 2.0 * air.airspeed / SPAN",
     "pitch_rate": "rates.pitch_rate * 2.0 * air.airspeed / CHORD",
@@ -27,10 +24,9 @@ _RATES = {
 _CONTROLS = {name: f"controls.{name}" for name in ("aileron", "rudder", "elevator", "throttle")}
 _MEASURED = {
     name: f"measured.{name}"
-    for name in ("altitude", "airspeed", "equivalent_airspeed", "mach", "angle_of_attack",
-                 "sideslip", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate",
-                 "latitude", "longitude")
-}  # fmt: skip
+    for name in Measured._fields
+    if name in SI and name != "cross_track"  # S-119 signals; the track is a command.
+}
 SOURCES: dict[str, dict[str, str]] = {
     "aerodynamics": {**_AIR, **_RATES, **_CONTROLS},
     "propulsion": {**_AIR, "throttle": "throttle"},
@@ -44,7 +40,6 @@ _TERM = re.compile(
 MEASURED = "_measured"  # suffix of the commands that determine whether a measured value is used
 FORCES = {"body": ("CX", "CY", "CZ"), "stability": ("CL", "CD", "CY")}
 MOMENTS = ("Cl", "Cm", "Cn")
-THRUST = ("force_x", "force_y", "force_z", "fuel_flow", "moment_x", "moment_y", "moment_z")
 
 
 def find_questions(model: Model) -> list[Variable]:
@@ -216,7 +211,7 @@ def frame_of(model: Model) -> str:
 
 def write_thrust(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
     """Return a thrust function for the section ``propulsion`` of a vehicle file."""
-    body = [_call(model, "propulsion", answers), _return("Thrust", model, THRUST)]
+    body = [_call(model, "propulsion", answers), _return("Thrust", model, Thrust._fields)]
     return define(
         "def thrust(air, throttle, settings):", "Thrust in body axes at the moment reference.", body
     )

@@ -55,13 +55,13 @@ _UNITS = {
 _AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-def quantity(node: Node | None, kind: str, unit: str, missing: float = 0.0) -> float:
+def quantity(node: Node | None, kind: str, unit: str) -> float:
     """Return the number in an element in SI units; ``unit`` is the default unit.
 
     Raise InputError if the number or its unit is invalid.
     """
     if node is None:
-        return missing
+        return 0.0
     factors = _UNITS[kind]
     name = node.attributes.get("unit", unit)
     if name not in factors:

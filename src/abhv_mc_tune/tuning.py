@@ -31,19 +31,21 @@ from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
-from abhv_mc_tune.candidates import Candidates, ControllerNumbers, read_controller_numbers
-from abhv_mc_tune.constrained_search import Scores, Tuning, tune
-from abhv_mc_tune.request import TuneRequest
-from abhv_mc_tune.trials import (
+from abhv_mc_tune.candidates import (
+    Candidates,
+    ControllerNumbers,
     Trials,
     bound_of,
     excess_of,
     limited_value,
+    read_controller_numbers,
     score,
     severities_of,
     value_of,
     vehicles_of,
 )
+from abhv_mc_tune.constrained_search import Scores, Tuning, tune
+from abhv_mc_tune.request import TuneRequest
 from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 from abhv_mc_vehicle.vehicle_simulator.tuning import Aim, Limit, Tune
 

@@ -150,7 +150,7 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
         seen.append((len(lift), self.margins_at))
         return np.tile(((12.0 - 100.0 * bandwidth) - lift)[:, None], (1, 4))
 
-    monkeypatch.setattr("abhv_mc_tune.trials.Trials.margins_of", margins_of)
+    monkeypatch.setattr("abhv_mc_tune.candidates.Trials.margins_of", margins_of)
     text = (
         "limits: [{metric: gain_margin_min_db, above: 7%s}]\nmargins_at: [trim, 1 s]\n"
         "candidates: 161\n"

@@ -92,37 +92,38 @@ def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
         say(f"{name}: {flight.sentence}")
 
 
-# Rows of the printed table of trims: (JSON key, label, unit, divisor, decimal places).
+# Rows of the printed table of trims: (JSON key, label, unit, decimal places).
 _TRIM_ROWS = (
-    ("angle_of_attack_deg", "angle of attack", "deg", 1.0, 3),
-    ("flight_path_angle_deg", "flight path angle", "deg", 1.0, 3),
-    ("elevator_deg", "elevator", "deg", 1.0, 3),
-    ("equivalence_ratio", "throttle", "-", 1.0, 4),
-    ("lift_coefficient", "CL", "-", 1.0, 5),
-    ("drag_coefficient", "CD", "-", 1.0, 5),
-    ("lift_to_drag", "L/D", "-", 1.0, 3),
-    ("c_tn", "CL due to thrust", "-", 1.0, 5),
-    ("drag_n", "drag", "kN", 1e3, 2),
-    ("thrust_n", "thrust", "kN", 1e3, 2),
-    ("thrust_to_weight", "thrust / weight", "-", 1.0, 3),
-    ("load_factor_g", "load factor", "g", 1.0, 3),
-    ("fuel_flow_kgps", "fuel flow", "kg/s", 1.0, 3),
-    ("static_margin_percent", "static margin", "% chord", 1.0, 2),
-    ("short_period_frequency_rad_s", "short period", "rad/s", 1.0, 3),
-    ("short_period_damping", "  damping", "-", 1.0, 3),
-    ("pitch_time_to_double_s", "  time to double", "s", 1.0, 2),
-    ("dutch_roll_frequency_rad_s", "Dutch roll", "rad/s", 1.0, 3),
-    ("dutch_roll_damping", "  damping", "-", 1.0, 3),
-    ("lateral_time_to_double_s", "lateral time to double", "s", 1.0, 2),
-    ("cn_beta_dyn", "Cn_beta_dyn", "1/rad", 1.0, 4),
-    ("lcdp", "LCDP", "1/rad", 1.0, 4),
-    ("aileron_power_1ps2", "aileron power", "1/s2", 1.0, 3),
-    ("rudder_power_1ps2", "rudder power", "1/s2", 1.0, 3),
-    ("elevator_power_1ps2", "elevator power", "1/s2", 1.0, 3),
+    ("angle_of_attack_deg", "angle of attack", "deg", 3),
+    ("flight_path_angle_deg", "flight path angle", "deg", 3),
+    ("elevator_deg", "elevator", "deg", 3),
+    ("equivalence_ratio", "throttle", "-", 4),
+    ("lift_coefficient", "CL", "-", 5),
+    ("drag_coefficient", "CD", "-", 5),
+    ("lift_to_drag", "L/D", "-", 3),
+    ("c_tn", "CL due to thrust", "-", 5),
+    ("drag_n", "drag", "kN", 2),
+    ("thrust_n", "thrust", "kN", 2),
+    ("thrust_to_weight", "thrust / weight", "-", 3),
+    ("load_factor_g", "load factor", "g", 3),
+    ("fuel_flow_kgps", "fuel flow", "kg/s", 3),
+    ("static_margin_percent", "static margin", "% chord", 2),
+    ("short_period_frequency_rad_s", "short period", "rad/s", 3),
+    ("short_period_damping", "  damping", "-", 3),
+    ("pitch_time_to_double_s", "  time to double", "s", 2),
+    ("dutch_roll_frequency_rad_s", "Dutch roll", "rad/s", 3),
+    ("dutch_roll_damping", "  damping", "-", 3),
+    ("lateral_time_to_double_s", "lateral time to double", "s", 2),
+    ("cn_beta_dyn", "Cn_beta_dyn", "1/rad", 4),
+    ("lcdp", "LCDP", "1/rad", 4),
+    ("aileron_power_1ps2", "aileron power", "1/s2", 3),
+    ("rudder_power_1ps2", "rudder power", "1/s2", 3),
+    ("elevator_power_1ps2", "elevator power", "1/s2", 3),
 )
 
 
-_START = "start of the mission"
+def _start_option(help_text: str, default: str = "start of the mission") -> Any:
+    return typer.Option(help=help_text, show_default=default)
 
 
 def trim(
@@ -130,27 +131,19 @@ def trim(
     vehicle: Vehicle = None,
     altitude: Annotated[
         str | None,
-        typer.Option(help="Geodetic altitude in m or with a unit.", show_default=_START),
+        _start_option("Geodetic altitude in m or with a unit."),
     ] = None,
-    speed: Annotated[
-        str | None, typer.Option(help="Speed in m/s or with a unit.", show_default=_START)
-    ] = None,
+    speed: Annotated[str | None, _start_option("Speed in m/s or with a unit.")] = None,
     bank: Annotated[
         str | None,
-        typer.Option(help="Bank angles in deg, separated by commas.", show_default=_START),
+        _start_option("Bank angles in deg, separated by commas."),
     ] = None,
-    flight_path_angle: Annotated[
-        str | None, typer.Option(help="Flight path angle in deg.", show_default=_START)
-    ] = None,
-    mass: Annotated[
-        str | None, typer.Option(help="Mass in kg or with a unit.", show_default="initial mass")
-    ] = None,
-    latitude: Annotated[
-        str | None, typer.Option(help="Geodetic latitude in deg.", show_default=_START)
-    ] = None,
+    flight_path_angle: Annotated[str | None, _start_option("Flight path angle in deg.")] = None,
+    mass: Annotated[str | None, _start_option("Mass in kg or with a unit.", "initial mass")] = None,
+    latitude: Annotated[str | None, _start_option("Geodetic latitude in deg.")] = None,
     heading: Annotated[
         str | None,
-        typer.Option(help="Heading in deg, clockwise from north.", show_default=_START),
+        _start_option("Heading in deg, clockwise from north."),
     ] = None,
     rotating: Annotated[
         bool, typer.Option("--rotating", help="Include the rotation of the Earth.")
@@ -226,7 +219,8 @@ def _print_trims(
     title = f"{vehicle.stem}: {condition}"
     banks = [f"{point['bank_deg']:g} deg" for point in points]
     table = new_table(("bank angle", ""), banks, title, padding=(0, 1, 0, 0))
-    for name, label, unit, divisor, digits in _TRIM_ROWS:
+    for name, label, unit, digits in _TRIM_ROWS:
+        divisor = 1e3 if unit == "kN" else 1.0
         values = [point[name] / divisor for point in points]
         table.add_row(
             label,

@@ -45,6 +45,7 @@ from abhv_mc_vehicle.vehicle.shared_keys import LoadLimits, Positive, Rising, Se
 _NORTHMOST = math.radians(89.99001)
 _KIND = "kind of manoeuvre"
 _LENGTH = "duration of the manoeuvre"
+Duration = Annotated[Time, Positive]
 GravitationalParameter = Annotated[
     float,
     BeforeValidator(lambda value: parse_in_unit(value, "m3/s2")),
@@ -97,7 +98,7 @@ class Climb(Phase):
 
     kind: Literal["climb"] = Field(description=_KIND)
     altitude_change: Length = Field(description="change of altitude, positive upwards")
-    length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    length: Duration = Field(description=_LENGTH)
     speed_change: Speed = Field(0.0, description="change of speed during the manoeuvre")
 
 
@@ -108,7 +109,7 @@ class PullUp(Phase):
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
         description="flight path angle at the end of the pull-up, positive upwards"
     )
-    length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    length: Duration = Field(description=_LENGTH)
 
 
 class Turn(Phase):
@@ -116,7 +117,7 @@ class Turn(Phase):
 
     kind: Literal["turn"] = Field(description=_KIND)
     heading_change: Angle = Field(description="change of heading, positive to the right")
-    length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    length: Duration = Field(description=_LENGTH)
 
 
 class SManoeuvre(Phase):
@@ -133,7 +134,7 @@ class SManoeuvre(Phase):
         description="displacement, positive to the left of the initial heading (north when flying "
         "east)"
     )
-    length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    length: Duration = Field(description=_LENGTH)
     bank_time: Annotated[Time, Field(ge=0.0)] = Field(
         0.0,
         description="duration of the bank ramp at each end of the manoeuvre, at most half the "
@@ -170,7 +171,7 @@ class WaypointTurn(StrictModel):
         description="time after start_time at which the change starts"
     )
     heading_change: Angle = Field(description="change of heading, positive to the right")
-    length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    length: Duration = Field(description=_LENGTH)
 
 
 class Waypoints(StrictModel):
@@ -191,7 +192,7 @@ class LevelPhase(Phase):
     """Flight with constant flight path angle and heading."""
 
     kind: Literal["level"] = Field(description=_KIND)
-    length: Annotated[Time, Positive] = Field(description=_LENGTH)
+    length: Duration = Field(description=_LENGTH)
 
 
 InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discriminator="kind")]

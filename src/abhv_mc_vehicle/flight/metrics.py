@@ -10,7 +10,6 @@ from typing import Any
 
 from abhv_mc.flights.margins import MARGINS
 from abhv_mc.flights.metrics import (
-    Bad,
     Group,
     Metric,
     default_bad,
@@ -29,10 +28,8 @@ def _count(
     label: str,
     group: Group,
     *,
-    of: str,
     statistic: Statistic,
     nonnegative: bool = False,
-    bad: Bad | None = None,
     **fields: Any,
 ) -> Metric:
     """Make a metric; the statistic determines the defaults of ``bad`` and ``empty``."""
@@ -42,19 +39,16 @@ def _count(
         if not never
         else 0.0
     )
-    bad = bad or default_bad(statistic)
     return Metric(
         name=name,
         unit=unit,
         doc=doc,
         label=label,
-        bad=bad,
         group=group,
-        of=of,
         statistic=statistic,
         empty=empty,
         never_negative=never,
-        **fields,
+        **{"bad": default_bad(statistic)} | fields,
     )
 
 

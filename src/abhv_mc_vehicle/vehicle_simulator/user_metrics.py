@@ -262,11 +262,7 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
             for mark in node.decorator_list:
-                if (
-                    isinstance(mark, ast.Call)
-                    and isinstance(mark.func, ast.Name)
-                    and mark.func.id == "channel"
-                ):
+                if isinstance(mark, ast.Call) and getattr(mark.func, "id", "") == "channel":
                     units = [word.value for word in mark.keywords if word.arg == "unit"]
                     if len(units) != 1 or not isinstance(units[0], ast.Constant):
                         raise InputError(
@@ -275,11 +271,7 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
                             '@channel(unit="deg")',
                             mark.lineno,
                         )
-                    if (
-                        node.name in SOURCES
-                        or node.name in FUNCTIONS
-                        or node.name in ("min", "max")
-                    ):
+                    if node.name in (*SOURCES, *FUNCTIONS, "min", "max"):
                         raise InputError(
                             path,
                             f"the name '{node.name}' is reserved by the program",
