@@ -193,8 +193,12 @@ def _differences(model: Model) -> Iterator[InputError]:
         }
         missing = [v.name for v in model.inputs if v.initial is None and v.key not in inputs]
         if missing:
-            problem = f"the check shot '{shot.name}' lacks {quoted(missing)}"
-            yield InputError(model.path, problem, "a value for each input", shot.line)
+            yield InputError(
+                model.path,
+                f"the check shot '{shot.name}' lacks {quoted(missing)}",
+                "a value for each input",
+                shot.line,
+            )
             continue
         found_values = function(**inputs)
         for signal in shot.outputs:
@@ -202,10 +206,9 @@ def _differences(model: Model) -> Iterator[InputError]:
             if (
                 not abs(value - signal.value) <= signal.tolerance
             ):  # The condition is also true for NaN.
-                problem = f"'{signal.identifier}' is {value!r} in the check shot '{shot.name}'"
                 yield InputError(
                     model.path,
-                    problem,
+                    f"'{signal.identifier}' is {value!r} in the check shot '{shot.name}'",
                     f"{signal.value!r} with a tolerance of {signal.tolerance!r}",
                     signal.line,
                 )

@@ -19,8 +19,12 @@ from abhv_mc_tune.tuning import TuneFound
 def make_tune_answer(result: TuneFound) -> Answer:
     """Return the content of the page for a tuning run."""
     items = _answers(result), Picture("front"), _comparisons(result), _numbers(result)
-    title = f"{controller_label(result.controller)} tuned for {result.objective.phrase}"
-    return Answer(title, "Tuning", Section("Answer", items), _draw(result))
+    return Answer(
+        f"{controller_label(result.controller)} tuned for {result.objective.phrase}",
+        "Tuning",
+        Section("Answer", items),
+        _draw(result),
+    )
 
 
 def _draw(result: TuneFound) -> Iterator[Drawn]:

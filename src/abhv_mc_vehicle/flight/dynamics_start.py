@@ -112,8 +112,12 @@ def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push:
 
 
 def _no_equilibrium(code: VehicleCode, problem: str) -> InputError:
-    expected = "'start:' in the vehicle file for states without equilibrium"
-    return InputError(_file_of(code), problem, expected, function_line(code.dynamics))
+    return InputError(
+        _file_of(code),
+        problem,
+        "'start:' in the vehicle file for states without equilibrium",
+        function_line(code.dynamics),
+    )
 
 
 def _file_of(code: VehicleCode) -> str:

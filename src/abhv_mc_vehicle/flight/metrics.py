@@ -77,14 +77,13 @@ def _error(
 def _settled(name: str, label: str) -> Metric:
     doc = "largest absolute error, excluding 5 s after each step of the reference"
     label = f"{label}, settled, max"
-    of = f"{name}_deg"
     return _count(
         f"{name}_settled_max_deg",
         "deg",
         doc,
         label,
         "tracking",
-        of=of,
+        of=f"{name}_deg",
         statistic=Statistic.MAX_ABS,
         settled=True,
     )

@@ -224,9 +224,11 @@ def native_memory(plan: FlightPlan) -> dict[str, float]:
 
 def hidden_memory_error(plan: FlightPlan) -> InputError:
     """Return the InputError raised if a control law to be linearized has unknown memory."""
-    expected = f"{_REQUIREMENTS[plan.law]}, which linearization requires"
-    problem = "the memory of the control law cannot be read and set completely"
-    return InputError(plan_source(plan).file, problem, expected)
+    return InputError(
+        plan_source(plan).file,
+        "the memory of the control law cannot be read and set completely",
+        f"{_REQUIREMENTS[plan.law]}, which linearization requires",
+    )
 
 
 def _python_memory(law: Law) -> dict[str, float]:

@@ -172,7 +172,9 @@ def plant_slopes(plan: FlightPlan, points: Points, hold_slow: bool = False) -> S
         )
         measured = answer.measured
         for angle in _TURNING:  # Remove the jump of angles at 180 deg.
-            measured[:, angle] = x[:, angle] + _wrapped(measured[:, angle] - x[:, angle])
+            change = measured[:, angle] - x[:, angle]
+            change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
+            measured[:, angle] = x[:, angle] + change
         sideslip = answer.variables[:, [VARIABLES.index("sideslip")]]
         quantities = path.path_rates(states, answer.rates), sideslip, measured, answer.custom_rates
         values = np.hstack(quantities)
@@ -210,10 +212,6 @@ def ask_at(
         effectors_at=positions,
     )
     return answer, states
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
 
 
 def law_slopes(plan: FlightPlan, points: Points) -> Slopes:

@@ -136,13 +136,6 @@ def sticks_here(vehicle: Vehicle, lane: Floats) -> Mask:
     return stuck
 
 
-def moving_of(plan: FlightPlan, saved: SavedFlights) -> Floats:
-    """Return the memory [flight, row] of the effector actuators; no rows if none exist."""
-    return np.ascontiguousarray(
-        saved.rows[:, Z_ROWS + O_ROWS :] if plan.vehicle.constants.driven else saved.rows[:, :0]
-    )
-
-
 def actuator_columns(vehicle: Vehicle) -> list[int]:
     """Return the columns of saved flights with each input's position and rate, alternating."""
     first = s.X + s.AILERON, s.X + s.AILERON_RATE
@@ -225,7 +218,9 @@ def begin(plan: FlightPlan, saved: SavedFlights) -> tuple[Floats, Floats]:
     """Return the lane memories [flight, row] with active failures, and the measurement."""
     before = np.ascontiguousarray(saved.rows[:, :Z_ROWS])
     numbers = np.arange(len(before))
-    moving = moving_of(plan, saved)
+    # memory [flight, row] of the effector actuators; no rows if none exist
+    first = Z_ROWS + O_ROWS if plan.vehicle.constants.driven else saved.rows.shape[1]
+    moving = np.ascontiguousarray(saved.rows[:, first:])
     if measured_count(plan) == s.N_SEEN:  # specific force at the tick, as sensors measure it
         states = before[:, s.X : s.X + s.N_STATES]
         positions = np.pad(moving[:, POSITION::N_EFFECTOR_ROWS], ((0, 0), (0, 1)))

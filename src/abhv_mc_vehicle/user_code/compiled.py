@@ -393,11 +393,13 @@ def _explain(module: Module, error: Uncompilable, first_line: int, expected: str
     message_lines = [text.strip() for text in error.message.splitlines()]
     useful = [text for text in message_lines if text and not _NOISE.match(text)]
     if "Unknown attribute 'aileron'" in error.message or "wrong tuple length" in error.message:
-        problem = "the law does not return a Command"
-        returned = (
-            "'return Command(...)', or 'return Command(...), Memory(...)' for a law with memory"
+        return InputError(
+            source.file,
+            "the law does not return a Command",
+            "'return Command(...)', or 'return Command(...), Memory(...)' for a law with memory",
+            line or first_line,
         )
-        return InputError(source.file, problem, returned, line or first_line)
     reason = "; ".join(text.rstrip(".:") for text in useful[:3])
-    problem = f"the code does not compile ({reason:.300})"
-    return InputError(source.file, problem, expected, line or first_line)
+    return InputError(
+        source.file, f"the code does not compile ({reason:.300})", expected, line or first_line
+    )

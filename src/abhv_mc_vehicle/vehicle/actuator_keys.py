@@ -437,10 +437,6 @@ class CustomState(StrictModel):
         return self
 
 
-def _state(value: object) -> object:
-    return {"unit": value} if isinstance(value, str) else value
-
-
 class Dynamics(StrictModel):
     """Custom dynamics: states that cause forces and moments and affect the sensors."""
 
@@ -450,7 +446,13 @@ class Dynamics(StrictModel):
     )
     states: dict[
         str,
-        Annotated[CustomState, BeforeValidator(_state, json_schema_input_type=str | CustomState)],
+        Annotated[
+            CustomState,
+            BeforeValidator(
+                lambda value: {"unit": value} if isinstance(value, str) else value,
+                json_schema_input_type=str | CustomState,
+            ),
+        ],
     ] = Field(
         min_length=1, max_length=MAX_STATES, description="custom states by name, each with its unit"
     )

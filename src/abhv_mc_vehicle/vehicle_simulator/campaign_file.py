@@ -205,20 +205,25 @@ class VehicleContents(Contents):
         needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_NAMES]
         if model.margins is None:
             for i in needed:
-                problem = (
-                    f"the requirement on '{model.requirements[i].metric}' needs stability margins"
+                errors.append(
+                    document.error(
+                        ("requirements", i, "metric"),
+                        f"the requirement on '{model.requirements[i].metric}' needs stability "
+                        "margins",
+                        "'margins: {at: [trim], flights: all}' in the campaign file",
+                    )
                 )
-                expected = "'margins: {at: [trim], flights: all}' in the campaign file"
-                errors.append(document.error(("requirements", i, "metric"), problem, expected))
             return
         if needed and model.margins.of(runs) < runs:
             metric = model.requirements[needed[0]].metric
-            problem = (
-                f"margins are computed for only {grouped_digits(model.margins.of(runs))} of "
-                f"{counted(runs, 'flight')}, but '{metric}' is required"
+            errors.append(
+                document.error(
+                    ("margins", "flights"),
+                    f"margins are computed for only {grouped_digits(model.margins.of(runs))} of "
+                    f"{counted(runs, 'flight')}, but '{metric}' is required",
+                    "'flights: all', because a verdict needs the metric of every flight",
+                )
             )
-            expected = "'flights: all', because a verdict needs the metric of every flight"
-            errors.append(document.error(("margins", "flights"), problem, expected))
         times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
         duration = 0.0
         if times:
@@ -290,8 +295,13 @@ def _declare_metrics(
         location = ()
     zones = {f"distance_from_{name}_m": zone.metric(name) for name, zone in model.keep_out.items()}
     for name in zones.keys() & entries.keys():
-        problem = f"the metric '{name}' belongs to a zone of 'keep_out'"
-        errors.append(source.key_error((*location, name), problem, "another name"))
+        errors.append(
+            source.key_error(
+                (*location, name),
+                f"the metric '{name}' belongs to a zone of 'keep_out'",
+                "another name",
+            )
+        )
     entries = entries | zones
     windows = {}
     if any(entry.phase for entry in entries.values()):

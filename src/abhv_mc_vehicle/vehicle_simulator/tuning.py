@@ -86,14 +86,6 @@ class Limit(StrictModel):
         return self
 
 
-def _free(value: Any) -> Any:
-    return (
-        [{"key": entry} if isinstance(entry, str) else entry for entry in value]
-        if isinstance(value, list)
-        else value
-    )
-
-
 def _points(value: Any) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not entries:
@@ -113,7 +105,14 @@ class Tune(StrictModel):
     free: Annotated[
         tuple[Free, ...],
         Field(min_length=1),
-        BeforeValidator(_free, json_schema_input_type=list[str | Free]),
+        BeforeValidator(
+            lambda value: (
+                [{"key": entry} if isinstance(entry, str) else entry for entry in value]
+                if isinstance(value, list)
+                else value
+            ),
+            json_schema_input_type=list[str | Free],
+        ),
     ] = Field(description="parameters to vary")
     minimise: Aim = Field(description="quantity to minimise")
     limits: tuple[Limit, ...] = Field((), description="limits that the tuned controller must meet")

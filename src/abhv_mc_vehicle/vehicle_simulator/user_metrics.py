@@ -178,8 +178,11 @@ def declare_metrics(
     records = []
     for name, entry in entries.items():
         if name in taken:
-            problem = f"the name '{name}' is reserved by the program"
-            errors.append(document.key_error((*where, name), problem, "another name"))
+            errors.append(
+                document.key_error(
+                    (*where, name), f"the name '{name}' is reserved by the program", "another name"
+                )
+            )
         try:
             nonnegative = compile_expression(entry.of, sources).nonnegative
         except Refusal as refusal:
