@@ -40,7 +40,7 @@ from abhv_mc_vehicle.kernel.plant.air_data import PROFILE
 from abhv_mc_vehicle.kernel.plant.state import CUSTOM_STATE, N_PARAMETERS, N_STATES
 
 LAWS = {"tlc": TLC, "lqr": LQR, "recorded": RECORDED} | dict.fromkeys(USER_LAWS, PYTHON)
-_COLUMNS = {  # numbers of gains and of settings, by control law
+COLUMNS = {  # numbers of gains and of settings, by control law
     "tlc": (len(TLC_GAINS), len(TLC_SETTINGS)),
     "lqr": (len(LQR_GAINS), len(LQR_SETTINGS)),
     "recorded": (len(RECORDED_GAINS), None),
@@ -127,7 +127,7 @@ def make_kernel_plan(
         KernelPlan,
         "plan",
     )
-    gains, settings = _COLUMNS.get(plan.commanding_law, (None, None))
+    gains, settings = COLUMNS.get(plan.commanding_law, (None, None))
     foreign = plan.vehicle.foreign
     check_shape(kernel_plan.initial_state, (N_STATES + foreign.states,), "plan.initial_state")
     columns = N_PARAMETERS + foreign.settings.size + foreign.states

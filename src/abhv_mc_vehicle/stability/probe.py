@@ -298,15 +298,19 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
     return own | _MEMORY.get(plan.commanding_law, {})
 
 
+def _law_rows(plan: FlightPlan, measured: int) -> Ints:
+    """Return the rows of a controller's measurement and memory, and of its fault."""
+    memory = law_memory_rows(plan).values()
+    return np.array([*range(s.MEASURED, s.MEASURED + measured), *memory, FAULT], np.int64)
+
+
 def law_tick(plan: FlightPlan, tick: int, measured: Floats, memory: Floats) -> LawTick:
     """Run one controller tick (not the first), without limits except those in custom code.
 
     `measured` has shape [point, measured] and `memory` [point, memory].
     """
     count = measured.shape[1]
-    rows = np.array(
-        [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
-    )
+    rows = _law_rows(plan, count)
     free = _without_limits(plan, min(tick, 1))
     later = max(tick, 1)
     before = np.hstack([measured, memory, np.zeros((len(measured), 1))])
@@ -359,9 +363,7 @@ def run_law(
     `follow` [point], plus `change` [point, measured + memory].
     """
     count = start.shape[1] - len(law_memory_rows(plan))
-    rows = np.array(
-        [*range(s.MEASURED, s.MEASURED + count), *law_memory_rows(plan).values(), FAULT], np.int64
-    )
+    rows = _law_rows(plan, count)
     start, change = (np.pad(array, ((0, 0), (0, 1))) for array in (start, change))
     after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
     return np.concatenate([after[:, :, count:-1], _commands(plan, seen)], axis=2)

@@ -313,6 +313,17 @@ def evaluate_coefficients(
     return coefficients
 
 
+def moment_about_center(
+    vehicle: Vehicle, coefficients: Any, alpha: Any, fixed: dict[str, Any]
+) -> Any:
+    """Return the pitching-moment coefficient about the centre of gravity."""
+    lift, drag, _, _, moment, _ = coefficients
+    forward = lift * np.sin(alpha) - drag * np.cos(alpha)
+    down = -lift * np.cos(alpha) - drag * np.sin(alpha)
+    arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
+    return moment + arm / vehicle.constants.chord
+
+
 def evaluate_fixed(
     vehicle: Vehicle, variables: Numbers, rows: Numbers | None = None
 ) -> dict[str, Numbers]:

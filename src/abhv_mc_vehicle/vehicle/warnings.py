@@ -18,6 +18,7 @@ from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_fixed,
     evaluate_tables,
     make_variables,
+    moment_about_center,
 )
 
 _STEP = 0.02  # step of numerical derivatives
@@ -120,14 +121,8 @@ def _find_drag_warnings(vehicle: Vehicle) -> list[str]:
         values = evaluate_coefficients(vehicle, variables, rows=rows)
         coefficient = dict(zip(COEFFICIENTS, values, strict=True))
         fixed = evaluate_fixed(vehicle, variables, rows)
-        lift = coefficient["lift"]
-        drag = coefficient["drag"]
-        forward = lift * np.sin(alpha) - drag * np.cos(alpha)
-        down = -lift * np.cos(alpha) - drag * np.sin(alpha)
-        arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
-        # The moment is converted to the centre of gravity.
-        coefficient["pitching_moment"] += arm / vehicle.constants.chord
-        return coefficient
+        moment = moment_about_center(vehicle, values, alpha, fixed)
+        return coefficient | {"pitching_moment": moment}
 
     def describe_point(mach: float, alpha: float) -> str:
         return f"at Mach {mach:g} and {np.degrees(alpha):g} deg of angle of attack"

@@ -19,14 +19,11 @@ from abhv_mc.io.documents import InputError, read_document
 from abhv_mc_vehicle.control.controller_file import Controller, read_controller
 from abhv_mc_vehicle.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc_vehicle.control.law_file import USER_LAWS, UserController
+from abhv_mc_vehicle.flight.arguments import COLUMNS
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten, is_stored, rebuild
 from abhv_mc_vehicle.kernel.laws.columns import (
-    LQR_GAINS,
-    LQR_SETTINGS,
     REFERENCE,
-    TLC_GAINS,
-    TLC_SETTINGS,
 )
 from abhv_mc_vehicle.kernel.plant.air_data import PROFILE
 from abhv_mc_vehicle.kernel.plant.state import N_STATES
@@ -43,7 +40,6 @@ from abhv_mc_vehicle.vehicle.file import read_vehicle_file
 from abhv_mc_vehicle.vehicle_simulator.make_plans import declare_metrics
 
 Code = dict[str, Any]  # fields of a plan that are not stored, such as custom code
-_COLUMNS = {"tlc": (len(TLC_GAINS), len(TLC_SETTINGS)), "lqr": (len(LQR_GAINS), len(LQR_SETTINGS))}
 
 
 def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
@@ -65,7 +61,7 @@ def rebuild_plan(stored: Arrays, vehicle: Vehicle) -> FlightPlan:
     flat |= flatten(make_effectiveness(rebuild(Vehicle, flat, "vehicle")), "effectiveness")
     plan = rebuild(FlightPlan, flat)
     own = plan.gain_names.size, plan.settings.size  # Custom control laws determine these sizes.
-    gains, settings = _COLUMNS.get(plan.commanding_law, own)
+    gains, settings = COLUMNS.get(plan.commanding_law, own)
     rows = plan.timing.ticks + 1
     shapes = {
         "initial_state": (N_STATES + vehicle.foreign.states,),

@@ -15,6 +15,7 @@ from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
     evaluate_fixed,
     make_variables,
+    moment_about_center,
     table_rows,
 )
 
@@ -106,12 +107,9 @@ def _static_margin(vehicle: Vehicle, nominal: Nominal) -> float:
             mass=nominal.mass,
         )
         rows = table_rows(vehicle.tables, variables)
-        lift, drag, _, _, moment, _ = evaluate_coefficients(vehicle, variables, rows=rows)
+        coefficients = evaluate_coefficients(vehicle, variables, rows=rows)
         fixed = evaluate_fixed(vehicle, variables, rows)
-        forward = lift * np.sin(alpha) - drag * np.cos(alpha)
-        down = -lift * np.cos(alpha) - drag * np.sin(alpha)
-        arm = fixed["center_of_gravity_x"] * down - fixed["center_of_gravity_z"] * forward
-        return np.stack([lift, moment + arm / vehicle.constants.chord])
+        return np.stack([coefficients[0], moment_about_center(vehicle, coefficients, alpha, fixed)])
 
     by_lift, by_moment = slope(lift_and_moment, [nominal.angle_of_attack])[:, 0].tolist()
     return -by_moment / by_lift if by_lift else math.nan

@@ -18,6 +18,7 @@ from abhv_mc_vehicle.kernel.flight.sensors import END_ROW
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.numerics.lane_math import wrap
+from abhv_mc_vehicle.kernel.numerics.quaternion import vector_at
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import HIGH
 from abhv_mc_vehicle.kernel.plant.state import X
@@ -90,9 +91,7 @@ def derive(Z, width, reference, vehicle, tick):
         Z[STAGNATION_HEAT_FLUX_W_M2, lane] = heat_flux(
             Z[s.RHO, lane], Z[s.AIRSPEED, lane], constants.nose_radius
         )
-        x = Z[s.SPECIFIC_X, lane]
-        y = Z[s.SPECIFIC_Y, lane]
-        z = Z[s.SPECIFIC_Z, lane]
+        x, y, z = vector_at(Z, s.SPECIFIC_X, lane)
         Z[LOAD_FACTOR_G, lane] = math.sqrt(x * x + y * y + z * z) / _G0
         chi = Z[s.CHI, lane]
         Z[HEADING_DEG, lane] = (chi if chi >= 0.0 else chi + 2.0 * math.pi) * _DEG

@@ -5,7 +5,12 @@ import math
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.numerics.lane_math import asin, atan2, sincos, two_angles
-from abhv_mc_vehicle.kernel.numerics.quaternion import rotate_to_body, rotate_to_ned
+from abhv_mc_vehicle.kernel.numerics.quaternion import (
+    quaternion_at,
+    rotate_to_body,
+    rotate_to_ned,
+    vector_at,
+)
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.air_data import flow_direction, warm_air
 from abhv_mc_vehicle.kernel.plant.state import X
@@ -30,13 +35,8 @@ def bank_angle(q0, q1, q2, q3, sin_alpha, cos_alpha, sin_beta, cos_beta):
 def navigate(Z, width, tick, first):
     """Compute the true motion, copy it to the measured rows, and integrate the ground track."""
     for lane in range(width):
-        u = Z[X + s.U, lane]
-        v = Z[X + s.V, lane]
-        w = Z[X + s.W, lane]
-        q0 = Z[X + s.Q0, lane]
-        q1 = Z[X + s.Q1, lane]
-        q2 = Z[X + s.Q2, lane]
-        q3 = Z[X + s.Q3, lane]
+        u, v, w = vector_at(Z, X + s.U, lane)
+        q0, q1, q2, q3 = quaternion_at(Z, X + s.Q0, lane)
         v_n, v_e, v_d = rotate_to_ned(q0, q1, q2, q3, u, v, w)
         speed, _, sin_a, cos_a, sin_b, cos_b = flow_direction(u, v, w)
         alpha, beta = two_angles(sin_a, cos_a, sin_b, cos_b)
@@ -93,9 +93,7 @@ def measure_more(Z, width, reference, tick, warm):
     if warm:
         warm_air(Z, width, s.M_AIRSPEED, s.M_MACH)
     for lane in range(width):
-        u = Z[X + s.U, lane]
-        v = Z[X + s.V, lane]
-        w = Z[X + s.W, lane]
+        u, v, w = vector_at(Z, X + s.U, lane)
         airspeed, _, _, _, _, _ = flow_direction(
             u - Z[s.AIR_U, lane], v - Z[s.AIR_V, lane], w - Z[s.AIR_W, lane]
         )
@@ -106,14 +104,9 @@ def measure_more(Z, width, reference, tick, warm):
         Z[s.M_CROSS_TRACK, lane] = north * sin_h - east * cos_h
         Z[s.M_AIRSPEED, lane] = airspeed
         Z[s.M_MACH, lane] = airspeed * Z[s.M_MACH, lane]
-        x = Z[s.SPECIFIC_X, lane]
-        y = Z[s.SPECIFIC_Y, lane]
-        z = Z[s.SPECIFIC_Z, lane]
+        x, y, z = vector_at(Z, s.SPECIFIC_X, lane)
         Z[s.M_LOAD_FACTOR, lane] = 1.0 if tick == 0 else math.sqrt(x * x + y * y + z * z) / _G0
-        q0 = Z[X + s.Q0, lane]
-        q1 = Z[X + s.Q1, lane]
-        q2 = Z[X + s.Q2, lane]
-        q3 = Z[X + s.Q3, lane]
+        q0, q1, q2, q3 = quaternion_at(Z, X + s.Q0, lane)
         Z[s.M_PITCH, lane] = asin(2.0 * (q0 * q2 - q1 * q3))
         Z[s.M_ROLL, lane] = atan2(2.0 * (q0 * q1 + q2 * q3), q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
         Z[s.M_YAW, lane] = atan2(2.0 * (q0 * q3 + q1 * q2), q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)

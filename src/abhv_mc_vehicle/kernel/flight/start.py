@@ -4,7 +4,7 @@ import math
 
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.numerics.lane_math import atan2, sincos
-from abhv_mc_vehicle.kernel.numerics.quaternion import rotate_to_body, rotate_to_ned
+from abhv_mc_vehicle.kernel.numerics.quaternion import quaternion_at, rotate_to_body, rotate_to_ned
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.state import XS, X, parameter_rows
 
@@ -99,10 +99,7 @@ def face_air(Z, width):
     The velocity of the air is read from the lane memory.
     """
     for lane in range(width):
-        q0 = Z[X + s.Q0, lane]
-        q1 = Z[X + s.Q1, lane]
-        q2 = Z[X + s.Q2, lane]
-        q3 = Z[X + s.Q3, lane]
+        q0, q1, q2, q3 = quaternion_at(Z, X + s.Q0, lane)
         v_n, v_e, v_d = rotate_to_ned(
             q0, q1, q2, q3, Z[X + s.U, lane], Z[X + s.V, lane], Z[X + s.W, lane]
         )

@@ -6,7 +6,7 @@ Each function computes the matrix elements itself; the compiler evaluates them o
 calls use the same quaternion.
 """
 
-from abhv_mc_vehicle.kernel.jit import scalar
+from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 
 
@@ -92,3 +92,15 @@ def from_euler(yaw: float, pitch: float, roll: float) -> tuple[float, float, flo
         c_yaw * s_pitch * c_roll + s_yaw * c_pitch * s_roll,
         s_yaw * c_pitch * c_roll - c_yaw * s_pitch * s_roll,
     )
+
+
+@lanes
+def quaternion_at(Z, row, lane):
+    """Return the quaternion in four rows of the lane memory, starting at ``row``."""
+    return Z[row, lane], Z[row + 1, lane], Z[row + 2, lane], Z[row + 3, lane]
+
+
+@lanes
+def vector_at(Z, row, lane):
+    """Return the vector in three rows of the lane memory, starting at ``row``."""
+    return Z[row, lane], Z[row + 1, lane], Z[row + 2, lane]

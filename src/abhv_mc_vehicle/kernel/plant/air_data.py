@@ -19,7 +19,11 @@ from abhv_mc_vehicle.kernel.numerics.lane_math import (
     sincos,
     two_angles,
 )
-from abhv_mc_vehicle.kernel.numerics.quaternion import rotate_meridional, rotate_to_body
+from abhv_mc_vehicle.kernel.numerics.quaternion import (
+    quaternion_at,
+    rotate_meridional,
+    rotate_to_body,
+)
 from abhv_mc_vehicle.kernel.numerics.tables import natural
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.disturbance import any_lane
@@ -123,10 +127,7 @@ def move_air(Z, width, profile):
 @lanes
 def wind_in_body(Z, lane, north, east):
     """Return the body components of a horizontal wind at the attitude of the stage."""
-    q0 = Z[XS + s.Q0, lane]
-    q1 = Z[XS + s.Q1, lane]
-    q2 = Z[XS + s.Q2, lane]
-    q3 = Z[XS + s.Q3, lane]
+    q0, q1, q2, q3 = quaternion_at(Z, XS + s.Q0, lane)
     return rotate_to_body(q0, q1, q2, q3, north, east, 0.0)
 
 
@@ -239,10 +240,7 @@ def air_data(Z, width, vehicle, earth, warm):
     if warm:
         warm_air(Z, width, s.RHO, s.V_MACH)
     for lane in range(width):
-        q0 = Z[XS + s.Q0, lane]
-        q1 = Z[XS + s.Q1, lane]
-        q2 = Z[XS + s.Q2, lane]
-        q3 = Z[XS + s.Q3, lane]
+        q0, q1, q2, q3 = quaternion_at(Z, XS + s.Q0, lane)
         altitude = Z[XS + s.ALTITUDE, lane]
         speed, per_speed, sin_alpha, cos_alpha, sin_beta, cos_beta = flow_direction(
             Z[XS + s.U, lane] - Z[s.AIR_U, lane],

@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 from abhv_mc_vehicle.kernel.jit import lanes
-from abhv_mc_vehicle.kernel.numerics.quaternion import rotate_to_body
+from abhv_mc_vehicle.kernel.numerics.quaternion import quaternion_at, rotate_to_body
 from abhv_mc_vehicle.kernel.numerics.random_numbers import (
     M1,
     M2,
@@ -144,10 +144,7 @@ def gust(Z, width, time):
     for lane in range(width):
         distance = Z[s.SPEED, lane] * (time - Z[_GUST_START, lane])
         share = one_minus_cosine(distance, Z[_GUST_LENGTH, lane])
-        q0 = Z[X + s.Q0, lane]
-        q1 = Z[X + s.Q1, lane]
-        q2 = Z[X + s.Q2, lane]
-        q3 = Z[X + s.Q3, lane]
+        q0, q1, q2, q3 = quaternion_at(Z, X + s.Q0, lane)
         north = share * Z[_GUST, lane]
         east = share * Z[_GUST + 1, lane]
         down = share * Z[_GUST + 2, lane]

@@ -11,10 +11,12 @@ from typing import NamedTuple
 from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.numerics.lane_math import reciprocals
 from abhv_mc_vehicle.kernel.numerics.quaternion import (
+    quaternion_at,
     quaternion_rate,
     rotate_meridional,
     rotate_to_body,
     rotate_to_ned,
+    vector_at,
 )
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.foreign import thrust
@@ -85,16 +87,9 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
     constants = vehicle.constants
     for lane in range(width):
         altitude = Z[XS + s.ALTITUDE, lane]
-        u = Z[XS + s.U, lane]
-        v = Z[XS + s.V, lane]
-        w = Z[XS + s.W, lane]
-        q0 = Z[XS + s.Q0, lane]
-        q1 = Z[XS + s.Q1, lane]
-        q2 = Z[XS + s.Q2, lane]
-        q3 = Z[XS + s.Q3, lane]
-        p = Z[XS + s.ROLL_RATE, lane]
-        q = Z[XS + s.PITCH_RATE, lane]
-        r = Z[XS + s.YAW_RATE, lane]
+        u, v, w = vector_at(Z, XS + s.U, lane)
+        q0, q1, q2, q3 = quaternion_at(Z, XS + s.Q0, lane)
+        p, q, r = vector_at(Z, XS + s.ROLL_RATE, lane)
         mass = Z[XS + s.MASS, lane]
         q_bar = Z[s.Q_BAR, lane]
 
@@ -137,9 +132,7 @@ def equations_of_motion(Z, width, vehicle, earth, stage, active):
         )
         mz = q_s * constants.span * Z[_K_YAW, lane] * Z[_YAW, lane] - cg_x * fy + cg_y * (fx + tx)
         if active is not None:
-            arm_x = Z[s.ENGINE_ARM, lane]
-            arm_y = Z[s.ENGINE_ARM + 1, lane]
-            arm_z = Z[s.ENGINE_ARM + 2, lane]
+            arm_x, arm_y, arm_z = vector_at(Z, s.ENGINE_ARM, lane)
             mx += Z[s.F_MOMENT, lane] + arm_y * tz
             my += Z[s.F_MOMENT + 1, lane] + (arm_z * tx - arm_x * tz)
             mz += Z[s.F_MOMENT + 2, lane] - arm_y * tx
@@ -218,10 +211,7 @@ def finish_step(Z, width, step, alive):
             Z[XS + i, lane] = Z[X + i, lane] + sixth * Z[SUM + i, lane]
             Z[SUM + i, lane] = 0.0
     for lane in range(width):
-        q0 = Z[XS + s.Q0, lane]
-        q1 = Z[XS + s.Q1, lane]
-        q2 = Z[XS + s.Q2, lane]
-        q3 = Z[XS + s.Q3, lane]
+        q0, q1, q2, q3 = quaternion_at(Z, XS + s.Q0, lane)
         norm = 1.0 / math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
         Z[XS + s.Q0, lane] = q0 * norm
         Z[XS + s.Q1, lane] = q1 * norm

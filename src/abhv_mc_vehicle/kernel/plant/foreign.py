@@ -17,6 +17,7 @@ which are linear in both.
 from abhv_mc_vehicle.kernel.jit import lanes
 from abhv_mc_vehicle.kernel.jit_pointer import call_address
 from abhv_mc_vehicle.kernel.numerics.lane_math import reciprocals, sincos
+from abhv_mc_vehicle.kernel.numerics.quaternion import vector_at
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.aerodynamics import N_INPUTS
 from abhv_mc_vehicle.kernel.plant.disturbance import any_lane
@@ -70,9 +71,7 @@ def call_propulsion(Z, width, vehicle, user_code, density_row, speed_row, settin
     z = vehicle.foreign.engine_z
     if x != 0.0 or z != 0.0:
         for lane in range(width):
-            fx = Z[s.F_THRUST, lane]
-            fy = Z[s.F_THRUST + 1, lane]
-            fz = Z[s.F_THRUST + 2, lane]
+            fx, fy, fz = vector_at(Z, s.F_THRUST, lane)
             Z[s.F_MOMENT, lane] -= z * fy
             Z[s.F_MOMENT + 1, lane] += z * fx - x * fz
             Z[s.F_MOMENT + 2, lane] += x * fy
@@ -120,9 +119,7 @@ def add_thrust(Z, width, stage):
     """
     for lane in range(width):
         Z[s.THRUST, lane] = Z[s.F_THRUST, lane]
-        fx = Z[s.F_THRUST, lane]
-        fy = Z[s.F_THRUST + 1, lane]
-        fz = Z[s.F_THRUST + 2, lane]
+        fx, fy, fz = vector_at(Z, s.F_THRUST, lane)
         add_force(Z, lane, stage, Z[s.F_MASS, lane], fx, fy, fz)
         add_derivative(Z, lane, s.MASS, -Z[s.F_FUEL_FLOW, lane], stage)
 
@@ -144,9 +141,7 @@ def turn_thrust(Z, width, vehicle, by_function, stage):
     constants = vehicle.constants
     foreign = vehicle.foreign
     for lane in range(width):
-        fx = Z[s.F_THRUST, lane]
-        fy = Z[s.F_THRUST + 1, lane]
-        fz = Z[s.F_THRUST + 2, lane]
+        fx, fy, fz = vector_at(Z, s.F_THRUST, lane)
         x = foreign.engine_x
         z = foreign.engine_z
         if not by_function:
