@@ -14,7 +14,6 @@ from pyarrow import fs
 
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
-from abhv_mc_remote import store as module
 from abhv_mc_remote import store as remote
 from abhv_mc_remote.store import LEASE, LEASE_NAME, Lease, Objects, Remote, read_holder
 
@@ -48,7 +47,7 @@ def contents(system):
 
 @pytest.fixture
 def store(monkeypatch):
-    monkeypatch.setattr(module, "_SETTLE", 0.0)
+    monkeypatch.setattr(remote, "_SETTLE", 0.0)
     return DatedStore()
 
 
@@ -88,7 +87,7 @@ def test_an_expired_lease_is_taken_over_and_its_loser_stops_writing(store, tmp_p
 
 def test_the_later_of_two_simultaneous_writers_has_the_lease(store, monkeypatch):
     other = Lease(store)
-    monkeypatch.setattr(module.time, "sleep", lambda _: other._write())
+    monkeypatch.setattr(remote.time, "sleep", lambda _: other._write())
     with pytest.raises(InputError, match=rf" {LEASE:g} s "):
         take(store)
 
@@ -106,8 +105,8 @@ def test_a_key_is_never_written(store, fake_engine, abhv_mc, tmp_path, monkeypat
     opens = SimpleNamespace(
         from_uri=lambda uri: opened.append(uri) or (store.system, "bucket/folder")
     )
-    stub = SimpleNamespace(FileSystem=opens, FileSelector=fs.FileSelector)
-    monkeypatch.setattr("abhv_mc_remote.objects.pyarrow_fs", stub)
+    stub = SimpleNamespace(FileSystem=opens, FileSelector=fs.FileSelector, FileType=fs.FileType)
+    monkeypatch.setattr("abhv_mc_remote.store.pyarrow_fs", stub)
     campaign = write_campaign(tmp_path / "f")
     answers = [
         abhv_mc("run", campaign, "--runs", 64, f"--output={url}", "--json", tmp_path / "run.json")

@@ -12,7 +12,6 @@ from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.stores import open_store
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
-from abhv_mc_remote import store as module
 from abhv_mc_remote import store as remote
 from abhv_mc_remote.store import Objects
 
@@ -26,7 +25,7 @@ def bucket(monkeypatch):
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.setenv(name, "testing")
     monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-    monkeypatch.setattr(module, "_SETTLE", 0.0)
+    monkeypatch.setattr(remote, "_SETTLE", 0.0)
     monkeypatch.setattr(remote, "PUSH_INTERVAL", 0.05)
     running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     running.start()
@@ -148,7 +147,7 @@ def test_flights_are_copied_during_the_run(bucket, monkeypatch):
             open_store(Path(address)).writing(),
         ):
             pass
-        monkeypatch.setattr(module, "LEASE", -60.0)  # as if the process had ended a minute ago
+        monkeypatch.setattr(remote, "LEASE", -60.0)  # as if the process had ended a minute ago
         with open_store(Path(address)).writing():
             pass
         (folder / "flights/one.parquet").unlink()
@@ -157,12 +156,12 @@ def test_flights_are_copied_during_the_run(bucket, monkeypatch):
 
 def test_a_writer_without_its_lease_stops_writing(bucket, tmp_path, monkeypatch, capfd):
     store, address, base = bucket
-    monkeypatch.setattr(module, "RENEWAL", 0.1)
+    monkeypatch.setattr(remote, "RENEWAL", 0.1)
 
     def fly_on():
         with open_store(Path(address)).writing(tmp_path / "staging") as folder:
             (folder / "manifest.json").write_text("{}")
-            monkeypatch.setattr(module, "read_holder", lambda _: ("process 7 on other", "another"))
+            monkeypatch.setattr(remote, "read_holder", lambda _: ("process 7 on other", "another"))
             try:
                 for _ in range(600):  # until interrupted
                     threading.Event().wait(0.1)

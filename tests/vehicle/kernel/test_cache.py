@@ -26,7 +26,7 @@ from abhv_mc_vehicle.kernel.compiler_target import code_folder, find_features
 DESCRIPTIONS = (
     "flight/metrics.py",
     "flight/channels.py",
-    "flight/outcome.py",
+    "flight/plan.py",
     "plant/parameters.py",
     "user_code/compiled.py",
 )
