@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.array_types import Mask
-from abhv_mc.execution.batches import BATCH_FLIGHTS
-from abhv_mc.execution.retry import PIECE
+from abhv_mc.execution.retry import BATCH_FLIGHTS, PIECE
 
 _WORK = 10.0  # intended computing time in s of a block of flights of a custom simulator
 # Maximum number of flights in a block without histories. Such a block takes about ten seconds, and

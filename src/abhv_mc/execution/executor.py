@@ -3,23 +3,24 @@
 Worker processes are the default for many flights and for custom code, because a crash in compiled
 code ends the whole process. Threads start one second faster, but a crash then ends the campaign,
 and only exceptions are handled. The option ``--scheduler`` selects the executor of an installed
-package.
+package. The number of results that wait for the disk is limited.
 """
 
 import contextlib
 import multiprocessing
-from collections.abc import Iterator
+import threading
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS, Execution
 from abhv_mc.entry_points import EXECUTORS, find_entry_points
 from abhv_mc.execution.attestation import Attestation, Check, sign
-from abhv_mc.execution.batches import fly_in_batches
 from abhv_mc.execution.blocks import choose_batch
-from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
+from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_in_batches, fly_with_retries
 from abhv_mc.flights.blocks import FlightBlock, join_blocks
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Recorded
@@ -175,3 +176,47 @@ class _ThisProcess:
     def close(self) -> None:
         """End the processes started by the simulator."""
         self._engine.close()
+
+
+T = TypeVar("T")
+
+
+def work_ahead(
+    workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]
+) -> Generator[T, None, None]:
+    """Yield the result of ``work`` for each of ``calls``, in order of completion.
+
+    At any time, at most two results per worker are in progress or finished but unused. Without
+    this limit, workers that are faster than the disk would fill the memory with finished blocks.
+    Closing the generator ends all waiting workers.
+    """
+    from joblib import Parallel, delayed
+
+    slots = threading.Semaphore(2 * workers)
+    closed = threading.Event()
+
+    def call(arguments: tuple[Any, ...]) -> T:
+        slots.acquire()
+        if closed.is_set():
+            slots.release()  # Without the slot, the next thread cannot end.
+            raise RuntimeError("the results are no longer needed")
+        return work(*arguments)
+
+    pool = Parallel(
+        n_jobs=workers,
+        backend="threading",
+        return_as="generator_unordered",
+        pre_dispatch="2*n_jobs",
+    )
+    results = pool(delayed(call)(arguments) for arguments in calls)
+    try:
+        for result in results:
+            yield result
+            slots.release()
+    finally:
+        closed.set()
+        slots.release()
+        with warnings.catch_warnings():
+            # An interrupt leaves unused results, about which joblib warns.
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()

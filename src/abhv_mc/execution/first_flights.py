@@ -16,14 +16,14 @@ from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.dispersion_probes import find_ineffective, fly_probes, make_trials
 from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
-from abhv_mc.execution.flight_differences import (
+from abhv_mc.execution.progress import Progress
+from abhv_mc.execution.simulation import simulate, with_proofs
+from abhv_mc.execution.stored_flights import (
     ESTIMATES,
     Difference,
     find_difference,
     outcome_and_metrics,
 )
-from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate, with_proofs
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.backpressure import work_ahead
+from abhv_mc.execution.executor import work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.simulation import simulate

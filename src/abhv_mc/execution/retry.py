@@ -1,4 +1,6 @@
-"""Retries of lost blocks of flights, in smaller pieces down to single flights.
+"""Blocks of flights in batches that fill the kernel's vector lanes, and retries of lost blocks.
+
+Lost blocks are computed again in smaller pieces down to single flights.
 
 A flight that cannot be computed has the outcome ``failed_to_run``. If native code of a control law
 may have ended or blocked the process, the outcome is ``law_crashed`` or ``law_hung``, which count
@@ -14,16 +16,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.flights.blocks import FlightBlock, join_blocks, make_failed_block, make_recording
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.phrases import counted
 
-if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
-    from abhv_mc.interfaces import Recorded
+if TYPE_CHECKING:
+    from abhv_mc.interfaces import Fly, Recorded
 
 Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
+# number of flights per call: large enough to fill all lanes, small enough to lose little in a crash
+BATCH_FLIGHTS = 256
 PIECE = 16  # flights per piece after a block is first divided; time limits apply to this number
 _reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
@@ -124,3 +127,18 @@ def make_failed(plan: Any, recorded: "Recorded") -> FlightBlock:
     return make_failed_block(
         plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), plan.metric_count
     )
+
+
+def fly_in_batches(
+    fly: "Fly",
+    plan: Any,
+    parameters: Floats,
+    recorded: "Recorded",
+    begin: Callable[[], None] = lambda: None,
+) -> FlightBlock:
+    """Simulate all rows in batches, and call ``begin`` before each batch."""
+    blocks = []
+    for first in range(0, max(1, len(parameters)), BATCH_FLIGHTS):
+        begin()
+        blocks.append(fly(plan, parameters[first : first + BATCH_FLIGHTS], recorded))
+    return blocks[0] if len(blocks) == 1 else join_blocks(blocks)

@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.execution.backpressure import work_ahead
-from abhv_mc.execution.batches import BATCH_FLIGHTS
 from abhv_mc.execution.blocks import (
     Block,
     choose_batch,
@@ -20,17 +18,21 @@ from abhv_mc.execution.blocks import (
     choose_unrecorded,
     cut_blocks,
 )
-from abhv_mc.execution.completion import Completion
-from abhv_mc.execution.executor import FlightRunner, connect, open_executor
-from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
-from abhv_mc.execution.flight_differences import ESTIMATES
+from abhv_mc.execution.executor import FlightRunner, connect, open_executor, work_ahead
+from abhv_mc.execution.flight_counts import (
+    Completion,
+    count_flights,
+    flight_values,
+    judge_requirements,
+)
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.progress_page import ProgressPage
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
+from abhv_mc.execution.retry import BATCH_FLIGHTS
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
 from abhv_mc.execution.simulation import check_source, simulate, with_proofs
-from abhv_mc.execution.stored_flights import StoredFlights
+from abhv_mc.execution.stored_flights import ESTIMATES, StoredFlights
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.margins import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome

@@ -10,10 +10,9 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, check_user_code
 from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.requirement_set import JUDGING, find_requirement_changes
-from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.custom_code.child import called_beside
 from abhv_mc.custom_code.source import find_package_versions

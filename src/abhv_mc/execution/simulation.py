@@ -1,15 +1,19 @@
-"""Simulation of flights from rows of inputs, by any simulator."""
+"""Simulation of flights from rows of inputs, and of the flights of a results folder again."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.flights.blocks import FlightBlock
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import Manifest
+from abhv_mc.folder.manifest import Manifest, read_manifest
+from abhv_mc.folder.plan_file import find_stored_plans
+from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly, Plan, Recorded, Simulator
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.documents import InputError, one_of
 
 
 def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
@@ -65,3 +69,22 @@ def simulate(
     ready = experiment.systems[system]
     plan = ready.with_margins or ready.plan if margins else ready.plan
     return (executor or experiment.simulator.engine.fly)(plan, experiment.rows(rows), recording)
+
+
+def open_flown(
+    folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False
+) -> Experiment:
+    """Check a results folder and return an experiment that can re-run the folder's flights.
+
+    Raise InputError for an unknown controller, a damaged file or untrusted code.
+    """
+    read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
+    experiment = read_folder_campaign(folder)
+    flown = list(read_manifest(folder.manifest).controllers)
+    names = list(controllers)
+    for name in names:
+        if name not in flown:
+            raise InputError(folder.root, f"unknown controller '{name}'", one_of(flown, name))
+        read_checked(folder, [folder.plan(name)])
+    plans = experiment.simulator.restore_plans(find_stored_plans(folder), names, trusted)
+    return replace(make_ready(experiment, plans), columns=SampleReader(folder.samples).names)

@@ -11,9 +11,8 @@ from typing import Any, NoReturn
 from abhv_mc import interfaces
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import THREADS
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, check_user_code
 from abhv_mc.campaign.file.systems import SYSTEMS, Registered
-from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.custom_code.trust import check_trusted
 from abhv_mc.external_simulators.campaign_file import (

@@ -1,4 +1,4 @@
-"""Samples of a campaign, stored as a Parquet file."""
+"""Samples of a campaign as a Parquet file, or as a CSV file for another simulator."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -9,8 +9,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import make_field, make_input_field, write_pieces
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.csv_table import write_batches
 from abhv_mc.io.parquet_columns import column_values, number_column
 
 POINT = "point"
@@ -97,3 +100,33 @@ class SampleReader:
                 }
                 self._groups[group] = values
             return self._groups[group]
+
+
+def write_inputs(campaign: Experiment, path: Path) -> int:
+    """Write one row per flight, with its number (from 0) and inputs; headers state units.
+
+    Return the number of rows written.
+    """
+    source = campaign.make_samples()
+    inputs = [campaign.parameters[name] for name in source.names]
+    fields = [("flight", pa.int64())]
+    for parameter in inputs:
+        header = parameter.name if parameter.unit == "-" else f"{parameter.name} [{parameter.unit}]"
+        fields.append(
+            (header, pa.int64() if parameter.seed and parameter.of_user else pa.float64())
+        )
+    schema = pa.schema(fields)
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        for first in range(0, source.flights, ROW_GROUP):
+            stop = min(first + ROW_GROUP, source.flights)
+            columns = [np.arange(first, stop), *source.draw(first, stop).T]
+            arrays = [
+                pa.array(column).cast(kind)
+                for column, kind in zip(columns, schema.types, strict=True)
+            ]
+            yield pa.record_batch(arrays, schema=schema)
+
+    with atomic_write(path) as temporary:
+        write_batches(temporary, schema, batches())
+    return source.flights

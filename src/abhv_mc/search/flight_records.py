@@ -26,7 +26,7 @@ from abhv_mc.io.units import parse_in_any_unit, parse_unit
 from abhv_mc.search.search_flights import read_searched
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.circular import align_flights, unwrap
-from abhv_mc.statistics.time_offsets import find_offset
+from abhv_mc.statistics.placement import find_offset
 
 TIME, VEHICLE, HISTORY, ERROR = "time", "vehicle", "history", "_error"
 _MOST_TIMES = 500  # maximum number of times at which histories are compared

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.campaign.file.experiment import Experiment, Requirement, check_user_code
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
-from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.custom_code.trust import trust
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor
 from abhv_mc.execution.first_flights import fly_first
