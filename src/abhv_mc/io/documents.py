@@ -6,7 +6,8 @@ and column.
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field
 from io import StringIO
@@ -37,6 +38,7 @@ __all__ = [
     "File",
     "InputError",
     "InputErrors",
+    "Problems",
     "Refusal",
     "StrictModel",
     "describe",
@@ -103,6 +105,30 @@ class Document:
     def resolve(self, text: str | Path) -> Path:
         """Return the path ``text``, resolved relative to the folder of the file."""
         return self.path.parent / text
+
+
+class Problems(list[InputError]):
+    """Problems of a document, which are reported together."""
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        self.document = document
+
+    def add(self, keys: tuple[Key, ...], problem: str, expected: str) -> None:
+        """Add a problem of the value at ``keys``."""
+        self.append(self.document.error(keys, problem, expected))
+
+    def add_key(self, keys: tuple[Key, ...], problem: str, expected: str) -> None:
+        """Add a problem of the last key in ``keys``."""
+        self.append(self.document.key_error(keys, problem, expected))
+
+    @contextmanager
+    def collect(self, *keys: Key) -> Iterator[None]:
+        """Add a Refusal that is raised in the context as a problem of the value at ``keys``."""
+        try:
+            yield
+        except Refusal as refusal:
+            self.add((*keys, *refusal.keys), refusal.found, refusal.expected)
 
 
 def read_document(path: "str | PathLike[str] | Document") -> Document:

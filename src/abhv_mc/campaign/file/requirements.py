@@ -17,7 +17,15 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.file.systems import Contents, Input, InputName
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Distribution
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, validate
+from abhv_mc.io.documents import (
+    Document,
+    InputError,
+    Problems,
+    Refusal,
+    StrictModel,
+    one_of,
+    validate,
+)
 from abhv_mc.io.foreign_table import read_foreign_table
 
 _COLUMNS = tuple(RequirementEntry.model_fields)
@@ -171,10 +179,7 @@ def join_requirements(
 
 
 def check_requirements(
-    document: Document,
-    model: Campaign,
-    contents: Contents,
-    errors: list[InputError],
+    model: Campaign, contents: Contents, errors: Problems
 ) -> Iterator[Requirement]:
     """Yield checked requirements; append problems to ``errors``."""
     systems, read = contents.systems, contents.read_limit
@@ -183,25 +188,19 @@ def check_requirements(
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
         if entry.id is not None and entry.id in ids[:i]:
-            errors.append(
-                document.error(
-                    (*where, "id"),
-                    f"the id '{entry.id}' is used more than once",
-                    "a unique id for each requirement",
-                )
+            errors.add(
+                (*where, "id"),
+                f"the id '{entry.id}' is used more than once",
+                "a unique id for each requirement",
             )
         for j, name in enumerate(entry.controllers or ()):
             if name not in systems:
                 problem = f"unknown {contents.kind} '{name}'"
-                errors.append(
-                    document.error((*where, "controllers", j), problem, one_of(systems, name))
-                )
+                errors.add((*where, "controllers", j), problem, one_of(systems, name))
         if entry.metric not in metrics:
             margins = () if contents.margin_flights(1) else contents.margins
             expected = one_of([*metrics][: len(metrics) - len(margins)], entry.metric)
-            errors.append(
-                document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected)
-            )
+            errors.add((*where, "metric"), f"unknown metric '{entry.metric}'", expected)
             continue
         key = "above"
         try:
@@ -225,22 +224,18 @@ def check_requirements(
                 traced={key: text for key in TRACED if (text := getattr(entry, key)) is not None},
             )
         except Refusal as refusal:
-            errors.append(document.error((*where, key), refusal.found, refusal.expected))
+            errors.add((*where, key), refusal.found, refusal.expected)
 
 
-def check_stop(document: Document, model: Campaign, errors: list[InputError]) -> None:
+def check_stop(model: Campaign, errors: Problems) -> None:
     """Check that a campaign with 'stop' has requirements and independent flights."""
     if model.stop is None:
         return
     if not model.requirements:
-        errors.append(
-            document.key_error(("stop",), "'stop' needs requirements", "at least one requirement")
-        )
+        errors.add_key(("stop",), "'stop' needs requirements", "at least one requirement")
     if model.sampling.design != INDEPENDENT:
         problem = (
             "'stop' needs independent flights, unlike those of the design "
             f"'{model.sampling.design}'"
         )
-        errors.append(
-            document.key_error(("stop",), problem, f"'sampling: {INDEPENDENT}', or no 'stop'")
-        )
+        errors.add_key(("stop",), problem, f"'sampling: {INDEPENDENT}', or no 'stop'")
