@@ -112,21 +112,18 @@ def _fly(
         if not sizes:
             reasons.append(str(error))
             outcome = plan.lost_outcome(error.hung) if error.process else Outcome.FAILED_TO_RUN
-            lost = make_failed_block(
-                plan, outcome, make_recording(recorded, plan), plan.metric_count
-            )
-            return replace(lost, reasons={0: str(error)})
+            return replace(make_failed(plan, recorded, outcome), reasons={0: str(error)})
         pieces = np.split(parameters, range(sizes[0], len(parameters), sizes[0]))
         return join_blocks(
             [_fly(attempt, plan, piece, recorded, sizes[1:], reasons=reasons) for piece in pieces]
         )
 
 
-def make_failed(plan: Any, recorded: "Recorded") -> FlightBlock:
+def make_failed(
+    plan: Any, recorded: "Recorded", outcome: Outcome = Outcome.FAILED_TO_RUN
+) -> FlightBlock:
     """Return the block of one flight that could not be computed."""
-    return make_failed_block(
-        plan, Outcome.FAILED_TO_RUN, make_recording(recorded, plan), plan.metric_count
-    )
+    return make_failed_block(plan, outcome, make_recording(recorded, plan), plan.metric_count)
 
 
 def fly_in_batches(

@@ -30,7 +30,6 @@ from abhv_mc.folder.inputs import (
     merge_inputs,
     read_folder_campaign,
     read_folder_inputs,
-    states_under_test,
 )
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
@@ -189,8 +188,7 @@ def _resume(
         problem = f"the values of the unknowns in this folder were selected without {quoted(added)}"
         raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
-    states_test = requested.model.under_test is not None or states_under_test(folder)
-    merged = merge_inputs(before, inputs, request.controllers is not None, states_test)
+    merged = merge_inputs(before, inputs, request.controllers is not None)
     limits = [*map(str, find_requirement_changes(before.data, merged.data))]
     is_rejudged = any(merged.data.get(key) != before.data.get(key) for key in JUDGING)
     # If a run was killed while it extended the folder, the manifest lacks the campaign file.

@@ -19,7 +19,7 @@ from typing import Any
 from abhv_mc.custom_code.child import describe_exit
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.external_simulators.watcher import unwatch, watch
-from abhv_mc.external_simulators.working_folder import make_working_folder
+from abhv_mc.external_simulators.working_folder import delete_working_folder, make_working_folder
 
 _AHEAD = 64  # maximum number of requests sent ahead of replies
 _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe
@@ -54,8 +54,8 @@ class Process:
                 self.folder = make_working_folder(plan)
                 try:
                     started: Any = subprocess.Popen(  # noqa: S603  program named in the user's campaign
-                        plan.argv(self.folder.path),
-                        cwd=self.folder.path,
+                        plan.argv(self.folder),
+                        cwd=self.folder,
                         stdin=subprocess.PIPE,
                         stdout=subprocess.PIPE,
                         stderr=self._errors,
@@ -63,7 +63,7 @@ class Process:
                         start_new_session=True,  # Ctrl-C must not reach the simulator.
                     )
                 except OSError:
-                    self.folder.delete()
+                    delete_working_folder(self.folder)
                     raise
         except BaseException:
             self._errors.close()
@@ -240,7 +240,7 @@ class Process:
 
     def _without_folder(self, text: str) -> str:
         """Return the text with its file names made relative to the folder of the process."""
-        return text.replace(f"{self.folder.path}{os.sep}", "")
+        return text.replace(f"{self.folder}{os.sep}", "")
 
     def take_errors(self) -> str:
         """Return an excerpt of the standard error output since the last call."""
@@ -282,4 +282,4 @@ class Process:
         unwatch(self._process.pid)
         for stream in (self._process.stdin, self._process.stdout, self._errors):
             stream.close()
-        self.folder.delete()
+        delete_working_folder(self.folder)

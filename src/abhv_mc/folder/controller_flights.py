@@ -157,12 +157,17 @@ def read_flights(
     if not files:
         raise missing_file(folder, "at least one block of flights (*.parquet)")
     schema = next(read_pieces(files[0], _EXPECTED)).schema
-    metrics = _find_metrics(schema)
-    metrics = [name for name in metrics if columns is None or name in columns]
+    # Metrics are columns of floats without a dot, except inputs.
+    metrics = [
+        field.name
+        for field in schema
+        if "." not in field.name
+        and pa.types.is_floating(field.type)
+        and INPUT not in (field.metadata or {})
+        and (columns is None or field.name in columns)
+    ]
     collectors: dict[str, _Collector] = {}
-    expected = ["flight", "controller", "outcome", *metrics]
-    if REASON in schema.names:  # Folders of earlier versions contain no reasons for failed flights.
-        expected.append(REASON)
+    expected = ["flight", "controller", "outcome", REASON, *metrics]
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
         flight = column_values(table["flight"]).astype(np.int64)
         names, owner = distinct_texts(table["controller"])
@@ -175,26 +180,13 @@ def read_flights(
                 flight[rows], outcome[rows], values[:, rows]
             )
         failed_rows = np.flatnonzero(outcome == Outcome.FAILED_TO_RUN)
-        if REASON in expected and failed_rows.size:
-            for row, reason in zip(
-                failed_rows.tolist(),
-                table[REASON].take(pa.array(failed_rows)).to_pylist(),
-                strict=True,
-            ):
-                collectors[names[owner[row]]].reasons[int(flight[row])] = reason
+        for row in failed_rows.tolist():
+            collectors[names[owner[row]]].reasons[int(flight[row])] = table[REASON][row].as_py()
     flights = {name: collector.finish(records, ends) for name, collector in collectors.items()}
     flights = {name: computed for name, computed in flights.items() if computed.flight.size}
     if not flights:
         raise missing_file(folder, "at least one computed flight")
     return flights
-
-
-def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Return the names of metric columns: columns of floats without a dot, except inputs."""
-    floats = [
-        field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
-    ]
-    return [field.name for field in floats if INPUT not in (field.metadata or {})]
 
 
 @dataclass(frozen=True)

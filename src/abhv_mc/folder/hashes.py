@@ -7,6 +7,7 @@ from pathlib import Path
 from abhv_mc.folder.layout import CampaignFolder, hash_file, recording
 from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import Manifest, read_manifest
+from abhv_mc.interfaces import REMEDY
 from abhv_mc.io.input_error import InputError
 
 DAMAGED = "the file is damaged or was changed after the run"
@@ -118,8 +119,7 @@ def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator
 
 def damage_error(path: Path, damage: str) -> InputError:
     """Return the InputError for a damaged file."""
-    remedy = "the original file, or a new run with --fresh or in another folder (-o DIR)"
-    return InputError(path, damage, remedy)
+    return InputError(path, damage, REMEDY)
 
 
 def data_files(folder: CampaignFolder, manifest: Manifest) -> list[Path]:

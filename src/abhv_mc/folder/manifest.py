@@ -19,7 +19,7 @@ from abhv_mc.statistics.verdicts import label_status
 
 Ranges = tuple[tuple[int, int], ...]  # (first, stop) of each range of flights
 # Version of the folder's format, which increases when the meaning of a file changes.
-FORMAT = 3
+FORMAT = 4
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
 _HASH = "manifest_hash"  # entry with the hash of all other entries
 _REMEDY = "the original manifest, or a new run with --fresh or in another folder (-o DIR)"

@@ -59,7 +59,7 @@ def write_samples(
             ]
             yield pa.Table.from_arrays([*map(number_column, columns)], schema=schema)
 
-    write_pieces(path, schema, make_groups(), names, [])
+    write_pieces(path, schema, make_groups(), [])
 
 
 class SampleReader:

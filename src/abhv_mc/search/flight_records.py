@@ -320,26 +320,25 @@ class Programme:
         simulated flights. A record is shifted in time if this reduces its deviation by more than
         that of any simulated flight.
         """
-        return np.array([self._align(k, simulated[:, k]) for k in range(len(self.records))])
-
-    def _align(self, k: int, simulated: Floats) -> Floats:
-        """Shift record `k` in time; return it, and align `simulated` [set, time, name]."""
-        periods, spans = self.experiment.periods, [0.1, 0.02] if self.is_history else []
-        while True:
-            record = self.records[k]
-            test = sample(record.values, self.names, self.times, periods, record.offset)
-            for i, name in enumerate(self.names):
-                pool = np.vstack([simulated[:, :, i], test[np.newaxis, :, i]])
-                pool = align_flights(pool, periods.get(name, 0.0), len(simulated))
-                simulated[:, :, i], test[:, i] = pool[:-1], pool[-1]
-            if not np.isfinite(test + simulated).any():
-                expected = "times that overlap with those of the simulated flights"
-                problem = "no value can be compared with the simulated flights"
-                raise record.table.error(0, 0, problem, expected)
-            if not spans:
-                return test
-            steps, is_offset = find_offset(simulated, test, spans.pop(0), len(self.space.names))
-            if not (is_offset or record.offset):
-                return test
-            offset = record.offset + steps * float(np.mean(np.diff(self.times)))
-            self.records[k] = replace(record, offset=offset)
+        periods, tests = self.experiment.periods, []
+        for k, record in enumerate(self.records):
+            sets = simulated[:, k]
+            for span in (0.1, 0.02, 0.0):
+                test = sample(record.values, self.names, self.times, periods, record.offset)
+                for i, name in enumerate(self.names):
+                    pool = np.vstack([sets[:, :, i], test[np.newaxis, :, i]])
+                    pool = align_flights(pool, periods.get(name, 0.0), len(sets))
+                    sets[:, :, i], test[:, i] = pool[:-1], pool[-1]
+                if not np.isfinite(test + sets).any():
+                    expected = "times that overlap with those of the simulated flights"
+                    problem = "no value can be compared with the simulated flights"
+                    raise record.table.error(0, 0, problem, expected)
+                if not (span and self.is_history):
+                    break
+                steps, is_offset = find_offset(sets, test, span, len(self.space.names))
+                if not (is_offset or record.offset):
+                    break
+                offset = record.offset + steps * float(np.mean(np.diff(self.times)))
+                record = self.records[k] = replace(record, offset=offset)  # noqa: PLW2901
+            tests.append(test)
+        return np.array(tests)

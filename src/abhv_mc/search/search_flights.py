@@ -165,18 +165,12 @@ class SearchFlights:
 
     def rows(self) -> FlightRows:
         """Return all flights so far."""
-        names = self.space.columns
-        samples = np.concatenate([block.samples for block in self.blocks])
-        outcome = tuple(code for block in self.blocks for code in block.outcome)
-        values = np.concatenate([block.values for block in self.blocks])
-        return FlightRows(
-            controller=self.plan.controller,
-            first=0,
-            names=names,
-            samples=samples,
-            outcome=outcome,
-            values=values,
-            columns=self.columns,
+        return replace(
+            self.blocks[0],
+            samples=np.concatenate([block.samples for block in self.blocks]),
+            outcome=tuple(code for block in self.blocks for code in block.outcome),
+            values=np.concatenate([block.values for block in self.blocks]),
+            reasons=(),
         )
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
@@ -207,7 +201,7 @@ class SearchFlights:
         return None
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
-        names, count = self.space.columns, len(self.plan.metrics)
+        count = len(self.plan.metrics)
         flown = simulate(
             self.campaign,
             self.controller,
@@ -216,17 +210,14 @@ class SearchFlights:
             self.executor.fly_parallel,
             margins=self.margins,
         )
-        outcome = self.campaign.outcomes.of(flown.outcome)
-        values = np.column_stack(
-            [flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]]
-        )
+        metrics, margins = np.split(flown.metrics, [count], axis=1)
         return FlightRows(
             controller=self.plan.controller,
             first=first,
-            names=names,
+            names=self.space.columns,
             samples=samples,
-            outcome=outcome,
-            values=values,
+            outcome=self.campaign.outcomes.of(flown.outcome),
+            values=np.column_stack([metrics, flown.end_time, margins]),
             columns=self.columns,
             reasons=flown.reason_texts,
         )

@@ -6,7 +6,8 @@ linear analysis.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from functools import partial
+from itertools import compress, product
 from math import prod
 from typing import Any
 
@@ -104,22 +105,9 @@ class WorstFound:
         return -1.0 if self.criterion.bad == "low" and self.criterion.limits is None else 1.0
 
     @property
-    def side(self) -> str:
-        """Adjective for the direction of the search, such as 'largest'."""
-        if self.criterion.limits is not None:
-            return "most extreme"
-        return {"high": "largest", "low": "smallest", "size": "largest absolute"}[
-            self.criterion.bad
-        ]
-
-    @property
     def at_bounds(self) -> list[str]:
         """Parameters that are at a bound of their range in the worst flight."""
-        return [
-            name
-            for name, is_at_bound in zip(self.names, self.case.at_bounds, strict=True)
-            if is_at_bound
-        ]
+        return list(compress(self.names, self.case.at_bounds))
 
     def numbers(self) -> dict[str, Any]:
         """Return the result as JSON values in SI units."""
@@ -153,11 +141,7 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
     There are as many random flights as search flights. Raise InputError for an invalid request.
     """
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    metric = find_metric(
-        campaign,
-        request.metric,
-        lambda problem, expected: InputError("--metric", problem, expected),
-    )
+    metric = find_metric(campaign, request.metric, partial(InputError, "--metric"))
     criterion = Criterion(
         metric.name, request.bad or metric.bad, None if request.bad else metric.band
     )

@@ -32,13 +32,11 @@ _RIDGE = 1e-3  # regularization relative to a column's unit variance
 
 def rank_p_values(pool: Floats) -> Floats:
     """Return the two-sided p-value of each rank [flight, column] within its column."""
-    flights, ordered = len(pool), np.sort(pool, axis=0)
-    p_values = np.empty(pool.shape)
-    for column, values in enumerate(pool.T):
-        at_most = np.searchsorted(ordered[:, column], values, "right")
-        at_least = flights - np.searchsorted(ordered[:, column], values, "left")
-        p_values[:, column] = 2.0 * np.minimum(at_most, at_least) / flights
-    return np.minimum(p_values, 1.0)
+    from scipy.stats import rankdata
+
+    at_most = rankdata(pool, "max", axis=0)
+    at_least = len(pool) + 1 - rankdata(pool, "min", axis=0)
+    return np.asarray(np.minimum(2.0 * np.minimum(at_most, at_least) / len(pool), 1.0))
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class SetTest:
     together: float  # p-value of the whole set
 
 
-def judge_set(pool: Floats, scores: Floats | None = None) -> SetTest:
+def judge_set(pool: Floats, scores: Floats | float = 0.0) -> SetTest:
     """Compare the last set of `pool` [set, flight, column] with all other, simulated sets.
 
     Flight k of each set has the same conditions. Missing values (NaN) count as medians. `scores`
@@ -74,9 +72,11 @@ def judge_set(pool: Floats, scores: Floats | None = None) -> SetTest:
     flat = np.nan_to_num(np.round((pool - middle) / spread, 6)).reshape(-1, columns)
     normal = ndtri((rankdata(flat, axis=0) - 0.5) / len(flat)).reshape(pool.shape)
     p_values = rank_p_values(flat)
-    deviations = [-p_values.min(axis=1), _distances(normal.reshape(-1, columns))]
-    if scores is not None:
-        deviations.append(scores.ravel())
+    distances, added = (
+        _distances(normal.reshape(-1, columns)),
+        np.broadcast_to(scores, pool.shape[:2]),
+    )
+    deviations = [-p_values.min(axis=1), distances, added.ravel()]
     least = np.min([_shares(values) for values in deviations], axis=0).reshape(sets, flights)
     first = least.min(axis=1)
     own = normal - normal.mean(axis=1, keepdims=True) * (flights > 2)

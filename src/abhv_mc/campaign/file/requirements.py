@@ -49,20 +49,27 @@ def read_requirements(document: Document) -> Document:
 
     Raise InputErrors if the table is invalid.
     """
-    data = document.data
-    if not isinstance(data, dict) or not isinstance(data.get("requirements"), str):
+    if (path := _find_table(document, "requirements", "a list of requirements")) is None:
         return document
-    path = document.resolve(str(data["requirements"]))
-    if not path.is_file():
-        raise document.error(
-            ("requirements",),
-            f"the file '{path.name}' does not exist",
-            "an existing CSV file, or a list of requirements",
-        )
     table = _read_table(path)
     validate(table, _Table)  # Validate here, so that errors refer to locations in the table.
     tables = (*document.tables, table)
-    return replace(document, data={**data, **table.entries}, tables=tables)
+    return replace(document, data={**document.entries, **table.entries}, tables=tables)
+
+
+def _find_table(document: Document, key: str, alternative: str) -> Path | None:
+    """Return the path of the table that an entry names, or None if the entry is no path.
+
+    Raise InputError if the table does not exist.
+    """
+    data = document.data
+    if not isinstance(data, dict) or not isinstance(data.get(key), str):
+        return None
+    path = document.resolve(data[key])
+    if not path.is_file():
+        problem = f"the file '{path.name}' does not exist"
+        raise document.error((key,), problem, f"an existing CSV file, or {alternative}")
+    return path
 
 
 class _Inputs(StrictModel):
@@ -76,13 +83,9 @@ def _read_inputs(document: Document) -> Document:
     The columns are ``name`` and the keys of inputs and dispersions. Raise InputErrors if the table
     is invalid.
     """
-    data = document.data
-    if not isinstance(data, dict) or not isinstance(data.get("inputs"), str):
+    if (path := _find_table(document, "inputs", "a mapping of inputs")) is None:
         return document
-    path = document.resolve(str(data["inputs"]))
-    if not path.is_file():
-        problem = f"the file '{path.name}' does not exist"
-        raise document.error(("inputs",), problem, "an existing CSV file, or a mapping of inputs")
+    data = document.entries
     table = read_foreign_table(path, has_units=False)
     if "name" not in table.heads:
         raise table.error(

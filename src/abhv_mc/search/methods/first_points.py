@@ -103,14 +103,12 @@ def _climb_corners(
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
     """Return a corner and its neighbours with one or two signs changed, in this `order`."""
+    singles, doubles = (
+        [[i] for i in order],
+        [[i, j] for k, i in enumerate(order) for j in order[:k]],
+    )
     corners = [corner]
-    for i in order:
-        single = corner.copy()
-        single[i] = -single[i]
-        corners.append(single)
-    for k, i in enumerate(order):
-        for j in order[:k]:
-            double = corner.copy()
-            double[[i, j]] = -double[[i, j]]
-            corners.append(double)
+    for changed in (*singles, *doubles):
+        corners.append(corner.copy())
+        corners[-1][changed] *= -1.0
     return corners
