@@ -103,12 +103,9 @@ def _climb_corners(
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
     """Return a corner and its neighbours with one or two signs changed, in this `order`."""
-    singles, doubles = (
-        [[i] for i in order],
-        [[i, j] for k, i in enumerate(order) for j in order[:k]],
-    )
+    doubles = ([i, j] for k, i in enumerate(order) for j in order[:k])
     corners = [corner]
-    for changed in (*singles, *doubles):
+    for changed in (*([i] for i in order), *doubles):
         corners.append(corner.copy())
         corners[-1][changed] *= -1.0
     return corners
