@@ -25,7 +25,7 @@ from abhv_mc.external_simulators import (
     user_flights,
     working_folder,
 )
-from abhv_mc.external_simulators.process_pool import end_processes
+from abhv_mc.external_simulators.process import end_processes
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputErrors
@@ -267,8 +267,8 @@ def test_a_working_folder_holds_copies_with_their_modes(
     for name in ("dive.py", "run.sh", "data.txt"):
         assert (folder / name).stat().st_mode == (tmp_path / name).stat().st_mode
     assert (folder / "made").is_dir()
-    folder.delete()
-    assert not folder.path.exists()
+    working_folder.delete_working_folder(folder)
+    assert not folder.exists()
 
 
 def test_a_word_that_leads_out_of_the_folder_is_rejected(tmp_path: Path) -> None:

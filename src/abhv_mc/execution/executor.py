@@ -19,8 +19,13 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS, Execution
 from abhv_mc.entry_points import EXECUTORS, find_entry_points
 from abhv_mc.execution.attestation import Attestation, Check, sign
-from abhv_mc.execution.blocks import choose_batch
-from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_in_batches, fly_with_retries
+from abhv_mc.execution.retry import (
+    FlightLostError,
+    UnusableError,
+    choose_batch,
+    fly_in_batches,
+    fly_with_retries,
+)
 from abhv_mc.flights.blocks import FlightBlock, join_blocks
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Recorded

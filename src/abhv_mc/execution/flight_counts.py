@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Mask
+from abhv_mc.array_types import Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.flights.margins import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
@@ -29,10 +28,10 @@ class RequirementCount:
     requirement: Requirement
     binds: bool  # whether the requirement applies to the controller
     missed: Mask  # [flight] whether the flight violates the requirement
-    flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
+    flights: Ints  # [point] number of flights at each point of the unknowns
     # [point] number of flights that failed only by early termination
-    ended_early: NDArray[np.int64]
-    measured: NDArray[np.int64]  # [point] number of flights whose metric violates the limits
+    ended_early: Ints
+    measured: Ints  # [point] number of flights whose metric violates the limits
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by the value of the metric; NaN is a failure."""

@@ -11,13 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.execution.blocks import (
-    Block,
-    choose_batch,
-    choose_timed,
-    choose_unrecorded,
-    cut_blocks,
-)
 from abhv_mc.execution.executor import FlightRunner, connect, open_executor, work_ahead
 from abhv_mc.execution.flight_counts import (
     Completion,
@@ -29,7 +22,14 @@ from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interru
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.progress_page import ProgressPage
 from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
-from abhv_mc.execution.retry import BATCH_FLIGHTS
+from abhv_mc.execution.retry import (
+    BATCH_FLIGHTS,
+    Block,
+    choose_batch,
+    choose_timed,
+    choose_unrecorded,
+    cut_blocks,
+)
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
 from abhv_mc.execution.simulation import check_source, simulate, with_proofs
 from abhv_mc.execution.stored_flights import ESTIMATES, StoredFlights

@@ -10,9 +10,8 @@ from contextlib import closing
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.executor import work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
@@ -89,7 +88,7 @@ class StoredFlights:
         outcome = [campaign.outcomes.numbers[code] for code in rows.outcome]
         values[rows.flights] = np.column_stack([outcome, rows.values[:, :metrics]])
 
-    def choose(self, counts: FlightCounts) -> NDArray[np.intp]:
+    def choose(self, counts: FlightCounts) -> Indices:
         """Return the numbers of the flights to re-run: random failures, then the worst flights."""
         values = self._values[counts.controller]
         flights = np.flatnonzero(values[:, 0] != _LOST)

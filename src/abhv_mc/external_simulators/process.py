@@ -1,5 +1,6 @@
 """Process of a custom simulator, which exchanges JSON lines within time limits."""
 
+import atexit
 import contextlib
 import fcntl
 import json
@@ -18,8 +19,12 @@ from typing import Any
 
 from abhv_mc.custom_code.child import describe_exit
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.external_simulators.watcher import unwatch, watch
-from abhv_mc.external_simulators.working_folder import delete_working_folder, make_working_folder
+from abhv_mc.external_simulators.working_folder import (
+    delete_working_folder,
+    make_working_folder,
+    unwatch,
+    watch,
+)
 
 _AHEAD = 64  # maximum number of requests sent ahead of replies
 _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe
@@ -283,3 +288,66 @@ class Process:
         for stream in (self._process.stdin, self._process.stdout, self._errors):
             stream.close()
         delete_working_folder(self.folder)
+
+
+class StoppedError(Exception):
+    """Error raised if the campaign is stopped during a flight."""
+
+
+class ProcessPool:
+    """Thread-safe pool of simulator processes."""
+
+    def __init__(self) -> None:
+        self.idle: dict[object, list[Process]] = {}
+        self.all: set[Process] = set()
+        self.lock = threading.Lock()
+        self.closed = False
+        self.owner = os.getpid()
+
+    def take(self, plan: UserPlan) -> Process:
+        """Return an idle process or a new process for a plan."""
+        with self.lock:
+            if idle := self.idle.get(plan.process):
+                return idle.pop()
+        process = Process(plan)
+        with self.lock:
+            self.all.add(process)
+        if self.closed:
+            process.end()
+        return process
+
+    def give_back(self, plan: UserPlan, process: Process) -> None:
+        """Return an idle process to the pool for later flights."""
+        with self.lock:
+            self.idle.setdefault(plan.process, []).append(process)
+
+    def end(self, process: Process) -> None:
+        """End a process and remove it from the pool."""
+        process.end()
+        with self.lock:
+            self.all.discard(process)
+
+    def close(self) -> None:
+        """End all processes; their current flights fail."""
+        self.closed = True
+        if self.owner == os.getpid():
+            for process in list(self.all):
+                process.end()
+
+
+_pool = ProcessPool()
+
+
+def current_pool() -> ProcessPool:
+    """Return the process pool for new flights."""
+    return _pool
+
+
+def end_processes() -> None:
+    """End all idle and busy processes; later flights start new processes."""
+    global _pool
+    ended, _pool = _pool, ProcessPool()
+    ended.close()
+
+
+atexit.register(end_processes)

@@ -23,8 +23,12 @@ from abhv_mc.external_simulators.campaign_file import (
     read_table,
 )
 from abhv_mc.external_simulators.native_reads import find_native_reads
-from abhv_mc.external_simulators.process import LostFlightError, Process
-from abhv_mc.external_simulators.process_pool import current_pool, end_processes
+from abhv_mc.external_simulators.process import (
+    LostFlightError,
+    Process,
+    current_pool,
+    end_processes,
+)
 from abhv_mc.external_simulators.user_flights import fly_user_simulator, seconds_of_a_flight
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.outcomes import Outcome

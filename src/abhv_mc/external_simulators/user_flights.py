@@ -15,8 +15,13 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.external_simulators.answers import find_extremes, read_answer, sample_histories
-from abhv_mc.external_simulators.process import LostFlightError, OutOfStepError, Process
-from abhv_mc.external_simulators.process_pool import StoppedError, current_pool
+from abhv_mc.external_simulators.process import (
+    LostFlightError,
+    OutOfStepError,
+    Process,
+    StoppedError,
+    current_pool,
+)
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.blocks import FlightBlock, Recording
 from abhv_mc.flights.outcomes import Outcome

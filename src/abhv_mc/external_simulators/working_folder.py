@@ -1,16 +1,72 @@
 """Temporary working folder of a simulator process, with copies of its files."""
 
+import contextlib
 import functools
 import hashlib
 import os
 import shutil
 import stat
+import sys
 import tempfile
+import threading
 from pathlib import Path
 
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.io.input_error import InputError, is_exhausted
+
+# Program of a watcher process, which ends simulators and deletes their folders if abhv-mc is killed.
+# The program reads "+NAME" and "-NAME"; a name is a process group's ID or a folder's path.
+_PROGRAM = """
+import os, shutil, sys, time
+names = set()
+for line in sys.stdin:
+    (names.add if line[0] == "+" else names.discard)(line[1:-1])
+folders = {name for name in names if not name.isdigit()}
+for process in names - folders:
+    try:
+        os.killpg(int(process), 9)
+    except OSError:
+        pass
+for _ in range(20):
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
+    if not any(map(os.path.exists, folders)):
+        break
+    time.sleep(0.1)
+"""
+_lock = threading.Lock()
+
+
+def watch(name: int | str) -> None:
+    """Register a process group to end or a folder to delete if this process dies."""
+    _tell(f"+{name}\n")
+
+
+def unwatch(name: int | str) -> None:
+    """Undo :func:`watch` once the process has ended or the folder is deleted."""
+    _tell(f"-{name}\n")
+
+
+def _tell(line: str) -> None:
+    with _lock, contextlib.suppress(OSError):
+        os.write(_pipe(os.getpid()), os.fsencode(line))
+
+
+@functools.cache
+def _pipe(_: int) -> int:
+    """Return the pipe to this process's watcher; start the watcher on first use."""
+    theirs, ours = os.pipe()
+    ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
+    os.posix_spawn(
+        sys.executable,
+        [sys.executable, "-ISc", _PROGRAM],
+        os.environ,
+        file_actions=ends,
+        setpgroup=0,
+    )
+    os.close(theirs)
+    return ours
+
 
 _LARGEST_COPY = 1 << 24  # size in bytes above which files are linked
 _BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")

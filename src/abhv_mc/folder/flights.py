@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flights.failure_cases import ENGINE_FAILED, NO_FAILURE, failure_cases
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome, Outcomes
@@ -55,9 +54,9 @@ class Digest:
 
 def digest_rows(
     controller: str,
-    flight: NDArray[np.int64],
+    flight: Ints,
     outcome: Sequence[str],
-    columns: dict[str, NDArray[np.float64]],
+    columns: dict[str, Floats],
 ) -> Digest:
     """Return the digest of rows; ``columns`` are all samples and metrics by name."""
     names = sorted(columns)
@@ -104,7 +103,7 @@ class FlightRows:
         return self.first + len(self.outcome)
 
     @property
-    def flights(self) -> NDArray[np.int64]:
+    def flights(self) -> Ints:
         """Numbers of the flights."""
         return np.arange(self.first, self.stop)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.requirement_set import (
     RequirementChange,
@@ -44,7 +44,7 @@ class Envelope:
     """Time-history envelope of one channel of one controller over all flights."""
 
     time: Floats  # [time], s
-    count: NDArray[np.int64]  # [time] number of flights that have not ended
+    count: Ints  # [time] number of flights that have not ended
     bands: dict[str, Floats]  # [time] values by name of the band
 
     @property

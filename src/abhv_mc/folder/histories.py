@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Ints, Mask, Singles
 from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.flights import make_field, write_pieces
 from abhv_mc.io.parquet_columns import number_column, text_column
@@ -52,7 +51,7 @@ def write_histories(
     controller: str,
     flights: Sequence[int],
     times: Floats,
-    history: NDArray[np.float32],
+    history: Singles,
     *,
     channels: Sequence[str],
     metadata: dict[str, str] | None = None,
@@ -83,7 +82,7 @@ def write_histories(
 def write_nominal(
     path: Path,
     times: Floats,
-    nominal: dict[str, NDArray[np.float32]],
+    nominal: dict[str, Singles],
     recorded: Sequence[Signal],
     key: str = "",
 ) -> None:
@@ -118,7 +117,7 @@ class EnvelopeTable:
     ``most`` are the smallest and largest quantiles over all points.
     """
 
-    count: NDArray[np.int64]  # number of flights that have not ended
+    count: Ints  # number of flights that have not ended
     low: Floats
     high: Floats
     least: Floats  # [quantile, time, channel]

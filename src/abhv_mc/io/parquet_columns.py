@@ -11,6 +11,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Indices
+
 _FEW = 10_000  # maximum number of rows converted without pyarrow.compute, whose import is slow
 
 
@@ -30,7 +32,7 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
     return np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
 
 
-def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
+def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], Indices]:
     """Return the sorted distinct strings of a column, and the index of each row's string."""
     if pa.types.is_dictionary(column.type):
         encoded = column.unify_dictionaries().combine_chunks()

@@ -34,8 +34,15 @@ from abhv_mc.search.methods.surrogate import (
     SurrogateEstimate,
     estimate_by_surrogate,
 )
-from abhv_mc.search.search_flights import DrawnFlights, open_search, read_searched
-from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
+from abhv_mc.search.search_flights import (
+    FAILS_ABOVE,
+    DrawnFlights,
+    Severity,
+    ended_early,
+    open_search,
+    rank_distinct,
+    read_searched,
+)
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 

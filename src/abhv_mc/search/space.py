@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.derived_parameters import Derived
 from abhv_mc.campaign.sampling.designs import Copula, stream_key
@@ -56,7 +55,7 @@ class Space:
             if isinstance(marginal, SometimesMarginal)
         }
 
-    def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
+    def from_normal(self, points: Floats, on: Mask | None = None) -> Floats:
         """Convert standard normal points to SI values [flight, dimension].
 
         The points are transformed by the copula and the distributions. `on` [flight, switch]

@@ -28,12 +28,14 @@ from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,
+    Severity,
     binding_requirements,
+    ended_early,
     find_metric,
+    not_computed,
     open_search,
     read_searched,
 )
-from abhv_mc.search.severity import Severity, ended_early, not_computed
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 

@@ -7,8 +7,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
-from abhv_mc.campaign.file.config import Campaign, FlightCount, MetricName, Name
-from abhv_mc.campaign.file.keep import ALL, Keep, KeepEnvelopes, KeepHistories, as_list
+from abhv_mc.campaign.file.config import (
+    ALL,
+    Campaign,
+    FlightCount,
+    Keep,
+    KeepEnvelopes,
+    KeepHistories,
+    MetricName,
+    Name,
+    as_list,
+)
 from abhv_mc.campaign.file.systems import Contents
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED
 from abhv_mc.flights.margins import MARGIN_NAMES, MARGINS

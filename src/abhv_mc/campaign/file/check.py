@@ -11,9 +11,8 @@ from os import PathLike
 
 import numpy as np
 
-from abhv_mc.campaign.file.config import Campaign, Compared, select_asked
+from abhv_mc.campaign.file.config import BY_REQUIREMENTS, Campaign, Compared, select_asked
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.requirements import (
     check_requirements,
@@ -23,14 +22,15 @@ from abhv_mc.campaign.file.requirements import (
 )
 from abhv_mc.campaign.file.systems import Registered, find_simulator, systems_key
 from abhv_mc.campaign.file.unknowns import check_unknowns, match_requirements
-from abhv_mc.campaign.sampling.correlations import is_discrete, normal_correlation
 from abhv_mc.campaign.sampling.derived_parameters import Derived, compile_derived
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
     INDEPENDENT,
     Copula,
     count_flights,
+    is_discrete,
     make_copula,
+    normal_correlation,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file

@@ -9,8 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
-from abhv_mc.campaign.file.config import Compared
-from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.config import BY_REQUIREMENTS, Compared
 from abhv_mc.campaign.file.systems import find_simulator
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.derived_parameters import Derived
