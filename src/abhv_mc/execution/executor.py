@@ -127,40 +127,26 @@ def open_executor(
         )
     else:
         executor, check = _ThisProcess(engine, number), None
-    with contextlib.closing(executor):
-        fly = (
-            _make_external_fly(executor, attestation)
-            if engine.records_lost
-            else _make_fly(executor, check)
-        )
-        yield FlightRunner(fly, number)
 
-
-def _make_external_fly(executor: Executor, attestation: Attestation) -> Fly:
-    """Return the function that computes blocks of a simulator that records lost flights itself."""
-
-    def fly(plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        try:
-            block = executor.fly(plan, parameters, recorded)
-        except FlightLostError:  # The machine, not a flight, caused this error.
-            try:
-                block = executor.fly(plan, parameters, recorded)
-            except FlightLostError as error:
-                raise UnusableError(str(error)) from None
-        return attestation.check_code(block)
-
-    return fly
-
-
-def _make_fly(executor: Executor, check: Check | None) -> Fly:
     def fly(plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             block = executor.fly(plan, rows, recorded)
+            if engine.records_lost:
+                return attestation.check_code(block)
             return block if check is None else check(plan, rows, block)
 
-        return fly_with_retries(attempt, plan, parameters, recorded)
+        if not engine.records_lost:
+            return fly_with_retries(attempt, plan, parameters, recorded)
+        try:
+            return attempt(parameters, recorded)
+        except FlightLostError:  # The machine, not a flight, caused this error.
+            try:
+                return attempt(parameters, recorded)
+            except FlightLostError as error:
+                raise UnusableError(str(error)) from None
 
-    return fly
+    with contextlib.closing(executor):
+        yield FlightRunner(fly, number)
 
 
 class _ThisProcess:

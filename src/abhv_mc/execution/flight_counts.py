@@ -141,19 +141,13 @@ def judge_counts(
         for point in range(points):
             rows = slice(point, flights, points)
             failures, uncomputed = int(count.missed[rows].sum()), int(counts.uncomputed[rows].sum())
-            number = (
-                int(count.flights[point]) + uncomputed
-                if flights is None
-                else len(range(point, flights, points))
-            )
+            number = len(range(point, flights or 0, points))
+            if flights is None:
+                number = int(count.flights[point]) + uncomputed
             group.append(count.requirement.judge(failures, number, uncomputed))
         groups.append(group)
-    return [
-        (*pair, *verdict_point)
-        for pair, verdict_point in zip(
-            counted, campaign.judge(tuple(all_counts), groups), strict=True
-        )
-    ]
+    judged = campaign.judge(tuple(all_counts), groups)
+    return [(*pair, *verdict) for pair, verdict in zip(counted, judged, strict=True)]
 
 
 def judge_requirements(
@@ -164,10 +158,6 @@ def judge_requirements(
     for counts, count, verdict, point in judge_counts(all_counts, campaign):
         requirement = count.requirement
         entry = RequirementVerdict(
-            id=requirement.traced.get("id"),
-            text=requirement.traced.get("text"),
-            source=requirement.traced.get("source"),
-            rationale=requirement.traced.get("rationale"),
             above=requirement.limits.low,
             below=requirement.limits.high,
             metric=requirement.metric,
@@ -183,6 +173,7 @@ def judge_requirements(
             verdict=verdict.status,
             set_later=verdict.set_later,
             words=verdict_words(verdict, campaign.can_rerun),
+            **requirement.traced,
         )
         judged[count.binds].append(entry)
     return replace(

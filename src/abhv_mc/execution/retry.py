@@ -9,7 +9,6 @@ like ``law_failed``.
 """
 
 import math
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flights.blocks import FlightBlock, join_blocks, make_failed_block, make_recording
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.phrases import counted, notify
 
 if TYPE_CHECKING:
     from abhv_mc.interfaces import Fly, Recorded
@@ -81,11 +80,7 @@ def fly_with_retries(
                 f"none of {counted(len(parameters), 'flight')} could be computed ({reasons[-1]})"
             )
         for reason in reasons:
-            print(
-                f"controller '{plan.controller}': a flight could not be computed: {reason}",
-                file=sys.stderr,
-                flush=True,
-            )
+            notify(f"controller '{plan.controller}': a flight could not be computed: {reason}")
     return block
 
 
@@ -103,12 +98,10 @@ def _fly(
     except FlightLostError as error:
         if sizes is _PIECES and str(error) not in _reported:
             _reported.add(str(error))
-            print(
+            notify(
                 f"controller '{plan.controller}': a block of "
                 f"{counted(len(parameters), 'flight')} was lost ({error}) and is computed again "
-                "in smaller blocks",
-                file=sys.stderr,
-                flush=True,
+                "in smaller blocks"
             )
         if not sizes:
             reasons.append(str(error))

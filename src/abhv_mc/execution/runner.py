@@ -55,7 +55,7 @@ from abhv_mc.folder.manifest import (
 from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine, Fly, Plan
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.phrases import grouped_digits, notify
 from abhv_mc.requests import Request
 
 _SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest
@@ -312,11 +312,7 @@ class _Run:
             self._count(rows, digest)
             self._note_events(block, flown)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
-                print(
-                    f"flight {flight} of controller '{block.controller}' failed to run",
-                    file=sys.stderr,
-                    flush=True,
-                )
+                notify(f"flight {flight} of controller '{block.controller}' failed to run")
 
     def _count(self, rows: FlightRows, digest: Digest) -> None:
         self.completion.add(rows, digest)

@@ -6,8 +6,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.campaign.file.experiment import Experiment, check_user_code
@@ -41,12 +39,12 @@ from abhv_mc.folder.requirement_sets import (
     count_known_flights,
     mark_later_choices,
 )
-from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
+from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.phrases import counted, notify, quoted
 from abhv_mc.requests import Request
 
 
@@ -208,11 +206,9 @@ def _resume(
         _check_drawn(folder, requested)
     if limits:
         manifest = add_requirement_set(folder, manifest, before.data, merged.data)
-        print(
+        notify(
             f"requirements changed after {counted(count_known_flights(manifest), 'flight')}: "
-            f"{'; '.join(limits)}; stored flights are judged, not run again",
-            file=sys.stderr,
-            flush=True,
+            f"{'; '.join(limits)}; stored flights are judged, not run again"
         )
     if changed:
         grown = replace(flown, manifest=manifest)
@@ -337,14 +333,10 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
 
 def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
     """Raise InputError if this version of the program would draw different samples."""
-    source, flown = campaign.make_samples(), SampleReader(folder.samples)
-    for first in range(0, flown.flights, ROW_GROUP):
-        group = first, min(first + ROW_GROUP, flown.flights)
-        if not np.array_equal(flown.rows(*group), source.draw(*group)):
-            problem = "this version of the program draws different samples"
-            raise InputError(
-                folder.samples, problem, "the library versions listed in the manifest, or --fresh"
-            )
+    if not SampleReader(folder.samples).agrees(campaign.make_samples().draw):
+        problem = "this version of the program draws different samples"
+        expected = "the library versions listed in the manifest, or --fresh"
+        raise InputError(folder.samples, problem, expected)
 
 
 def make_manifest(

@@ -23,7 +23,7 @@ from abhv_mc.folder.flights import END_TIME, Digest, FlightRows, flights_schema,
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
+from abhv_mc.folder.manifest import RUNNING, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.requirement_sets import mark_later_choices, replace_requirements
 from abhv_mc.folder.samples import SampleReader, write_samples
@@ -77,10 +77,12 @@ def import_tables(
             manifest = make_manifest(campaign, inputs, {}, (*table.warnings, *reasons))
             manifest = replace(manifest, files=files.listed())
             write_manifest(folder.manifest, manifest)
-        if manifest.complete and not _has_flights(manifest, blocks):
+        digests = (block.digest() for block in blocks)
+        if manifest.complete and manifest.digest != str(sum(digests, Digest())):
             problem = "the folder contains the flights of another table"
             raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
-        if not (manifest.complete and _is_undamaged(folder, files)):
+        stored = [path for path in files.paths() if path.parent == folder.flights]
+        if not manifest.complete or any(map(files.damage, stored)):
             _write_blocks(folder, files, campaign, blocks, name)
             manifest = replace(manifest, state=RUNNING)
         opened = OpenCampaign(folder, campaign, manifest, campaign.controllers, files)
@@ -108,17 +110,6 @@ def _check_same(flown: FlownFolder, inputs: FolderInputs, samples: Floats) -> No
     if changes:
         problem = "the folder contains another campaign:\n  " + "\n  ".join(changes)
         raise InputError(flown.folder.root, problem, "another folder (-o DIR), or --fresh")
-
-
-def _has_flights(manifest: Manifest, blocks: list[FlightRows]) -> bool:
-    """Return whether a complete folder and these flights have the same digest."""
-    return manifest.digest == str(sum((block.digest() for block in blocks), Digest()))
-
-
-def _is_undamaged(folder: CampaignFolder, files: FileHashes) -> bool:
-    """Return whether all listed files of flights are intact."""
-    paths = [path for path in files.paths() if path.parent == folder.flights]
-    return not any(files.damage(path) for path in paths)
 
 
 def _write_blocks(

@@ -9,7 +9,6 @@ import os
 import select
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -25,6 +24,7 @@ from abhv_mc.external_simulators.working_folder import (
     unwatch,
     watch,
 )
+from abhv_mc.io.phrases import notify
 
 _AHEAD = 64  # maximum number of requests sent ahead of replies
 _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe
@@ -215,7 +215,7 @@ class Process:
                 self._gather_errors()
                 message = f"still waiting for the first reply, for {left:.0f} s more at most"
                 message = ", ".join([f"{message} (start_limit)", *self._quote_last_error()])
-                print(f"simulator: {message}", file=sys.stderr, flush=True)
+                notify(f"simulator: {message}")
             # Children may keep the standard output open.
             if self._process.poll() is not None and not self._poll.poll(0):
                 raise LostFlightError(f"its process ended: {self._describe_end()}")

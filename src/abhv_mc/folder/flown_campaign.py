@@ -141,11 +141,8 @@ class FlownCampaign:
         Margins computed for only some flights are shown only in the section on stability.
         """
         faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
-        return (
-            faults
-            if self.campaign.margin_flights >= self.campaign.runs
-            else (*faults, *MARGIN_NAMES)
-        )
+        has_all = self.campaign.margin_flights >= self.campaign.runs
+        return faults if has_all else (*faults, *MARGIN_NAMES)
 
     @property
     def pairs(self) -> Sequence[tuple[str, str]]:

@@ -9,7 +9,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -34,9 +36,12 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.plan_file import read_stored_arrays
-from abhv_mc.folder.samples import ROW_GROUP, SampleReader
+from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted, joined
+
+_ONE_CAMPAIGN = "shards of one campaign"
+_ONE_QUESTION = "campaigns that differ only in their seed and number of flights"
 
 
 def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
@@ -55,25 +60,22 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
             raise InputError(
                 folder.root, f"the state of the shard is '{manifest.state}'", "a complete shard"
             )
-        require_same_entries(
-            folder,
-            manifest,
-            folders[0],
-            manifests[0],
-            ("source_hash", "inputs"),
-            expected="shards of one campaign",
-        )
-        _require_same_campaign(folder, manifest, folders[0], manifests[0])
+        require_same_entries(folder, folders[0], ("source_hash", "inputs"), _ONE_CAMPAIGN)
+        for shard in (folders[0], folder):
+            read_checked(shard, [shard.campaign])
+        first = read_folder_inputs(folders[0], manifests[0])
+        inputs = read_folder_inputs(folder, manifest)
+        if first.identity != inputs.identity:
+            changes = "; ".join(describe_changes(first, inputs, extensible=False))
+            problem = f"the campaign differs from that in {folders[0].root} ({changes})"
+            raise InputError(folder.root, problem, _ONE_CAMPAIGN)
     numbers = [manifest.shard or (1, 1) for manifest in manifests]
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
         if number[1] != count or numbers.count(number) > 1:
-            is_repeated = (
-                " is given twice"
-                if number[1] == count
-                else f" is not one of {counted(count, 'shard')}"
-            )
-            problem = f"shard {number[0]}/{number[1]}{is_repeated}"
+            is_other = f"is not one of {counted(count, 'shard')}"
+            error = "is given twice" if number[1] == count else is_other
+            problem = f"shard {number[0]}/{number[1]} {error}"
             expected = f"each of the {counted(count, 'shard')} exactly once"
             raise InputError(folder.root, problem, expected)
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
@@ -84,23 +86,7 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
             f"{'is' if len(missing) == 1 else 'are'} missing",
             "all shards",
         )
-    return [
-        folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])
-    ]
-
-
-def _require_same_campaign(
-    folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, first_manifest: Manifest
-) -> None:
-    """Raise InputError if a shard's campaign differs from the campaign of the first shard."""
-    for shard in (first, folder):
-        read_checked(shard, [shard.campaign])
-    expected = read_folder_inputs(first, first_manifest)
-    inputs = read_folder_inputs(folder, manifest)
-    if expected.identity != inputs.identity:
-        changes = "; ".join(describe_changes(expected, inputs, extensible=False))
-        problem = f"the campaign differs from that in {first.root} ({changes})"
-        raise InputError(folder.root, problem, "shards of one campaign")
+    return [folders[i] for i in np.argsort([number for number, _ in numbers])]
 
 
 def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
@@ -127,8 +113,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     """
     first, target = shards[0], CampaignFolder(out)
     manifests = [read_manifest(shard.manifest) for shard in shards]
-    digests = tuple(manifest.digest or "" for manifest in manifests)
-    if is_merged(target, digests):
+    if is_merged(target, manifests):
         return
     damaged: set[Path] = set()
     for shard, manifest in zip(shards, manifests, strict=True):
@@ -142,11 +127,8 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         manifests[0],
         shard=None,
         state=INTERRUPTED,
-        merged_from=digests,
         flown_by=flyers,
-        wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
-        repeatable=weakest(manifest.repeatable for manifest in manifests),
-        simulator_events=add_events(manifest.simulator_events for manifest in manifests),
+        **_sum_entries(manifests),
     )
     with begin_merged(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
@@ -161,33 +143,20 @@ def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: li
     require_same_plans(
         first, other, controllers, "shards run with the plans of the first shard (run --plans DIR)"
     )
-    readers = SampleReader(first.samples), SampleReader(other.samples)
-    if not _same_samples(*readers):
-        raise InputError(
-            other.root, f"the samples differ from those of {first.root}", "shards of one campaign"
-        )
-
-
-def _same_samples(a: SampleReader, b: SampleReader) -> bool:
-    pieces = [
-        (start, min(start + ROW_GROUP, a.flights)) for start in range(0, a.flights, ROW_GROUP)
-    ]
-    same = (a.names, a.flights) == (b.names, b.flights)
-    return same and all(np.array_equal(a.rows(*piece), b.rows(*piece)) for piece in pieces)
+    a, b = SampleReader(first.samples), SampleReader(other.samples)
+    if (a.names, a.flights) != (b.names, b.flights) or not a.agrees(b.rows):
+        problem = f"the samples differ from those of {first.root}"
+        raise InputError(other.root, problem, _ONE_CAMPAIGN)
 
 
 def require_same_entries(
-    folder: CampaignFolder,
-    manifest: Manifest,
-    first: CampaignFolder,
-    first_manifest: Manifest,
-    keys: Sequence[str],
-    *,
-    expected: str,
+    folder: CampaignFolder, first: CampaignFolder, keys: Sequence[str], expected: str
 ) -> None:
-    """Raise InputError if two manifests differ in an entry of ``keys``."""
+    """Raise InputError if the manifests of two folders differ in an entry of ``keys``."""
+    manifests = [read_manifest(path.manifest) for path in (folder, first)]
     for key in keys:
-        if (own := getattr(manifest, key)) != (other := getattr(first_manifest, key)):
+        own, other = (getattr(manifest, key) for manifest in manifests)
+        if own != other:
             hashes = f" ({own}, not {other})" if key == "source_hash" else ""
             problem = f"the {key.replace('_', ' ')} differs from that of {first.root}{hashes}"
             raise InputError(folder.root, problem, f"{expected}, computed by the same code")
@@ -213,7 +182,21 @@ def require_same_plans(
             raise InputError(other.root, problem, expected)
 
 
-def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
+def _digests(manifests: Sequence[Manifest]) -> tuple[str, ...]:
+    return tuple(manifest.digest or "" for manifest in manifests)
+
+
+def _sum_entries(manifests: Sequence[Manifest]) -> dict[str, Any]:
+    """Return the entries of a merged manifest that combine those of all manifests."""
+    return {
+        "merged_from": _digests(manifests),
+        "wall_time_s": sum(manifest.wall_time_s for manifest in manifests),
+        "repeatable": weakest(manifest.repeatable for manifest in manifests),
+        "simulator_events": add_events(manifest.simulator_events for manifest in manifests),
+    }
+
+
+def is_merged(target: CampaignFolder, manifests: Sequence[Manifest]) -> bool:
     """Return whether the target already contains the result of merging these campaigns.
 
     Raise InputError if the folder has other content.
@@ -221,7 +204,7 @@ def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
     if not target.manifest.exists():
         target.refuse_foreign_files(fresh=True)
         return False
-    if read_manifest(target.manifest).merged_from != digests:
+    if read_manifest(target.manifest).merged_from != _digests(manifests):
         raise InputError(target.root, "the folder is not empty", "a new or empty folder")
     return True
 
@@ -257,9 +240,6 @@ def _copy(source: Path, target: Path) -> None:
     """Copy a file with its mode, so that the copies of programs are executable."""
     shutil.copyfile(source, target)
     shutil.copymode(source, target)
-
-
-_ONE_QUESTION = "campaigns that differ only in their seed and number of flights"
 
 
 def list_seeds(manifest: Manifest) -> set[int]:
@@ -304,16 +284,8 @@ def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
 
 def _required(manifest: Manifest) -> list[tuple[object, ...]]:
     """Return the requirements of a campaign with their controllers."""
-    return [
-        (
-            verdict.asked,
-            verdict.controller,
-            verdict.probability,
-            verdict.consumer_risk,
-            verdict.producer_risk,
-        )
-        for verdict in manifest.requirements
-    ]
+    keys = attrgetter("asked", "controller", "probability", "consumer_risk", "producer_risk")
+    return [keys(verdict) for verdict in manifest.requirements]
 
 
 def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
@@ -332,22 +304,16 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
                 f"the folder contains a search or an incomplete campaign ({manifest.state})",
                 "a complete campaign",
             )
-        require_same_entries(
-            folder, manifest, folders[0], first, ("source_hash",), expected=_ONE_QUESTION
-        )
-        questions = [
-            read_folder_inputs(campaign_folder, stored).question
-            for campaign_folder, stored in ((folder, manifest), (folders[0], first))
-        ]
-        if questions[0] != questions[1]:
-            raise InputError(
-                folder.root, f"the campaign differs from that in {folders[0].root}", _ONE_QUESTION
-            )
+        require_same_entries(folder, folders[0], ("source_hash",), _ONE_QUESTION)
+        inputs = read_folder_inputs(folder, manifest)
+        if inputs.question != read_folder_inputs(folders[0], first).question:
+            problem = f"the campaign differs from that in {folders[0].root}"
+            raise InputError(folder.root, problem, _ONE_QUESTION)
         if repeated := seeds & list_seeds(manifest):
             problem = f"the flights of seed {min(repeated)} would be counted twice"
             raise InputError(folder.root, problem, "each seed only once")
         seeds |= list_seeds(manifest)
-        sampling = read_folder_inputs(folder, manifest).data.get("sampling", INDEPENDENT)
+        sampling = inputs.data.get("sampling", INDEPENDENT)
         if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
             raise InputError(
                 folder.root, "the sampling design is not random", "independent samples"
@@ -366,8 +332,7 @@ def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
     """
     target = CampaignFolder(out)
     manifests = [read_manifest(folder.manifest) for folder in folders]
-    digests = tuple(manifest.digest or "" for manifest in manifests)
-    if is_merged(target, digests):
+    if is_merged(target, manifests):
         return
     sampled = [SampleReader(folder.samples).flights for folder in folders]
     completed = [
@@ -407,15 +372,12 @@ def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
         merged = replace(
             manifests[0],
             state=INTERRUPTED,
-            merged_from=digests,
             pooled=tuple(pooled),
             runs_planned=starts[-1],
             campaign_hash=inputs.identity,
             flown_by=flyers,
             files=files.listed(),
             stopped_at=None,
-            wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
-            repeatable=weakest(manifest.repeatable for manifest in manifests),
-            simulator_events=add_events(manifest.simulator_events for manifest in manifests),
+            **_sum_entries(manifests),
         )
         write_manifest(target.manifest, merged)

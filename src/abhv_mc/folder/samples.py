@@ -20,6 +20,12 @@ POINT = "point"
 ROW_GROUP = 65536  # number of flights that are drawn, written and read together
 
 
+def row_groups(flights: int) -> Iterator[tuple[int, int]]:
+    """Yield the range (first, stop) of the flights of each row group."""
+    for first in range(0, flights, ROW_GROUP):
+        yield first, min(first + ROW_GROUP, flights)
+
+
 def write_samples(
     path: Path,
     names: Sequence[str],
@@ -50,8 +56,7 @@ def write_samples(
     )
 
     def make_groups() -> Iterator[pa.Table]:
-        for first in range(0, flights, ROW_GROUP):
-            stop = min(first + ROW_GROUP, flights)
+        for first, stop in row_groups(flights):
             number = np.arange(first, stop)
             columns = [
                 *([number, number % points] if points > 1 else [number]),
@@ -87,18 +92,19 @@ class SampleReader:
             first = end
         return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
 
+    def agrees(self, draw: Callable[[int, int], Floats]) -> bool:
+        """Return whether a function of the first flight and the stop returns the same rows."""
+        groups = row_groups(self.flights)
+        return all(np.array_equal(self.rows(*group), draw(*group)) for group in groups)
+
     def _read(self, group: int) -> Floats:
         with self._lock:  # Threads that start and store blocks may read different row groups.
             if group not in self._groups:
                 table = self._file.read_row_group(group)
                 columns = [column_values(table[name]) for name in self.names]
                 values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
-                self._groups = {
-                    number: group_values
-                    for number, group_values in self._groups.items()
-                    if number == group - 1
-                }
-                self._groups[group] = values
+                before = {group - 1} & self._groups.keys()
+                self._groups = {number: self._groups[number] for number in before} | {group: values}
             return self._groups[group]
 
 
@@ -118,8 +124,7 @@ def write_inputs(campaign: Experiment, path: Path) -> int:
     schema = pa.schema(fields)
 
     def batches() -> Iterator[pa.RecordBatch]:
-        for first in range(0, source.flights, ROW_GROUP):
-            stop = min(first + ROW_GROUP, source.flights)
+        for first, stop in row_groups(source.flights):
             columns = [np.arange(first, stop), *source.draw(first, stop).T]
             arrays = [
                 pa.array(column).cast(kind)

@@ -139,13 +139,9 @@ class ForeignTable:
         for text, unit in ((head, ""), split_head(head)):
             indices = [i for i, own in enumerate(self.heads) if text in (own, split_head(own)[0])]
             indices = [i for i in indices if self.heads[i] == text] or indices
-            if len(indices) > 1:
-                raise self.error(
-                    None,
-                    indices[1],
-                    f"the table has two columns '{text}'",
-                    "only one column with this heading",
-                )
+            for index in indices[1:]:
+                expected = "only one column with this heading"
+                raise self.error(None, index, f"the table has two columns '{text}'", expected)
             for index in indices:
                 own = self.heads[index]
                 # In a heading with any name, such as 'v_n', a small letter is not a unit.
@@ -486,21 +482,17 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
                 f"{counted(len(heads), 'cell')}, as in the heading",
                 number,
             )
-    body, delimiter = "\n".join(texts), separator
-    if '"' in text or separator == _BLANKS:
-        lines_with_tabs, delimiter = io.StringIO(), "\t"
-        writer = csv.writer(lines_with_tabs, delimiter=delimiter, lineterminator="\n")
-        writer.writerows(split_line(line, separator) for line in texts)
-        body = lines_with_tabs.getvalue()
     names = [str(i) for i in range(len(heads))]
-    data = arrow_csv.read_csv(
-        pa.BufferReader(arrow_memory(body.encode())),
-        arrow_csv.ReadOptions(column_names=names),
-        arrow_csv.ParseOptions(
-            delimiter=delimiter, newlines_in_values='"' in text, ignore_empty_lines=False
-        ),
-        arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
-    )
+    if '"' in text or separator == _BLANKS:
+        rows = (split_line(line, separator) for line in texts)
+        data = _text_table(names, zip(*rows, strict=True))
+    else:
+        data = arrow_csv.read_csv(
+            pa.BufferReader(arrow_memory("\n".join(texts).encode())),
+            arrow_csv.ReadOptions(column_names=names),
+            arrow_csv.ParseOptions(delimiter=separator, ignore_empty_lines=False),
+            arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+        )
     return ForeignTable(
         path=path,
         heads=heads,
@@ -576,12 +568,7 @@ def _are_units(cells: Sequence[str]) -> bool:
         if cell
     ):
         return False
-    for cell in cells:
-        with contextlib.suppress(Refusal):
-            parse_unit(cell)
-            if cell not in ("", "-"):
-                return True
-    return False
+    return any(cell not in ("", "-") and _is_unit(cell) for cell in cells)
 
 
 def _find_separator(lines: Sequence[str]) -> str:

@@ -147,19 +147,15 @@ def parse_unit(text: str) -> tuple[float, Exponents]:
 def check_angle(unit: str) -> None:
     """Raise Refusal if ``unit``, the unit of a circular quantity, is not a unit of angles."""
     if parse_unit(unit)[1] != ANGLE.exponents:
-        raise Refusal(
-            f"the unit '{unit}' of a circular quantity is not an angle",
-            "the unit deg or rad",
-            ("unit",),
-        )
+        problem = f"the unit '{unit}' of a circular quantity is not an angle"
+        raise Refusal(problem, "the unit deg or rad", ("unit",))
 
 
 def dimension_of(unit: str) -> Dimension:
     """Return the dimension of a unit. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)
-    return _BY_EXPONENTS.get(exponents) or Dimension(
-        f"a quantity in {unit}", unit, f"1 {unit}", exponents
-    )
+    other = Dimension(f"a quantity in {unit}", unit, f"1 {unit}", exponents)
+    return _BY_EXPONENTS.get(exponents, other)
 
 
 def si_unit_of(unit: str) -> str:
@@ -201,10 +197,8 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
         ) from None
     if exponents != dimension.exponents:
         actual = _BY_EXPONENTS.get(exponents)
-        raise Refusal(
-            f"{describe(text)} is {actual.name if actual else 'another quantity'}",
-            dimension.expected,
-        )
+        problem = f"{describe(text)} is {actual.name if actual else 'another quantity'}"
+        raise Refusal(problem, dimension.expected)
     inverse = 1.0 / factor  # Division by 100 rounds only once; multiplication by 0.01 rounds twice.
     value = number / inverse if inverse.is_integer() else number * factor
     if not math.isfinite(value):
@@ -240,12 +234,9 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
     """
     written_unit = unit_of(value)
     if written_unit in ("", unit):
-        number = (
-            str(value).strip().removesuffix(written_unit or " ")
-            if isinstance(value, str)
-            else value
-        )
-        return parse_quantity(number, FRACTION)
+        if isinstance(value, str):
+            value = value.strip().removesuffix(written_unit)
+        return parse_quantity(value, FRACTION)
     try:
         dimension = dimension_of(unit)
     except Refusal:
@@ -267,12 +258,8 @@ def parse_plausible(
     """Convert text to a quantity in SI. Raise Refusal for invalid text and implausible values."""
     number = parse_quantity(value, dimension, bare_unit)
     if abs(number) > dimension.largest:
-        raise Refusal(
-            found_value(value),
-            f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}".removesuffix(
-                " -"
-            ),
-        )
+        expected = f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}"
+        raise Refusal(found_value(value), expected.removesuffix(" -"))
     return number
 
 

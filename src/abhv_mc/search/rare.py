@@ -1,6 +1,5 @@
 """Probability that a flight violates a requirement (``abhv-mc rare``)."""
 
-import sys
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +14,7 @@ from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.io.phrases import counted, grouped_digits, quoted
+from abhv_mc.io.phrases import counted, grouped_digits, notify, quoted
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.evaluation import LANES, make_generator
 from abhv_mc.search.methods.rare import (
@@ -199,12 +198,10 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             off = np.zeros((_PILOT, len(switches)), dtype=np.bool_)
             noise = noise_share((evaluate(points, off), evaluate(points, off)))
             if noise > _UNLIKELY:
-                print(
+                notify(
                     f"warning: {100.0 * noise:.0f} % of the variance of the severity ranks is "
                     f"noise ({_PILOT} points were simulated with two seeds each); a probability "
-                    "below 1e-4 can hardly be estimated",
-                    file=sys.stderr,
-                    flush=True,
+                    "below 1e-4 can hardly be estimated"
                 )
         target_cov = float(request.target_cov)
         estimate: RareEstimate

@@ -6,7 +6,6 @@ simulated. `abhv-mc replay`, `query` and `verify campaign` also read the folder 
 """
 
 import contextlib
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -54,6 +53,7 @@ from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Simulator
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.io.phrases import notify
 from abhv_mc.requests import Paths, SearchRequest
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
@@ -388,7 +388,7 @@ def open_search(
             ready = make_ready(campaign, {name: plan})
             first = fly_first(ready, request.workers, {})
             for warning in first.warnings:
-                print(f"warning: {warning}", file=sys.stderr, flush=True)
+                notify(f"warning: {warning}")
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = Manifest(
                 name=campaign.model.name,
