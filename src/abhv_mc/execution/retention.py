@@ -19,10 +19,9 @@ from abhv_mc.execution.simulation import simulate
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import read_worst
-from abhv_mc.folder.hashes import FileHashes
+from abhv_mc.folder.hashes import KEY, FileHashes, Product
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.products import KEY, Product
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 

@@ -41,6 +41,7 @@ from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
 from abhv_mc.folder.flights import Digest, FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
+from abhv_mc.folder.hashes import KEY, Products
 from abhv_mc.folder.histories import write_envelopes
 from abhv_mc.folder.layout import append_log, write_text
 from abhv_mc.folder.manifest import (
@@ -52,7 +53,6 @@ from abhv_mc.folder.manifest import (
     note_flyers,
     write_manifest,
 )
-from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine, Fly, Plan
 from abhv_mc.io.phrases import grouped_digits, notify

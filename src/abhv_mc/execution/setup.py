@@ -19,7 +19,7 @@ from abhv_mc.execution.executor import find_isolation
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.simulation import check_source, make_ready
 from abhv_mc.execution.unknown_points import select_points, with_points
-from abhv_mc.folder.hashes import FileHashes, read_checked
+from abhv_mc.folder.hashes import KEY, FileHashes, Products, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import (
     FolderInputs,
@@ -31,9 +31,13 @@ from abhv_mc.folder.inputs import (
 )
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
-from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
-from abhv_mc.folder.plan_file import find_stored_plans
-from abhv_mc.folder.products import KEY, Products
+from abhv_mc.folder.opening import (
+    FlownFolder,
+    begin_folder,
+    find_stored_plans,
+    grow_folder,
+    open_folder,
+)
 from abhv_mc.folder.requirement_sets import (
     add_requirement_set,
     count_known_flights,

@@ -10,7 +10,7 @@ from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest
-from abhv_mc.folder.plan_file import find_stored_plans
+from abhv_mc.folder.opening import find_stored_plans
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly, Plan, Recorded, Simulator
 from abhv_mc.io.documents import InputError, one_of

@@ -35,7 +35,7 @@ from abhv_mc.folder.manifest import (
     shift_flyers,
     write_manifest,
 )
-from abhv_mc.folder.plan_file import read_stored_arrays
+from abhv_mc.folder.opening import read_stored_arrays
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted, joined

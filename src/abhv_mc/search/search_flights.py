@@ -46,8 +46,7 @@ from abhv_mc.folder.manifest import (
     Manifest,
     write_manifest,
 )
-from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
-from abhv_mc.folder.plan_file import find_stored_plans
+from abhv_mc.folder.opening import FlownFolder, begin_folder, find_stored_plans, open_folder
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Simulator

@@ -128,7 +128,7 @@ def _check_felt(plan: "FlightPlan", parameters: "Floats", names: Iterable[str]) 
     """
     import numpy as np
 
-    from abhv_mc.execution.dispersion_probes import differs
+    from abhv_mc.execution.first_flights import differs
     from abhv_mc_vehicle.flight.fly import fly
     from abhv_mc_vehicle.flight.vehicle_parameters import vehicle_parameters
     from abhv_mc_vehicle.kernel.plant.parameter_names import NEVER
