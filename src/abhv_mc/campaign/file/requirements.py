@@ -26,7 +26,7 @@ from abhv_mc.io.documents import (
     one_of,
     validate,
 )
-from abhv_mc.io.foreign_table import read_foreign_table
+from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table
 
 _COLUMNS = tuple(RequirementEntry.model_fields)
 _NUMBERS = ("below", "above", "probability", "consumer_risk", "producer_risk")
@@ -91,12 +91,10 @@ def _read_inputs(document: Document) -> Document:
         raise table.error(
             None, 0, "the column 'name' is missing", "a column with the names of the inputs"
         )
-    columns = [table.words(i) for i in range(len(table.heads))]
     entries: dict[str, dict[str, dict[str, Any]]] = {"inputs": {}, "dispersions": {}}
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for row, line in enumerate(table.lines):
-        cells = {head: cells[row] for head, cells in zip(table.heads, columns, strict=True)}
-        values = {head: _number(cell) for head, cell in cells.items() if cell}
+    for row, line, cells in _list_cells(table):
+        values = {head: _number(cell) for head, cell in cells.items()}
         name = str(values.pop("name", ""))
         if not name or name in entries["inputs"]:
             raise InputError(
@@ -117,6 +115,13 @@ def _read_inputs(document: Document) -> Document:
     return replace(document, data={**data, **entries}, tables=(*document.tables, rows))
 
 
+def _list_cells(table: ForeignTable) -> Iterator[tuple[int, int, dict[str, str]]]:
+    """Yield the index, line and cells by heading of each row, without empty cells."""
+    columns = [table.words(i) for i in range(len(table.heads))]
+    for row, (line, *cells) in enumerate(zip(table.lines, *columns, strict=True)):
+        yield row, line, {head: cell for head, cell in zip(table.heads, cells, strict=True) if cell}
+
+
 def _number(cell: str) -> Any:
     with contextlib.suppress(ValueError):
         return float(cell)
@@ -130,18 +135,14 @@ def _read_table(path: Path) -> Document:
             raise table.error(None, column, f"unknown column '{head}'", one_of(_COLUMNS, head))
     if "metric" not in table.heads:
         raise table.error(None, 0, "the column 'metric' is missing", one_of(_COLUMNS))
-    columns = [table.words(i) for i in range(len(table.heads))]
     entries: list[Any] = []
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for row, line in enumerate(table.lines):
-        entry: dict[str, Any] = {}
+    for row, line, cells in _list_cells(table):
         location = ("requirements", row)
         locations[location] = (line, 1)
-        for column, (head, cells) in enumerate(zip(table.heads, columns, strict=True)):
-            if cells[row]:
-                entry[head] = _value(head, cells[row])
-                locations[(*location, head)] = table.position(row, column)
-        entries.append(entry)
+        for head in cells:
+            locations[(*location, head)] = table.position(row, table.heads.index(head))
+        entries.append({head: _value(head, cell) for head, cell in cells.items()})
     return Document(path, {"requirements": entries}, locations, locations)
 
 

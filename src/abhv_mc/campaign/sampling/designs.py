@@ -18,7 +18,7 @@ variables yield the stated rank correlations of parameters.
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -150,9 +150,28 @@ class Design:
             return _one_at_a_time_rows(flights, number, self.levels)
         if self.kind in FACTORIAL:
             return _grid_rows(flights, number, 2 if self.kind == "corners" else self.levels)
-        draw = _COLUMNS[self.kind]
-        columns = [draw(self, name, first, stop) for name in self.names]
+        columns = [self._column(name, first, stop) for name in self.names]
         return np.column_stack(columns) if columns else np.empty((stop - first, 0))
+
+    def _column(self, name: str, first: int, stop: int) -> Floats:
+        """Return the probabilities [flight] of one parameter."""
+        if self.kind == INDEPENDENT:
+            return draw_uniforms(stream_key(self.seed, name), first, stop - first)
+        from scipy.stats import qmc
+
+        if self.kind == "lhs":  # Latin hypercube (McKay, Beckman & Conover 1979)
+            rng = make_generator(self.seed, name, "latin hypercube")
+            return _open(qmc.LatinHypercube(d=1, rng=rng).random(self.flights)[first:stop, 0])
+        # The dimension of the sequence is the parameter's index in the table of parameters, and the
+        # scrambling depends on the seed and the parameter's name. The column therefore does not
+        # depend on other parameters of the campaign. Only the sampler's last dimension is used.
+        dimension = self.parameters.dispersible.index(name) + 1
+        rng = make_generator(self.seed, name, self.kind)
+        if self.kind == "sobol":  # Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998)
+            sampler: Any = qmc.Sobol(d=dimension, bits=_BITS, rng=rng)
+            return _slice(sampler, first, stop) + 0.5 ** (_BITS + 1)
+        # Halton sequence with digit permutations (Owen 2017)
+        return _open(_slice(qmc.Halton(d=dimension, rng=rng), first, stop))
 
 
 def count_flights(kind: str, parameters: int, levels: int) -> int | None:
@@ -166,52 +185,8 @@ def count_flights(kind: str, parameters: int, levels: int) -> int | None:
     return None
 
 
-def _draw_random(design: Design, name: str, first: int, stop: int) -> Floats:
-    return draw_uniforms(stream_key(design.seed, name), first, stop - first)
-
-
-def _draw_latin_hypercube(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Draw a column of a Latin hypercube (McKay, Beckman & Conover 1979)."""
-    from scipy.stats import qmc
-
-    sampler = qmc.LatinHypercube(d=1, rng=make_generator(design.seed, name, "latin hypercube"))
-    return _open(sampler.random(design.flights)[first:stop, 0])
-
-
-def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Draw a column of a Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998).
-
-    The dimension of the sequence is the parameter's index in the table of parameters, and the
-    scrambling depends on the seed and the parameter's name. The column therefore does not depend on
-    other parameters of the campaign. Only the last dimension of the sampler is used.
-    """
-    from scipy.stats import qmc
-
-    rng = make_generator(design.seed, name, "sobol")
-    return _slice(
-        lambda: qmc.Sobol(d=_dimension(design, name), bits=_BITS, rng=rng), first, stop
-    ) + 0.5 ** (_BITS + 1)
-
-
-def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Draw a column of a Halton sequence with digit permutations (Owen 2017).
-
-    The dimension of the sequence is chosen as for Sobol sequences.
-    """
-    from scipy.stats import qmc
-
-    rng = make_generator(design.seed, name, "halton")
-    return _open(_slice(lambda: qmc.Halton(d=_dimension(design, name), rng=rng), first, stop))
-
-
-def _dimension(design: Design, name: str) -> int:
-    """Return the sequence dimension assigned to a parameter, counted from 1."""
-    return design.parameters.dispersible.index(name) + 1
-
-
-def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
+def _slice(sampler: Any, first: int, stop: int) -> Floats:
     """Return the last coordinate of points ``first`` to ``stop - 1``, drawn in batches."""
-    sampler = make_sampler()
     start = first - first % _PIECE
     if start:
         sampler.fast_forward(start)
@@ -241,14 +216,6 @@ def _one_at_a_time_rows(flights: Ints, parameters: int, levels: int) -> Floats:
     which, level = np.divmod(flights[moved] - 1, levels)
     rows[np.nonzero(moved)[0], which] = level / (levels - 1)
     return rows
-
-
-_COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
-    "random": _draw_random,
-    "lhs": _draw_latin_hypercube,
-    "sobol": _draw_sobol,
-    "halton": _draw_halton,
-}
 
 
 @dataclass(frozen=True)
