@@ -38,19 +38,17 @@ def select_flights(
     """
     selected: set[int] = set()
     for item in items:
-        terms = str(item).split()
-        if isinstance(item, int):
-            selected.update(
-                {item} & set(range(flights))
-            )  # If the campaign stopped early, a selected flight may not exist.
-        elif item == "all":
-            selected.update(range(flights))
-        elif item == "failed":
-            selected.update(counts.failed)
-        elif terms[0] == "every":
-            selected.update(range(0, flights, int(terms[1])))
-        elif terms[0] == "worst":
-            selected.update(worst[: int(terms[1])])
+        match str(item).split():
+            case ["all"]:
+                selected.update(range(flights))
+            case ["failed"]:
+                selected.update(counts.failed)
+            case ["every", step]:
+                selected.update(range(0, flights, int(step)))
+            case ["worst", number]:
+                selected.update(worst[: int(number)])
+            case [flight] if flight.isdecimal() and int(flight) < flights:
+                selected.add(int(flight))  # In a campaign that stopped early, it may not exist.
     return sorted(selected - set(counts.not_computed))
 
 

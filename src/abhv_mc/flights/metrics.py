@@ -80,16 +80,15 @@ class Metric(Signal):
 
     def as_entry(self) -> dict[str, Any]:
         """Return the metric as declared in a campaign file."""
-        entry = {
-            key: getattr(self, key)
-            for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")
-        }
-        entry |= {
+        keys = ("name", "label", "unit", "doc", "bad", "group", "of", "settled")
+        return {
+            **{key: getattr(self, key) for key in keys},
             "statistic": self.statistic.word,
             "limit": self.limit if self.statistic in TAKES_LIMIT else None,
+            "share": self.limit if self.statistic == Statistic.QUANTILE else None,
+            "from": self.start,
+            "to": self.end if self.end < math.inf else None,
         }
-        entry["share"] = self.limit if self.statistic == Statistic.QUANTILE else None
-        return entry | {"from": self.start, "to": self.end if self.end < math.inf else None}
 
 
 def name_end(unit: str) -> str:
@@ -129,13 +128,9 @@ def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
 
 
 def _as_text(value: Any) -> str:
-    return (
-        value.name
-        if isinstance(value, Statistic)
-        else str(int(value))
-        if isinstance(value, bool)
-        else str(value)
-    )
+    if isinstance(value, Statistic):
+        return value.name
+    return str(int(value) if isinstance(value, bool) else value)
 
 
 def unpack_metrics(rows: NDArray[np.str_]) -> tuple[Metric, ...]:

@@ -13,6 +13,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     MixtureMarginal,
+    clip_probabilities,
     find_moments,
 )
 from abhv_mc.execution.executor import open_executor, open_threads
@@ -31,7 +32,6 @@ from abhv_mc.statistics.placement import find_offset
 TIME, VEHICLE, HISTORY, ERROR = "time", "vehicle", "history", "_error"
 _MOST_TIMES = 500  # maximum number of times at which histories are compared
 _PIECE = 64  # number of flights that are simulated in one call
-_TINY = 2.0**-53  # smallest probability
 # Dispersions that vary from flight to flight by default; all others vary between vehicles.
 _BY_FLIGHT = ("atmosphere.", "wind.", "initial.", "failure.")
 
@@ -247,11 +247,11 @@ class Programme:
             own = [i for i, name in enumerate(space.names) if name in record.inputs]
             is_drawn[k, own] = False
             shares = np.array([space.marginals[i].cdf(rows[:, k, i]) for i in own])
-            targets = ndtri(np.clip(shares, _TINY, 1.0 - _TINY)).reshape(len(own), sets).T
+            targets = ndtri(clip_probabilities(shares)).reshape(len(own), sets).T
             gain = np.linalg.solve(correlations[np.ix_(own, own)], correlations[own])
             points[:, k] += (targets - points[:, k, own]) @ gain
         for i, marginal in enumerate(space.marginals):
-            values = marginal.ppf(np.clip(ndtr(points[:, :, i]), _TINY, 1.0 - _TINY))
+            values = marginal.ppf(clip_probabilities(ndtr(points[:, :, i])))
             rows[:, :, i] = np.where(is_drawn[:, i], values, rows[:, :, i])
         flat = rows.reshape(-1, len(self.columns))
         seeded = space.complete(flat[:, :count], self.experiment.seed, 0)

@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Ints
-from abhv_mc.campaign.sampling.marginals import Marginal, find_atoms
+from abhv_mc.array_types import Floats
+from abhv_mc.campaign.sampling.marginals import Marginal, clip_probabilities, find_atoms
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.io.documents import Refusal
 from abhv_mc.io.phrases import quoted
@@ -146,10 +146,17 @@ class Design:
     def draw(self, first: int, stop: int) -> Floats:
         """Return probabilities [flight, parameter] for the flights ``first`` to ``stop - 1``."""
         flights, number = np.arange(first, stop), len(self.names)
+        levels = 2 if self.kind == "corners" else self.levels
         if self.kind == "one_at_a_time":
-            return _one_at_a_time_rows(flights, number, self.levels)
-        if self.kind in FACTORIAL:
-            return _grid_rows(flights, number, 2 if self.kind == "corners" else self.levels)
+            # One parameter at a time varies; flight 0 is nominal. Entries are shares of the range.
+            rows = np.full((len(flights), number), NOMINAL)
+            (moved,) = np.nonzero(flights)
+            which, level = np.divmod(flights[moved] - 1, levels)
+            rows[moved, which] = level / (levels - 1)
+            return rows
+        if self.kind in FACTORIAL:  # In a full factorial design, the last parameter varies fastest.
+            powers = levels ** np.arange(number - 1, -1, -1)
+            return flights[:, None] // powers % levels / (levels - 1)
         columns = [self._column(name, first, stop) for name in self.names]
         return np.column_stack(columns) if columns else np.empty((stop - first, 0))
 
@@ -161,7 +168,9 @@ class Design:
 
         if self.kind == "lhs":  # Latin hypercube (McKay, Beckman & Conover 1979)
             rng = make_generator(self.seed, name, "latin hypercube")
-            return _open(qmc.LatinHypercube(d=1, rng=rng).random(self.flights)[first:stop, 0])
+            return clip_probabilities(
+                qmc.LatinHypercube(d=1, rng=rng).random(self.flights)[first:stop, 0]
+            )
         # The dimension of the sequence is the parameter's index in the table of parameters, and the
         # scrambling depends on the seed and the parameter's name. The column therefore does not
         # depend on other parameters of the campaign. Only the sampler's last dimension is used.
@@ -171,7 +180,7 @@ class Design:
             sampler: Any = qmc.Sobol(d=dimension, bits=_BITS, rng=rng)
             return _slice(sampler, first, stop) + 0.5 ** (_BITS + 1)
         # Halton sequence with digit permutations (Owen 2017)
-        return _open(_slice(qmc.Halton(d=dimension, rng=rng), first, stop))
+        return clip_probabilities(_slice(qmc.Halton(d=dimension, rng=rng), first, stop))
 
 
 def count_flights(kind: str, parameters: int, levels: int) -> int | None:
@@ -192,30 +201,6 @@ def _slice(sampler: Any, first: int, stop: int) -> Floats:
         sampler.fast_forward(start)
     pieces = [sampler.random(_PIECE)[:, -1] for _ in range(start, stop, _PIECE)]
     return np.concatenate(pieces)[first - start : stop - start] if pieces else np.empty(0)
-
-
-def _open(values: Floats) -> Floats:
-    """Clip probabilities to (0, 1), because quantiles at 0 and 1 may be infinite."""
-    return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
-
-
-def _grid_rows(flights: Ints, parameters: int, levels: int) -> Floats:
-    """Return a full factorial design [flight, parameter]; the last parameter varies fastest.
-
-    Entries are fractions of the distribution's range.
-    """
-    powers = levels ** np.arange(parameters - 1, -1, -1)
-    digits = flights[:, None] // powers[None, :] % levels
-    return digits / (levels - 1)
-
-
-def _one_at_a_time_rows(flights: Ints, parameters: int, levels: int) -> Floats:
-    """Return rows in which one parameter at a time varies; flight 0 is nominal."""
-    rows = np.full((len(flights), parameters), NOMINAL)
-    moved = flights > 0
-    which, level = np.divmod(flights[moved] - 1, levels)
-    rows[np.nonzero(moved)[0], which] = level / (levels - 1)
-    return rows
 
 
 @dataclass(frozen=True)
@@ -249,7 +234,7 @@ class Copula:
             total = self.factor[row, 0] * normal[0]
             for k in range(1, row + 1):
                 total += self.factor[row, k] * normal[k]
-            mixed[:, column] = np.clip(ndtr(total), 2.0**-53, 1.0 - 2.0**-53)
+            mixed[:, column] = clip_probabilities(ndtr(total))
         return mixed
 
 
