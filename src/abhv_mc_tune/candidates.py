@@ -11,7 +11,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
 from abhv_mc_vehicle.control.controller_file import read_controller

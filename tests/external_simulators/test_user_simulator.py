@@ -19,7 +19,7 @@ from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.executor import make_ready, simulate
 from abhv_mc.external_simulators import (
     process,
     user_flights,

@@ -18,10 +18,15 @@ import numpy as np
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.custom_code.child import run_in_thread
-from abhv_mc.execution.executor import FlightRunner, open_executor, open_threads
+from abhv_mc.execution.executor import (
+    FlightRunner,
+    open_executor,
+    open_threads,
+    simulate,
+    with_proofs,
+)
 from abhv_mc.execution.progress import Progress
 from abhv_mc.execution.retry import time_limit
-from abhv_mc.execution.simulation import simulate, with_proofs
 from abhv_mc.execution.stored_flights import (
     ESTIMATES,
     Difference,

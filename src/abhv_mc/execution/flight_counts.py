@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.envelope_states import Collector

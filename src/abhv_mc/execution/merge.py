@@ -6,8 +6,8 @@ from pathlib import Path
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import check_user_code
 from abhv_mc.campaign.file.requirement_set import judge_by
+from abhv_mc.execution.executor import check_source
 from abhv_mc.execution.runner import RunResult, run_campaign
-from abhv_mc.execution.simulation import check_source
 from abhv_mc.folder.hashes import record_hashes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock

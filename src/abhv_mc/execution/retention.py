@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import work_ahead
+from abhv_mc.execution.executor import simulate, work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import read_worst

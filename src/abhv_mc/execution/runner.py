@@ -11,7 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.execution.executor import FlightRunner, connect, open_executor, work_ahead
+from abhv_mc.execution.executor import (
+    FlightRunner,
+    check_source,
+    connect,
+    open_executor,
+    simulate,
+    with_proofs,
+    work_ahead,
+)
 from abhv_mc.execution.flight_counts import (
     Completion,
     count_flights,
@@ -31,10 +39,9 @@ from abhv_mc.execution.retry import (
     cut_blocks,
 )
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
-from abhv_mc.execution.simulation import check_source, simulate, with_proofs
 from abhv_mc.execution.stored_flights import ESTIMATES, StoredFlights
 from abhv_mc.flights.blocks import FlightBlock
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, weakest
 from abhv_mc.folder import envelope_states

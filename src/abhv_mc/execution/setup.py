@@ -13,11 +13,9 @@ from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.requirement_set import JUDGING, find_requirement_changes
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.custom_code.child import called_beside
-from abhv_mc.custom_code.source import find_package_versions
-from abhv_mc.custom_code.trust import trust
-from abhv_mc.execution.executor import find_isolation
+from abhv_mc.custom_code.source import find_package_versions, trust
+from abhv_mc.execution.executor import check_source, find_isolation, make_ready
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
-from abhv_mc.execution.simulation import check_source, make_ready
 from abhv_mc.execution.unknown_points import select_points, with_points
 from abhv_mc.folder.hashes import KEY, FileHashes, Products, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference

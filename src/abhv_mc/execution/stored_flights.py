@@ -13,10 +13,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Indices
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import work_ahead
+from abhv_mc.execution.executor import simulate, with_proofs, work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate, with_proofs
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.repeatability import relative_difference

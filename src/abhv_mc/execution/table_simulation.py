@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import open_executor
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.executor import make_ready, open_executor, simulate
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.interfaces import Engine

@@ -11,10 +11,9 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import Unknowns, points_entry
 from abhv_mc.campaign.sampling.designs import make_generator
-from abhv_mc.execution.executor import FlightRunner, open_executor
+from abhv_mc.execution.executor import FlightRunner, make_ready, open_executor, simulate
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import make_ready, simulate
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Plan
 from abhv_mc.io.phrases import counted, notify

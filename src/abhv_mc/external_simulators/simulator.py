@@ -19,8 +19,7 @@ from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment, check_user_code
 from abhv_mc.campaign.file.systems import SYSTEMS, Registered
 from abhv_mc.custom_code.read_guard import is_regular, simulator_guard
-from abhv_mc.custom_code.source import UserSource
-from abhv_mc.custom_code.trust import check_trusted
+from abhv_mc.custom_code.source import UserSource, check_trusted
 from abhv_mc.external_simulators.campaign_file import (
     Simulator,
     SimulatorCampaign,

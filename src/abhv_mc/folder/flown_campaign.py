@@ -19,7 +19,7 @@ from abhv_mc.campaign.file.requirement_set import (
     is_campaign,
     judge_by,
 )
-from abhv_mc.flights.margins import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights, Ranking, rank_flights, read_flights
 from abhv_mc.folder.file_columns import FileColumns, read_table
 from abhv_mc.folder.flights import END_TIME

@@ -16,8 +16,7 @@ from abhv_mc.campaign.sampling.marginals import (
     clip_probabilities,
     find_moments,
 )
-from abhv_mc.execution.executor import open_executor, open_threads
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.executor import make_ready, open_executor, open_threads, simulate
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.interfaces import Engine

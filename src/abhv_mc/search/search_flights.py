@@ -19,13 +19,18 @@ from abhv_mc.array_types import Floats, Mask, Singles
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment, Requirement, check_user_code
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
-from abhv_mc.custom_code.trust import trust
-from abhv_mc.execution.executor import FlightRunner, connect, open_executor
+from abhv_mc.custom_code.source import trust
+from abhv_mc.execution.executor import (
+    FlightRunner,
+    check_source,
+    connect,
+    make_ready,
+    open_executor,
+    simulate,
+)
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import check_source, make_ready, simulate
-from abhv_mc.flights.margins import MARGIN_NAMES, MARGIN_VALUES
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import (
     END_TIME,

@@ -17,8 +17,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.flights.margins import MARGIN_NAMES
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import MARGIN_NAMES, Metric
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine, TrimMargins

@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.custom_code.source import UserSource, read_source
-from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder, read_source
 from abhv_mc.io.documents import read_document
 from abhv_mc_vehicle.control.controller_file import Controller, read_controller
 from abhv_mc_vehicle.control.law_file import USER_LAWS, UserController

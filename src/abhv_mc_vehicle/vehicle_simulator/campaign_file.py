@@ -20,8 +20,7 @@ from abhv_mc.campaign.file.config import (
 )
 from abhv_mc.campaign.file.systems import Contents
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED
-from abhv_mc.flights.margins import MARGIN_NAMES, MARGINS
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import MARGIN_NAMES, MARGINS, Metric
 from abhv_mc.flights.signals import Channel
 from abhv_mc.io.documents import (
     Document,

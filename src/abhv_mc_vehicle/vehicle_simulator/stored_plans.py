@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.custom_code.source import UserSource, read_source
-from abhv_mc.custom_code.trust import check_trusted
+from abhv_mc.custom_code.source import UserSource, check_trusted, read_source
 from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.control.controller_file import read_controller

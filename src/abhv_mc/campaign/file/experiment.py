@@ -25,8 +25,7 @@ from abhv_mc.campaign.sampling.samples import (
     samples_at_points,
     seeded_samples,
 )
-from abhv_mc.custom_code.source import UserSource
-from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import Outcomes
 from abhv_mc.flights.parameters import Parameters

@@ -10,8 +10,7 @@ from pydantic import Field, model_validator
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import Campaign, MetricName, Name
 from abhv_mc.entry_points import SIMULATORS, find_entry_points, load_entry_point
-from abhv_mc.flights.margins import MARGIN_NAMES
-from abhv_mc.flights.metrics import Bad, Metric, label_of
+from abhv_mc.flights.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.flights.signals import Signal

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.flights.margins import GAIN_MARGIN, PHASE_MARGIN
+from abhv_mc.flights.metrics import GAIN_MARGIN, PHASE_MARGIN
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.folder.merge import suggest_merge
 from abhv_mc.report.numbers.next_step import find_next_step
