@@ -99,8 +99,10 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     plans_folder = Path(request.plans) if request.plans else None
     plans = _read_plans(plans_folder, requested, inputs, request.trust_code)
     plans = plans or simulator.make_plans(requested.controllers)
-    if request.shard is None:
-        _compile_margins(requested, plans, stack)
+    engine = simulator.engine
+    if request.shard is None and engine.find_stability and not engine.is_stability_compiled():
+        # Another process compiles the code for margins, unless it is cached.
+        stack.enter_context(called_beside(engine.find_stability, requested, plans))
     first = _fly_first(requested, plans, request.workers)
     if requested.unknowns.names:
         baseline = None
@@ -151,13 +153,6 @@ def _start_workers(request: Request, campaign: Experiment) -> None:
         start_fork_server(engine.fly)
 
 
-def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
-    """Compile the code for margins in another process, unless it is cached."""
-    engine = campaign.simulator.engine
-    if engine.find_stability is not None and not engine.is_stability_compiled():
-        stack.enter_context(called_beside(engine.find_stability, campaign, plans))
-
-
 def _check_shard(request: Request, campaign: Experiment) -> None:
     """Raise InputError if the requested shard is impossible in the campaign."""
     if request.shard is None:
@@ -204,8 +199,11 @@ def _resume(
     if new and simulator.capabilities.is_repeatable:
         # Reject invalid plans before files are changed.
         _fly_first(requested, new, request.workers)
-    if longer and files.knows(folder.samples):
-        _check_drawn(folder, requested)
+    draw = requested.make_samples().draw
+    if longer and files.knows(folder.samples) and not SampleReader(folder.samples).agrees(draw):
+        problem = "this version of the program draws different samples"
+        expected = "the library versions listed in the manifest, or --fresh"
+        raise InputError(folder.samples, problem, expected)
     if limits:
         manifest = add_requirement_set(folder, manifest, before.data, merged.data)
         notify(
@@ -331,14 +329,6 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
         points=len(campaign.unknowns.points),
         table=campaign.parameters,
     )
-
-
-def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Raise InputError if this version of the program would draw different samples."""
-    if not SampleReader(folder.samples).agrees(campaign.make_samples().draw):
-        problem = "this version of the program draws different samples"
-        expected = "the library versions listed in the manifest, or --fresh"
-        raise InputError(folder.samples, problem, expected)
 
 
 def make_manifest(

@@ -205,7 +205,8 @@ class Process:
                     deadline = min(deadline, time.monotonic() + limit)
                 if left or self._read:
                     continue
-            self._bound_errors()
+            if os.fstat(self._errors.fileno()).st_size > _MOST_ERRORS:
+                self._gather_errors()
             if left <= _LOOK:
                 self.has_timed_out = True
                 self.end()
@@ -253,10 +254,6 @@ class Process:
             self._gather_errors()
         excerpt, self._excerpt = self._excerpt, b""
         return self._without_folder(excerpt.decode(errors="replace"))
-
-    def _bound_errors(self) -> None:
-        if os.fstat(self._errors.fileno()).st_size > _MOST_ERRORS:
-            self._gather_errors()
 
     def _gather_errors(self) -> None:
         """Move the beginning and end of the standard error output to the excerpt."""
