@@ -11,8 +11,9 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
@@ -131,6 +132,31 @@ class Engine:
     records_lost: bool = False
 
 
+@dataclass(frozen=True, eq=False)  # Plans are keys of caches by identity.
+class SystemPlan:
+    """Plan of a simulator without a mission: each flight has its own times."""
+
+    controller: str
+    metrics: tuple[Metric, ...]
+    inputs: tuple[str, ...]  # names of the columns of ``rows``
+    nominal: Floats  # [1, input]
+    settings: Mapping[str, Any]  # settings of the system in the campaign file
+    channels: tuple[Signal, ...] = ()
+
+    timing: ClassVar = None
+    sources: ClassVar[tuple[UserSource, ...]] = ()
+    must_run_in_child: ClassVar = False
+
+    @property
+    def metric_count(self) -> int:
+        """Number of metrics of a flight."""
+        return len(self.metrics)
+
+    def lost_outcome(self, hung: bool) -> Outcome:
+        """Return ``failed_to_run``."""
+        return Outcome.FAILED_TO_RUN
+
+
 class Mission(Protocol):
     """Questions that only the simulator of a vehicle on a mission answers.
 
@@ -192,6 +218,16 @@ class Simulator(ABC):
     @abstractmethod
     def fly(plan: Any, rows: Floats, recorded: Recorded = None) -> FlightBlock:
         """Compute the flights of ``rows`` [flight, input], in any process."""
+
+    def plan_of(self, name: str) -> SystemPlan:
+        """Return the plan of a system with the entries of the campaign file."""
+        experiment = self.experiment
+        inputs = tuple(record.name for record in experiment.parameters.records)
+        nominal = np.array([experiment.parameters.nominal_of(inputs)])
+        settings = experiment.model.systems[name]
+        return SystemPlan(
+            name, experiment.measured, inputs, nominal, settings, channels=self.channels
+        )
 
     @cached_property
     def engine(self) -> Engine:
