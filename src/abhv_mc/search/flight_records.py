@@ -106,7 +106,7 @@ def read_records(
         if is_history:
             table.numbers([columns[TIME].position])  # Times must be finite.
             NumberTable(table, columns, values).check_rising(TIME, "s")
-        for i, rows in enumerate([values] if is_history else values[:, np.newaxis]):
+        for i, rows in enumerate([values] if is_history else values[:, None]):
             own = dict(zip(columns, rows.T, strict=True))
             inputs = {
                 name: (float(np.nanmean(own[name])), float(np.nanmax(own.get(name + ERROR, 0.0))))
@@ -178,7 +178,7 @@ class Programme:
         self.nominal = experiment.parameters.nominal_of(self.columns)
         simulator = experiment.simulator
         plans = simulator.make_plans([controller])
-        fitted = simulator.fit_plans(plans, self.columns, self.nominal[np.newaxis])
+        fitted = simulator.fit_plans(plans, self.columns, self.nominal[None])
         self.ready = make_ready(self.experiment, fitted)
 
     @cached_property
@@ -274,7 +274,7 @@ class Programme:
             def compute(rows: Floats) -> Floats:
                 block = simulate(self.ready, self.controller, rows, every, executor.fly)
                 if every is None:
-                    return block.metrics[:, np.newaxis, index]
+                    return block.metrics[:, None, index]
                 sampled = np.empty((len(rows), self.times.size, len(index)))
                 for k, history in enumerate(block.history):
                     for i, name in enumerate(self.names):
@@ -325,7 +325,7 @@ class Programme:
             for span in (0.1, 0.02, 0.0):
                 test = sample(record.values, self.names, self.times, periods, record.offset)
                 for i, name in enumerate(self.names):
-                    pool = np.vstack([sets[:, :, i], test[np.newaxis, :, i]])
+                    pool = np.vstack([sets[:, :, i], test[None, :, i]])
                     pool = align_flights(pool, periods.get(name, 0.0), len(sets))
                     sets[:, :, i], test[:, i] = pool[:-1], pool[-1]
                 if not np.isfinite(test + sets).any():

@@ -110,7 +110,7 @@ def place_flights(
     count = np.isfinite(simulated).sum(axis=(0, 1, 2))
     tests = programme.align(simulated)
     spread = np.isfinite(simulated).sum(axis=(0, 1, 2)) < count
-    pool = np.concatenate([simulated, tests[np.newaxis]])
+    pool = np.concatenate([simulated, tests[None]])
     pool[:, ~np.isfinite(tests)] = np.nan  # Simulated flights have the gaps of the test flights.
     bands: list[Band] = []
     scores, labels, values = np.zeros(pool.shape[:2]), list(names), pool[:, :, 0]
@@ -190,7 +190,7 @@ def summarize(histories: Floats) -> Floats:
             np.fmax.reduce(histories, axis=1),
             np.fmin.reduce(histories, axis=1),
             mean,
-            np.take_along_axis(histories, last[:, np.newaxis], axis=1)[:, 0],
+            np.take_along_axis(histories, last[:, None], axis=1)[:, 0],
         ]
     )
 

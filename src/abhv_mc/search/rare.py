@@ -195,7 +195,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         if is_noisy:
             generator = make_generator(search.seed, _PLACE)
             points = generator.standard_normal((_PILOT, len(space.names)))
-            off = np.zeros((_PILOT, len(switches)), dtype=np.bool_)
+            off = np.zeros((_PILOT, len(switches)), dtype=bool)
             noise = noise_share((evaluate(points, off), evaluate(points, off)))
             if noise > _UNLIKELY:
                 notify(
@@ -210,7 +210,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             # With one thread, a resumed search gives bit-identical results.
             with one_blas_thread():
                 estimate = estimate_by_surrogate(
-                    lambda points: evaluate(points, np.zeros((len(points), 0), np.bool_)),
+                    lambda points: evaluate(points, np.zeros((len(points), 0), bool)),
                     plan,
                     target_cov,
                     flights,

@@ -73,7 +73,7 @@ def estimate(
     best = dict.fromkeys(np.unique(vehicles).tolist(), np.inf)
     damping, solutions = dict.fromkeys(best, _DAMPING), {}
     while True:
-        outputs = simulate(points[:, np.newaxis] + offsets)
+        outputs = simulate(points[:, None] + offsets)
         simulations += len(offsets)
         residuals = data - outputs[:, 0]
         noise = sigma.copy()
@@ -83,7 +83,7 @@ def estimate(
         noise = np.maximum(noise, np.finfo(float).tiny)
         slopes = (outputs[:, 1 : columns + 1] - outputs[:, columns + 1 :]) / (2.0 * _STEP * noise)
         residuals = residuals / noise
-        slopes = np.where(np.isfinite(residuals)[:, np.newaxis] & np.isfinite(slopes), slopes, 0.0)
+        slopes = np.where(np.isfinite(residuals)[:, None] & np.isfinite(slopes), slopes, 0.0)
         if simulations == len(offsets):
             inseparable = list(_separate(slopes, listed))
         change, freedom = 0.0, int(np.isfinite(residuals).sum())

@@ -92,7 +92,7 @@ def judge_set(pool: Floats, scores: Floats | float = 0.0) -> SetTest:
     joint = shares.min(axis=0) + shares.sum(axis=0) / (1e3 * sets)  # The sum separates ties.
     return SetTest(
         columns=p_values[-flights:],
-        flights=np.mean(first <= least[-1][:, np.newaxis] + 1e-12, axis=1),
+        flights=np.mean(first <= least[-1][:, None] + 1e-12, axis=1),
         together=float(np.mean(joint <= joint[-1] + 1e-12)),
     )
 
@@ -197,7 +197,7 @@ class _Quantiles:
         return deviation
 
     def _order(self, place: Indices) -> Floats:
-        place = np.minimum(place, len(self.values) - 1)[np.newaxis]
+        place = np.minimum(place, len(self.values) - 1)[None]
         return np.asarray(np.take_along_axis(self.ordered, place, axis=0)[0], dtype=np.float64)
 
 
@@ -218,7 +218,7 @@ def find_offset(simulated: Floats, record: Floats, span: float, modes: int) -> t
     middle = np.nansum(simulated, axis=0) / count
     spread = np.sqrt(np.nansum((simulated - middle) ** 2, axis=0) / count)
     spread = np.maximum(spread, 0.05 * spread.max(axis=0) + np.finfo(float).tiny)
-    flights = np.concatenate([simulated, record[np.newaxis]])
+    flights = np.concatenate([simulated, record[None]])
     deviations = np.nan_to_num((simulated - middle) / spread).reshape(len(simulated), -1)
     *_, directions = np.linalg.svd(deviations, full_matrices=False)
     directions = directions[:modes].reshape(-1, *record.shape)
