@@ -32,7 +32,7 @@ _FIRST, _LAST = 5, 25  # ticks, after the start-up of differentiators and search
 
 def count_operations(plans: dict[str, FlightPlan]) -> dict[str, dict[str, int]]:
     """Return the operations of each plan's flight, counted in a process without compiled code."""
-    from abhv_mc.folder.plan_file import write_plan
+    from abhv_mc.folder.opening import write_plan
 
     with tempfile.TemporaryDirectory() as folder:
         paths = []
@@ -104,7 +104,7 @@ def _main(paths: list[str]) -> None:
         return
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         raise SystemExit("counting needs NUMBA_DISABLE_JIT=1")
-    from abhv_mc.folder.plan_file import read_plan
+    from abhv_mc.folder.opening import read_plan
     from abhv_mc.shipped import find_input
     from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
     from abhv_mc_vehicle.vehicle_simulator.stored_plans import rebuild_plan

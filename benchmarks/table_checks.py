@@ -19,7 +19,7 @@ from abhv_mc.campaign.sampling.marginals import (
     find_moments,
     outside,
 )
-from abhv_mc.execution.table_draws import make_column
+from abhv_mc.execution.table_import import make_column
 from abhv_mc.statistics.table_checks import RISK, check_table, half_steps
 
 LAWS = {

@@ -18,8 +18,7 @@ import numpy as np
 
 from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import search_worst
-from abhv_mc.search.search_flights import open_search
-from abhv_mc.search.severity import ENDED_EARLY, Severity
+from abhv_mc.search.search_flights import ENDED_EARLY, Severity, open_search
 from abhv_mc.statistics.estimates import Criterion
 from benchmarks.document import write_json
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from tables import code, table
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import SENTENCES, Outcome
 from abhv_mc.flights.signals import Signal
 from abhv_mc.io.units import DIMENSIONS

@@ -20,10 +20,11 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.child import allow_here
 from abhv_mc.execution.attestation import sign
-from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
 from abhv_mc.execution.retry import (
+    BATCH_FLIGHTS,
     FlightLostError,
     UnusableError,
+    fly_in_batches,
     make_failed,
     time_limit,
 )

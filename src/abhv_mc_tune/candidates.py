@@ -19,10 +19,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Design
 from abhv_mc.campaign.sampling.samples import drawn_samples
-from abhv_mc.execution.executor import FlightRunner
-from abhv_mc.execution.simulation import simulate
-from abhv_mc.flights.margins import MARGIN_NAMES, MARGIN_VALUES
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.execution.executor import FlightRunner, simulate
+from abhv_mc.flights.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.interfaces import Engine

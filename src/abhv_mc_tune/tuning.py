@@ -17,8 +17,7 @@ from abhv_mc.campaign.file.config import THREADS
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.executor import connect, open_executor
 from abhv_mc.execution.progress import Progress
-from abhv_mc.flights.margins import MARGIN_NAMES
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import MARGIN_NAMES, Metric
 from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock

@@ -10,7 +10,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.feasibility import find_impossible, find_slips
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.systems import is_own
-from abhv_mc.custom_code.trust import is_in_a_folder, is_trusted
+from abhv_mc.custom_code.source import is_in_a_folder, is_trusted
 from abhv_mc.entry_points import BLOCKS, find_entry_points
 from abhv_mc.io.documents import InputError, InputErrors, read_document
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs

@@ -102,7 +102,7 @@ def test_a_block_with_an_uncomputed_flight_is_run_again(flown, tmp_path, capfd):
 def test_a_folder_of_another_format_is_rejected(flown, tmp_path, capfd):
     campaign = write_campaign(tmp_path / "f", **ENTRIES)
     path = shutil.copytree(flown.folder, tmp_path / "out") / "manifest.json"
-    path.write_text(path.read_text().replace('"format": 3,', '"format": 2,'))
+    path.write_text(path.read_text().replace('"format": 4,', '"format": 2,'))
     for read in (lambda: run(campaign, tmp_path / "out"),
                  lambda: read_checked(CampaignFolder(tmp_path / "out"))):  # fmt: skip
         with pytest.raises(InputError, match="written by another version"):

@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -23,9 +22,8 @@ from abhv_mc.execution import runner
 from abhv_mc.execution.retention import select_flights
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
-from abhv_mc.folder.layout import CampaignFolder, StorageFullError, hash_file
+from abhv_mc.folder.layout import CampaignFolder, StorageFullError
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.plant.parameters import OURS
@@ -208,15 +206,6 @@ def test_requirements_without_controllers_bind_those_under_test(campaign, tmp_pa
     assert judged(both, "a", controllers=("one",)) == ["one", "two"]
     with pytest.raises(InputError, match=r"'one'.* 'two'"):
         run(two, tmp_path / "a", controllers=("one",))
-    # A folder without the key keeps its first controller.
-    assert judged(both, "b") == ["one", "two"]
-    folder = CampaignFolder(tmp_path / "b")
-    text = re.sub(r"under_test: .*", "", folder.campaign.read_text())
-    folder.campaign.write_text(text)
-    manifest = read_manifest(folder.manifest)
-    files = {**manifest.files, "campaign.yaml": hash_file(folder.campaign)}
-    write_manifest(folder.manifest, replace(manifest, files=files))
-    assert judged(both, "b") == ["one"] and judged(two, "b") == ["two"]
 
 
 @pytest.mark.parametrize(

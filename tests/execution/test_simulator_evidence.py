@@ -14,7 +14,7 @@ from abhv_mc.cli.app import app
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
-from abhv_mc.external_simulators.process_pool import end_processes
+from abhv_mc.external_simulators.process import end_processes
 from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import run_query

@@ -9,7 +9,7 @@ import pytest
 from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.completion import Completion
+from abhv_mc.execution.flight_counts import Completion
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError

@@ -23,8 +23,7 @@ from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.execution.table_import import import_tables
 from abhv_mc.flights.outcomes import OUTCOMES
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.input_table import write_inputs
-from abhv_mc.folder.samples import SampleReader
+from abhv_mc.folder.samples import SampleReader, write_inputs
 from abhv_mc.folder.tables import export_csv
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.report.numbers.report_numbers import make_numbers

@@ -19,13 +19,13 @@ from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.executor import make_ready, simulate
 from abhv_mc.external_simulators import (
     process,
     user_flights,
     working_folder,
 )
-from abhv_mc.external_simulators.process_pool import end_processes
+from abhv_mc.external_simulators.process import end_processes
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import InputErrors
@@ -262,13 +262,13 @@ def test_a_working_folder_holds_copies_with_their_modes(
     path = dive_campaign(tmp_path, simulator={"python": "dive.py", "files": files})
     plan: Any = ready(path).systems["v1"].plan
     folder = working_folder.make_working_folder(plan)
-    assert sorted(folder.linked) == ["large.bin", "program"]
+    links = sorted(path.name for path in folder.iterdir() if path.is_symlink())
+    assert links == ["large.bin", "program"]
     for name in ("dive.py", "run.sh", "data.txt"):
-        assert not (folder.path / name).is_symlink()
-        assert (folder.path / name).stat().st_mode == (tmp_path / name).stat().st_mode
-    assert (folder.path / "made").is_dir()
-    folder.delete()
-    assert not folder.path.exists()
+        assert (folder / name).stat().st_mode == (tmp_path / name).stat().st_mode
+    assert (folder / "made").is_dir()
+    working_folder.delete_working_folder(folder)
+    assert not folder.exists()
 
 
 def test_a_word_that_leads_out_of_the_folder_is_rejected(tmp_path: Path) -> None:

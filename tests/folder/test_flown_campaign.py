@@ -50,6 +50,7 @@ def test_a_shard_is_not_read_as_a_campaign(tmp_path):
 def write_flights(path, flight, controller, outcome=None):
     table = {"flight": flight, "controller": controller, "outcome": outcome or ["ok"] * len(flight)}
     values = {
+        "reason": [""] * len(flight),
         "aero.lift": np.ones(len(flight)),
         "a_m": np.asarray(flight, float),
         "end_time_s": np.ones(len(flight)),

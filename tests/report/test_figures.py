@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from abhv_mc.flights.margins import MARGINS
+from abhv_mc.flights.metrics import MARGINS
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import template_text

@@ -27,7 +27,7 @@ def reports(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("abhv_mc.topics.registry.make_figures", lambda models: {})
         build_report(first)
-    for name, text in (("damaged", '{"format": 3,'), ("strange", '{"manifest_version": 3}')):
+    for name, text in (("damaged", '{"format": 4,'), ("strange", '{"manifest_version": 3}')):
         (root / name).mkdir()
         (root / name / "manifest.json").write_text(text, encoding="utf-8")
     assert run("compare", first, other, "-o", root / "compared").exit_code == 0

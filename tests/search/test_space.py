@@ -9,7 +9,7 @@ from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.io.documents import InputError
-from abhv_mc.search.severity import rank_distinct
+from abhv_mc.search.search_flights import rank_distinct
 from abhv_mc.search.space import make_space
 
 DISPERSIONS = """{failure.aileron.stuck_time: {distribution: uniform, low: 10 s, high: 40 s, \

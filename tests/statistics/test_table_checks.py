@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from abhv_mc.execution.table_draws import make_column
+from abhv_mc.execution.table_import import make_column
 from abhv_mc.statistics.table_checks import (
     check_table,
     distance_p_values,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.statistics.time_offsets import find_offset
+from abhv_mc.statistics.placement import find_offset
 
 TIME = np.arange(200.0)
 

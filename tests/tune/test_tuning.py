@@ -7,7 +7,7 @@ from fake_flight import LIFT, interrupted_after, write_campaign
 from search.known_flights import BLOCK, CONTROLLER, TUNED, fly_tuned, prepare_tuned, write_tuned
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError

@@ -14,10 +14,9 @@ from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import BUDGET, Shrunk, shrink
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.execution.flown_experiment import open_flown
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.executor import make_ready, open_flown, simulate
 from abhv_mc.flights.blocks import FlightBlock
-from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.flights.signals import Signal

@@ -12,8 +12,7 @@ from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import Shrunk
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import open_executor
-from abhv_mc.execution.flown_experiment import open_flown
+from abhv_mc.execution.executor import open_executor, open_flown
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.interfaces import Engine, Fly

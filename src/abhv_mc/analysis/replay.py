@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.execution.flown_experiment import open_flown
-from abhv_mc.execution.simulation import simulate
+from abhv_mc.execution.executor import open_flown, simulate
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import OUTCOMES, Outcomes
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, relative_difference

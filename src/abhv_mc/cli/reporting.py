@@ -43,7 +43,7 @@ from abhv_mc.io.input_error import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from abhv_mc.folder.status import Status
+    from abhv_mc.folder.stores import Status
     from abhv_mc.report.numbers.runs import CampaignRun
     from abhv_mc.report.numbers.whatif import Whatif
 
@@ -326,8 +326,7 @@ def runs(
     For one results folder, show its progress, running processes and current verdicts. The command
     reads only the files manifest.json and report.json.
     """
-    from abhv_mc.folder.status import read_status
-    from abhv_mc.folder.stores import open_store
+    from abhv_mc.folder.stores import open_store, read_status
     from abhv_mc.report.numbers.runs import find_runs
     from abhv_mc.report.pages.runs_page import write_runs_page
 

@@ -103,7 +103,7 @@ def finish(
     ``address`` is the path or address given by the user; ``can_rerun`` is true if the same
     command repeats flights that failed to run.
     """
-    from abhv_mc.folder.pooled_campaigns import suggest_merge
+    from abhv_mc.folder.merge import suggest_merge
 
     folder_name = str(read_address(address or "") or result.folder)
     stream = text_stream(json)

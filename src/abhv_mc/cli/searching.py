@@ -24,7 +24,7 @@ def worst(request: WorstRequest, json: Json = None) -> None:
     """
     announce_compiling()
     from abhv_mc.api import worst
-    from abhv_mc.flights.margins import MARGIN_NAMES
+    from abhv_mc.flights.metrics import MARGIN_NAMES
     from abhv_mc.report.pages.worst_page import make_worst_answer
 
     if request.metric in MARGIN_NAMES:

@@ -119,7 +119,7 @@ def samples(
 
 def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
     from abhv_mc.campaign.file.check import read_campaign
-    from abhv_mc.folder.input_table import write_inputs
+    from abhv_mc.folder.samples import write_inputs
 
     flights = write_inputs(read_campaign(campaign, runs), out)
     return f"{out}: inputs of {grouped_digits(flights)} flights"

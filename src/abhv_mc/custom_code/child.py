@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
@@ -178,20 +179,13 @@ def run_in_thread(work: Callable[[], T], limit: float | None = None) -> T:
 
     The calling thread can still be interrupted with Ctrl-C. Raise TimeoutError after ``limit`` s.
     """
-    done: list[T] = []
-    failed: list[BaseException] = []
+    future = Future[T]()
 
     def run() -> None:
         try:
-            done.append(work())
+            future.set_result(work())
         except BaseException as error:
-            failed.append(error)
+            future.set_exception(error)
 
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(limit)
-    if failed:
-        raise failed[0]
-    if not done:
-        raise TimeoutError
-    return done[0]
+    threading.Thread(target=run, daemon=True).start()
+    return future.result(limit)

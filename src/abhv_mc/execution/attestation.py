@@ -1,6 +1,5 @@
 """Signatures of processes that compute blocks of flights, and checks of their code."""
 
-import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.identity import Flyer, this_flyer
+from abhv_mc.io.phrases import notify
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Engine
@@ -86,8 +86,6 @@ class Attestation:
                     f"from those of this machine ('{name}' of one flight of controller "
                     f"'{plan.controller}')"
                 )
-        print(
-            f"worker at {flyer.name}: one flight, computed again on this machine, is bit-identical",
-            file=sys.stderr,
-            flush=True,
+        notify(
+            f"worker at {flyer.name}: one flight, computed again on this machine, is bit-identical"
         )

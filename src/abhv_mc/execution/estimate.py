@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.blocks import choose_batch
+from abhv_mc.execution.executor import make_ready, simulate
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.flight_counts import FlightCounts, make_flight_counts
 from abhv_mc.execution.retention import select_flights
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.retry import choose_batch
 from abhv_mc.folder.envelope_states import ENVELOPE_FLIGHTS
 from abhv_mc.folder.flights import END_TIME, FlightRows, flights_schema, write_block
 from abhv_mc.folder.histories import write_histories

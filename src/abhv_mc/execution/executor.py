@@ -1,29 +1,42 @@
-"""Executors of blocks: worker processes, this process, or executors from packages.
+"""Simulation of rows of inputs by executors: worker processes, this process, or packages.
 
 Worker processes are the default for many flights and for custom code, because a crash in compiled
 code ends the whole process. Threads start one second faster, but a crash then ends the campaign,
 and only exceptions are handled. The option ``--scheduler`` selects the executor of an installed
-package.
+package. The number of results that wait for the disk is limited.
 """
 
 import contextlib
 import multiprocessing
-from collections.abc import Iterator
+import threading
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import PROCESSES, THREADS, Execution
+from abhv_mc.campaign.file.experiment import Experiment, System
 from abhv_mc.entry_points import EXECUTORS, find_entry_points
 from abhv_mc.execution.attestation import Attestation, Check, sign
-from abhv_mc.execution.batches import fly_in_batches
-from abhv_mc.execution.blocks import choose_batch
-from abhv_mc.execution.retry import FlightLostError, UnusableError, fly_with_retries
+from abhv_mc.execution.retry import (
+    FlightLostError,
+    UnusableError,
+    choose_batch,
+    fly_in_batches,
+    fly_with_retries,
+)
 from abhv_mc.flights.blocks import FlightBlock, join_blocks
+from abhv_mc.folder.hashes import read_checked
+from abhv_mc.folder.inputs import read_folder_campaign
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.manifest import Manifest, read_manifest
+from abhv_mc.folder.opening import find_stored_plans
+from abhv_mc.folder.samples import SampleReader
 from abhv_mc.identity import count_cores
-from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Recorded
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Plan, Recorded, Simulator
+from abhv_mc.io.documents import InputError, one_of
 
 
 @dataclass(frozen=True)
@@ -121,40 +134,26 @@ def open_executor(
         )
     else:
         executor, check = _ThisProcess(engine, number), None
-    with contextlib.closing(executor):
-        fly = (
-            _make_external_fly(executor, attestation)
-            if engine.records_lost
-            else _make_fly(executor, check)
-        )
-        yield FlightRunner(fly, number)
 
-
-def _make_external_fly(executor: Executor, attestation: Attestation) -> Fly:
-    """Return the function that computes blocks of a simulator that records lost flights itself."""
-
-    def fly(plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
-        try:
-            block = executor.fly(plan, parameters, recorded)
-        except FlightLostError:  # The machine, not a flight, caused this error.
-            try:
-                block = executor.fly(plan, parameters, recorded)
-            except FlightLostError as error:
-                raise UnusableError(str(error)) from None
-        return attestation.check_code(block)
-
-    return fly
-
-
-def _make_fly(executor: Executor, check: Check | None) -> Fly:
     def fly(plan: Any, parameters: Floats, recorded: Recorded = None) -> FlightBlock:
         def attempt(rows: Floats, recorded: Recorded) -> FlightBlock:
             block = executor.fly(plan, rows, recorded)
+            if engine.records_lost:
+                return attestation.check_code(block)
             return block if check is None else check(plan, rows, block)
 
-        return fly_with_retries(attempt, plan, parameters, recorded)
+        if not engine.records_lost:
+            return fly_with_retries(attempt, plan, parameters, recorded)
+        try:
+            return attempt(parameters, recorded)
+        except FlightLostError:  # The machine, not a flight, caused this error.
+            try:
+                return attempt(parameters, recorded)
+            except FlightLostError as error:
+                raise UnusableError(str(error)) from None
 
-    return fly
+    with contextlib.closing(executor):
+        yield FlightRunner(fly, number)
 
 
 class _ThisProcess:
@@ -175,3 +174,121 @@ class _ThisProcess:
     def close(self) -> None:
         """End the processes started by the simulator."""
         self._engine.close()
+
+
+T = TypeVar("T")
+
+
+def work_ahead(
+    workers: int, work: Callable[..., T], calls: Iterable[tuple[Any, ...]]
+) -> Generator[T, None, None]:
+    """Yield the result of ``work`` for each of ``calls``, in order of completion.
+
+    At any time, at most two results per worker are in progress or finished but unused. Without
+    this limit, workers that are faster than the disk would fill the memory with finished blocks.
+    Closing the generator ends all waiting workers.
+    """
+    from joblib import Parallel, delayed
+
+    slots = threading.Semaphore(2 * workers)
+    closed = threading.Event()
+
+    def call(arguments: tuple[Any, ...]) -> T:
+        slots.acquire()
+        if closed.is_set():
+            slots.release()  # Without the slot, the next thread cannot end.
+            raise RuntimeError("the results are no longer needed")
+        return work(*arguments)
+
+    pool = Parallel(
+        n_jobs=workers,
+        backend="threading",
+        return_as="generator_unordered",
+        pre_dispatch="2*n_jobs",
+    )
+    results = pool(delayed(call)(arguments) for arguments in calls)
+    try:
+        for result in results:
+            yield result
+            slots.release()
+    finally:
+        closed.set()
+        slots.release()
+        with warnings.catch_warnings():
+            # An interrupt leaves unused results, about which joblib warns.
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()
+
+
+def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulator) -> None:
+    """Raise InputError if another version of the code computed the flights of a folder."""
+    flown, now = manifest.source_hash, simulator.engine.source
+    if flown != now:
+        problem = f"another version of the program computed the flights (source {flown}, now {now})"
+        raise InputError(
+            folder.root, problem, "the same version, another folder (-o DIR), or --fresh"
+        )
+
+
+def make_ready(
+    experiment: Experiment, plans: Mapping[str, Plan], margins: bool = False
+) -> Experiment:
+    """Return the experiment with ``plans`` as its systems.
+
+    With ``margins``, plans that compute margins are added if the campaign requests margins. Raise
+    InputError if margins cannot be computed.
+    """
+    mission = experiment.simulator.mission
+    margin_plans = mission.add_margins(plans) if margins and mission else {}
+    return replace(
+        experiment,
+        systems={name: System(plan, margin_plans.get(name)) for name, plan in plans.items()},
+    )
+
+
+def with_proofs(experiment: Experiment, check: int = 0) -> Experiment:
+    """Return the experiment with the plans of :meth:`Simulator.prove`."""
+    systems = {
+        name: system._replace(plan=experiment.simulator.prove(system.plan, check=check))
+        for name, system in experiment.systems.items()
+    }
+    return replace(experiment, systems=systems)
+
+
+def simulate(
+    experiment: Experiment,
+    system: str,
+    rows: Floats,
+    recording: Recorded = None,
+    executor: Fly | None = None,
+    *,
+    margins: bool = False,
+) -> FlightBlock:
+    """Simulate ``rows`` [flight, input] in SI units, with columns ``experiment.inputs``.
+
+    Parameters without a column are nominal. ``recording`` is a Recording, or the number of control
+    ticks between samples of all channels. ``executor`` runs the flights, by default in the calling
+    thread. ``margins`` adds stability margins if the experiment has plans that compute margins.
+    """
+    ready = experiment.systems[system]
+    plan = ready.with_margins or ready.plan if margins else ready.plan
+    return (executor or experiment.simulator.engine.fly)(plan, experiment.rows(rows), recording)
+
+
+def open_flown(
+    folder: CampaignFolder, controllers: Iterable[str], trusted: bool = False
+) -> Experiment:
+    """Check a results folder and return an experiment that can re-run the folder's flights.
+
+    Raise InputError for an unknown controller, a damaged file or untrusted code.
+    """
+    read_checked(folder, [folder.campaign, folder.samples, *folder.input_files()])
+    experiment = read_folder_campaign(folder)
+    flown = list(read_manifest(folder.manifest).controllers)
+    names = list(controllers)
+    for name in names:
+        if name not in flown:
+            raise InputError(folder.root, f"unknown controller '{name}'", one_of(flown, name))
+        read_checked(folder, [folder.plan(name)])
+    plans = experiment.simulator.restore_plans(find_stored_plans(folder), names, trusted)
+    return replace(make_ready(experiment, plans), columns=SampleReader(folder.samples).names)

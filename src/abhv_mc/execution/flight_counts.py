@@ -1,4 +1,4 @@
-"""Counts of outcomes and requirement failures, and the digest of the counted flights."""
+"""Counts of stored flights, outcomes and requirement failures; digest; missing flights."""
 
 from array import array
 from collections import Counter
@@ -6,15 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Mask
+from abhv_mc.array_types import Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.signals import Signal
+from abhv_mc.folder.envelope_states import Collector
 from abhv_mc.folder.flights import END_TIME, Digest, FlightRows
 from abhv_mc.folder.manifest import ControllerCount, Manifest, RequirementVerdict
+from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import Verdict, verdict_words
 
 _OK, _FAILED = Outcome.OK.code, Outcome.FAILED_TO_RUN.code
@@ -27,10 +28,10 @@ class RequirementCount:
     requirement: Requirement
     binds: bool  # whether the requirement applies to the controller
     missed: Mask  # [flight] whether the flight violates the requirement
-    flights: NDArray[np.int64]  # [point] number of flights at each point of the unknowns
+    flights: Ints  # [point] number of flights at each point of the unknowns
     # [point] number of flights that failed only by early termination
-    ended_early: NDArray[np.int64]
-    measured: NDArray[np.int64]  # [point] number of flights whose metric violates the limits
+    ended_early: Ints
+    measured: Ints  # [point] number of flights whose metric violates the limits
 
     def add(self, values: np.ndarray, early: np.ndarray, flights: np.ndarray) -> None:
         """Count flights by the value of the metric; NaN is a failure."""
@@ -140,19 +141,13 @@ def judge_counts(
         for point in range(points):
             rows = slice(point, flights, points)
             failures, uncomputed = int(count.missed[rows].sum()), int(counts.uncomputed[rows].sum())
-            number = (
-                int(count.flights[point]) + uncomputed
-                if flights is None
-                else len(range(point, flights, points))
-            )
+            number = len(range(point, flights or 0, points))
+            if flights is None:
+                number = int(count.flights[point]) + uncomputed
             group.append(count.requirement.judge(failures, number, uncomputed))
         groups.append(group)
-    return [
-        (*pair, *verdict_point)
-        for pair, verdict_point in zip(
-            counted, campaign.judge(tuple(all_counts), groups), strict=True
-        )
-    ]
+    judged = campaign.judge(tuple(all_counts), groups)
+    return [(*pair, *verdict) for pair, verdict in zip(counted, judged, strict=True)]
 
 
 def judge_requirements(
@@ -163,10 +158,6 @@ def judge_requirements(
     for counts, count, verdict, point in judge_counts(all_counts, campaign):
         requirement = count.requirement
         entry = RequirementVerdict(
-            id=requirement.traced.get("id"),
-            text=requirement.traced.get("text"),
-            source=requirement.traced.get("source"),
-            rationale=requirement.traced.get("rationale"),
             above=requirement.limits.low,
             below=requirement.limits.high,
             metric=requirement.metric,
@@ -182,8 +173,86 @@ def judge_requirements(
             verdict=verdict.status,
             set_later=verdict.set_later,
             words=verdict_words(verdict, campaign.can_rerun),
+            **requirement.traced,
         )
         judged[count.binds].append(entry)
     return replace(
         manifest, requirements=tuple(judged[True]), requirements_shown=tuple(judged[False])
     )
+
+
+_FIRST_JUDGED = 64  # number of flights before the first assessment in a campaign with 'stop'
+
+
+class Completion:
+    """Counts of the stored flights of each controller."""
+
+    def __init__(
+        self, campaign: Experiment, shard: tuple[int, int], requested: tuple[str, ...]
+    ) -> None:
+        """Initialize the counts to zero.
+
+        ``shard`` is the range of flights in the folder; ``requested`` lists the controllers to run.
+        """
+        self.campaign, self.requested = campaign, requested
+        self.first, self.stop = shard
+        self.all_counts: dict[str, FlightCounts] = make_flight_counts(campaign)
+        self.done = {name: np.zeros(campaign.runs, bool) for name in self.all_counts}
+
+    def add(self, rows: FlightRows, digest: Digest) -> None:
+        """Add the flights of a block to the counts."""
+        self.all_counts[rows.controller].add(rows, digest)
+        self.done[rows.controller][rows.first : rows.stop] = True
+
+    def goal(self) -> int:
+        """Return the number of flights to run.
+
+        A campaign that stops as soon as all verdicts are PASS or FAIL needs only the flights up to
+        this point. The numbers of flights at which verdicts are assessed depend only on the flights
+        themselves, not on workers or interruptions.
+        """
+        if self.campaign.model.stop is None:
+            return self.stop
+        points = len(self.campaign.unknowns.points)
+        gapless = int(min(np.argmin(np.append(mask, False)) for mask in self.done.values()))
+        goal = min(points * _FIRST_JUDGED, self.stop)
+        while goal <= gapless and goal < self.stop:
+            verdicts = [
+                v
+                for _, count, v, _ in judge_counts(self.all_counts, self.campaign, goal)
+                if count.binds
+            ]
+            unproven = [verdict for verdict in verdicts if verdict.status == "NOT SHOWN"]
+            if not unproven:
+                return max(goal, gapless)
+            next_pass = min(
+                points * flights_to_pass(v.failures, v.probability, v.consumer_risk)
+                for v in unproven
+            )
+            goal = min(max(next_pass, goal + goal // (10 * points) * points), 2 * goal, self.stop)
+        return goal
+
+    def is_complete(self) -> bool:
+        """Return whether all flights up to the number returned by :meth:`goal` are stored."""
+        goal = self.goal()
+        return all(mask[self.first : goal].all() for mask in self.done.values())
+
+    def find_missing(self, collectors: dict[str, Collector]) -> dict[str, tuple[Mask, Mask]]:
+        """Return masks [flight] of missing rows and envelope contributions, by controller.
+
+        Only flights up to the number returned by :meth:`goal` are considered. The result is an
+        empty dictionary if no data is missing.
+        """
+        missing = {}
+        numbers = np.arange(self.campaign.runs)
+        below = (numbers >= self.first) & (numbers < self.goal())
+        for name, done in self.done.items():
+            # Envelopes include completed flights of all controllers.
+            expected = ~done & below & (name in self.requested)
+            # Flights that were not computed do not contribute to envelopes.
+            computed = ~self.all_counts[name].uncomputed
+            uncovered = (
+                ~collectors[name].covered if name in collectors else np.zeros(len(done), bool)
+            )
+            missing[name] = expected, uncovered & (done & computed | expected)
+        return missing if any(mask.any() for masks in missing.values() for mask in masks) else {}

@@ -60,11 +60,8 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     Raise InputError, with line and column, if the tables do not match the campaign.
     """
     if len(paths) > 2:
-        raise InputError(
-            paths[2],
-            "a third table is given",
-            "one table of flights, or a table of inputs and a table of results",
-        )
+        expected = "one table of flights, or a table of inputs and a table of results"
+        raise InputError(paths[2], "a third table is given", expected)
     measured = [metric.name for metric in campaign.measured]
     inputs, *result_tables = sorted(
         (_read_rows(path, campaign) for path in paths),
@@ -77,15 +74,15 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
         if rows.table.is_cut
     ]
     model: Any = campaign.model
+    known = {*inputs.columns, *results.columns}
     for name, head in model.columns.items():
-        is_by_row = (name, head) == ("flight", _BY_ROW)
-        if not is_by_row and not any(name in rows.columns for rows in (inputs, results)):
+        if (name, head) != ("flight", _BY_ROW) and name not in known:
             expected = f"the column that 'columns' in the campaign file names for '{name}'"
             table = (inputs if name in campaign.inputs else results).table
             raise table.error(None, None, f"the table has no column '{head}'", expected)
     for name in (*campaign.marginals, *measured):
-        if not any(name in rows.columns for rows in (inputs, results)):
-            heads = (head for rows in (inputs, *result_tables) for head in rows.table.heads)
+        if name not in known:
+            heads = (*inputs.table.heads, *results.table.heads)
             expected = (
                 "a column for each dispersed input and metric, or its heading under 'columns'"
             )
@@ -204,37 +201,30 @@ def _join(
                 f"'columns: {{flight: {key or _BY_ROW}}}' to pair the rows {way}"
             )
             raise rows.table.error(None, None, "the column 'flight' is missing", expected)
+    name = inputs.table.path.name
     if "flight" not in results.columns and key is not None:
-        problem = (
-            f"the column '{key}' has other values in the same rows of '{inputs.table.path.name}'"
-        )
+        problem = f"the column '{key}' has other values in the same rows of '{name}'"
         column = results.table.heads.index(key)
         expected = (
             f"'columns: {{flight: {key}}}' in the campaign file, to pair the rows by this column"
         )
         raise results.table.error(None, column, problem, expected)
     if "flight" not in results.columns and len(inputs.frame) != len(results.frame):
-        problem = (
-            f"the table has {counted(len(results.frame), 'row')}, but "
-            f"'{inputs.table.path.name}' has {counted(len(inputs.frame), 'row')}"
-        )
-        raise InputError(
-            results.table.path,
-            problem,
-            "equal numbers of rows in both tables, to pair the rows in order",
-        )
+        own, other = (counted(len(rows.frame), "row") for rows in (results, inputs))
+        problem = f"the table has {own}, but '{name}' has {other}"
+        expected = "equal numbers of rows in both tables, to pair the rows in order"
+        raise InputError(results.table.path, problem, expected)
     _align_numbers(inputs, results, campaign, warnings)
     drawn, paired = _pair(inputs, results, campaign)
-    own = {system: paired[paired.system == system] for system in campaign.controllers}
-    without_results = [
-        drawn[~drawn.flight.isin(rows.flight)].assign(
-            system=system, outcome=_NOT_COMPUTED, **{_ROW: 0}
-        )
-        for system, rows in own.items()
-    ]
     import pandas as pd
 
-    return pd.concat([paired, *(rows for rows in without_results if len(rows))], ignore_index=True)
+    frames = [paired]
+    for system in campaign.controllers:
+        absent = drawn[~drawn.flight.isin(paired.flight[paired.system == system])]
+        if len(absent):
+            entries = {"system": system, "outcome": _NOT_COMPUTED, _ROW: 0}
+            frames.append(absent.assign(**entries))
+    return pd.concat(frames, ignore_index=True)
 
 
 def _pair(
@@ -297,10 +287,11 @@ def _find_key(inputs: _Rows, results: _Rows) -> str | None:
     """Return a heading whose integers number the rows of both tables in different orders."""
     for column, head in enumerate(inputs.table.heads):
         if head in results.table.heads:
-            own = inputs.table.words(column)
-            others = results.table.words(results.table.heads.index(head))
-            is_key = len({*own}) == len(own) and len({*others}) == len(others)
-            if is_key and own != others and all(text.isdecimal() for text in (*own, *others)):
+            both = inputs.table.words(column), results.table.words(results.table.heads.index(head))
+            is_key = all(
+                len({*texts}) == len(texts) and all(map(str.isdecimal, texts)) for texts in both
+            )
+            if is_key and both[0] != both[1]:
                 return head
     return None
 

@@ -4,16 +4,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.experiment import check_user_code
 from abhv_mc.campaign.file.requirement_set import judge_by
-from abhv_mc.campaign.file.user_code import check_user_code
+from abhv_mc.execution.executor import check_source
 from abhv_mc.execution.runner import RunResult, run_campaign
-from abhv_mc.execution.simulation import check_source
 from abhv_mc.folder.hashes import record_hashes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.merge import join_shards, order_shards, require_same_requirements
-from abhv_mc.folder.pooled_campaigns import check_poolable, pool_campaigns
+from abhv_mc.folder.merge import (
+    check_poolable,
+    join_shards,
+    order_shards,
+    pool_campaigns,
+    require_same_requirements,
+)
 from abhv_mc.folder.requirement_sets import replace_requirements
 from abhv_mc.interfaces import Engine
 from abhv_mc.requests import Request

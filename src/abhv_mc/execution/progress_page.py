@@ -7,8 +7,7 @@ from html import escape
 from pathlib import Path
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.completion import Completion
-from abhv_mc.execution.flight_counts import judge_counts
+from abhv_mc.execution.flight_counts import Completion, judge_counts
 from abhv_mc.execution.progress import Progress
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.phrases import grouped_digits

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.backpressure import work_ahead
+from abhv_mc.execution.executor import simulate, work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import read_worst
-from abhv_mc.folder.hashes import FileHashes
+from abhv_mc.folder.hashes import KEY, FileHashes, Product
 from abhv_mc.folder.histories import write_histories
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.products import KEY, Product
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 
@@ -39,19 +37,17 @@ def select_flights(
     """
     selected: set[int] = set()
     for item in items:
-        terms = str(item).split()
-        if isinstance(item, int):
-            selected.update(
-                {item} & set(range(flights))
-            )  # If the campaign stopped early, a selected flight may not exist.
-        elif item == "all":
-            selected.update(range(flights))
-        elif item == "failed":
-            selected.update(counts.failed)
-        elif terms[0] == "every":
-            selected.update(range(0, flights, int(terms[1])))
-        elif terms[0] == "worst":
-            selected.update(worst[: int(terms[1])])
+        match str(item).split():
+            case ["all"]:
+                selected.update(range(flights))
+            case ["failed"]:
+                selected.update(counts.failed)
+            case ["every", step]:
+                selected.update(range(0, flights, int(step)))
+            case ["worst", number]:
+                selected.update(worst[: int(number)])
+            case [flight] if flight.isdecimal() and int(flight) < flights:
+                selected.add(int(flight))  # In a campaign that stopped early, it may not exist.
     return sorted(selected - set(counts.not_computed))
 
 

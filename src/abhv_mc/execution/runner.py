@@ -11,34 +11,44 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.execution.backpressure import work_ahead
-from abhv_mc.execution.batches import BATCH_FLIGHTS
-from abhv_mc.execution.blocks import (
+from abhv_mc.execution.executor import (
+    FlightRunner,
+    check_source,
+    connect,
+    open_executor,
+    simulate,
+    with_proofs,
+    work_ahead,
+)
+from abhv_mc.execution.flight_counts import (
+    Completion,
+    count_flights,
+    flight_values,
+    judge_requirements,
+)
+from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
+from abhv_mc.execution.progress import Progress, Waiting
+from abhv_mc.execution.progress_page import ProgressPage
+from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
+from abhv_mc.execution.retry import (
+    BATCH_FLIGHTS,
     Block,
     choose_batch,
     choose_timed,
     choose_unrecorded,
     cut_blocks,
 )
-from abhv_mc.execution.completion import Completion
-from abhv_mc.execution.executor import FlightRunner, connect, open_executor
-from abhv_mc.execution.flight_counts import count_flights, flight_values, judge_requirements
-from abhv_mc.execution.flight_differences import ESTIMATES
-from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
-from abhv_mc.execution.progress import Progress, Waiting
-from abhv_mc.execution.progress_page import ProgressPage
-from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
-from abhv_mc.execution.simulation import check_source, simulate, with_proofs
-from abhv_mc.execution.stored_flights import StoredFlights
+from abhv_mc.execution.stored_flights import ESTIMATES, StoredFlights
 from abhv_mc.flights.blocks import FlightBlock
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, weakest
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
 from abhv_mc.folder.flights import Digest, FlightRows, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
+from abhv_mc.folder.hashes import KEY, Products
 from abhv_mc.folder.histories import write_envelopes
 from abhv_mc.folder.layout import append_log, write_text
 from abhv_mc.folder.manifest import (
@@ -50,10 +60,9 @@ from abhv_mc.folder.manifest import (
     note_flyers,
     write_manifest,
 )
-from abhv_mc.folder.products import KEY, Products
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine, Fly, Plan
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.phrases import grouped_digits, notify
 from abhv_mc.requests import Request
 
 _SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest
@@ -310,11 +319,7 @@ class _Run:
             self._count(rows, digest)
             self._note_events(block, flown)
             for flight in rows.flights[flown.outcome == Outcome.FAILED_TO_RUN]:
-                print(
-                    f"flight {flight} of controller '{block.controller}' failed to run",
-                    file=sys.stderr,
-                    flush=True,
-                )
+                notify(f"flight {flight} of controller '{block.controller}' failed to run")
 
     def _count(self, rows: FlightRows, digest: Digest) -> None:
         self.completion.add(rows, digest)

@@ -6,23 +6,18 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from abhv_mc.campaign.file.check import check_campaign, read_campaign
 from abhv_mc.campaign.file.config import PROCESSES
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, check_user_code
 from abhv_mc.campaign.file.feasibility import asked_in_vain
 from abhv_mc.campaign.file.requirement_set import JUDGING, find_requirement_changes
-from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.campaign.sampling.designs import EXTENSIBLE
 from abhv_mc.custom_code.child import called_beside
-from abhv_mc.custom_code.source import find_package_versions
-from abhv_mc.custom_code.trust import trust
-from abhv_mc.execution.executor import find_isolation
+from abhv_mc.custom_code.source import find_package_versions, trust
+from abhv_mc.execution.executor import check_source, find_isolation, make_ready
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
-from abhv_mc.execution.simulation import check_source, make_ready
 from abhv_mc.execution.unknown_points import select_points, with_points
-from abhv_mc.folder.hashes import FileHashes, read_checked
+from abhv_mc.folder.hashes import KEY, FileHashes, Products, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import (
     FolderInputs,
@@ -31,24 +26,27 @@ from abhv_mc.folder.inputs import (
     merge_inputs,
     read_folder_campaign,
     read_folder_inputs,
-    states_under_test,
 )
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
-from abhv_mc.folder.opening import FlownFolder, begin_folder, grow_folder, open_folder
-from abhv_mc.folder.plan_file import find_stored_plans
-from abhv_mc.folder.products import KEY, Products
+from abhv_mc.folder.opening import (
+    FlownFolder,
+    begin_folder,
+    find_stored_plans,
+    grow_folder,
+    open_folder,
+)
 from abhv_mc.folder.requirement_sets import (
     add_requirement_set,
     count_known_flights,
     mark_later_choices,
 )
-from abhv_mc.folder.samples import ROW_GROUP, SampleReader, write_samples
+from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.phrases import counted, notify, quoted
 from abhv_mc.requests import Request
 
 
@@ -101,8 +99,10 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     plans_folder = Path(request.plans) if request.plans else None
     plans = _read_plans(plans_folder, requested, inputs, request.trust_code)
     plans = plans or simulator.make_plans(requested.controllers)
-    if request.shard is None:
-        _compile_margins(requested, plans, stack)
+    engine = simulator.engine
+    if request.shard is None and engine.find_stability and not engine.is_stability_compiled():
+        # Another process compiles the code for margins, unless it is cached.
+        stack.enter_context(called_beside(engine.find_stability, requested, plans))
     first = _fly_first(requested, plans, request.workers)
     if requested.unknowns.names:
         baseline = None
@@ -153,13 +153,6 @@ def _start_workers(request: Request, campaign: Experiment) -> None:
         start_fork_server(engine.fly)
 
 
-def _compile_margins(campaign: Experiment, plans: Mapping[str, Plan], stack: ExitStack) -> None:
-    """Compile the code for margins in another process, unless it is cached."""
-    engine = campaign.simulator.engine
-    if engine.find_stability is not None and not engine.is_stability_compiled():
-        stack.enter_context(called_beside(engine.find_stability, campaign, plans))
-
-
 def _check_shard(request: Request, campaign: Experiment) -> None:
     """Raise InputError if the requested shard is impossible in the campaign."""
     if request.shard is None:
@@ -190,8 +183,7 @@ def _resume(
         problem = f"the values of the unknowns in this folder were selected without {quoted(added)}"
         raise InputError(folder.root, problem, "another folder (-o DIR), or --fresh")
     longer = requested.runs_at_point > before.data["runs"]
-    states_test = requested.model.under_test is not None or states_under_test(folder)
-    merged = merge_inputs(before, inputs, request.controllers is not None, states_test)
+    merged = merge_inputs(before, inputs, request.controllers is not None)
     limits = [*map(str, find_requirement_changes(before.data, merged.data))]
     is_rejudged = any(merged.data.get(key) != before.data.get(key) for key in JUDGING)
     # If a run was killed while it extended the folder, the manifest lacks the campaign file.
@@ -207,15 +199,16 @@ def _resume(
     if new and simulator.capabilities.is_repeatable:
         # Reject invalid plans before files are changed.
         _fly_first(requested, new, request.workers)
-    if longer and files.knows(folder.samples):
-        _check_drawn(folder, requested)
+    draw = requested.make_samples().draw
+    if longer and files.knows(folder.samples) and not SampleReader(folder.samples).agrees(draw):
+        problem = "this version of the program draws different samples"
+        expected = "the library versions listed in the manifest, or --fresh"
+        raise InputError(folder.samples, problem, expected)
     if limits:
         manifest = add_requirement_set(folder, manifest, before.data, merged.data)
-        print(
+        notify(
             f"requirements changed after {counted(count_known_flights(manifest), 'flight')}: "
-            f"{'; '.join(limits)}; stored flights are judged, not run again",
-            file=sys.stderr,
-            flush=True,
+            f"{'; '.join(limits)}; stored flights are judged, not run again"
         )
     if changed:
         grown = replace(flown, manifest=manifest)
@@ -336,18 +329,6 @@ def _write_samples(folder: CampaignFolder, campaign: Experiment) -> None:
         points=len(campaign.unknowns.points),
         table=campaign.parameters,
     )
-
-
-def _check_drawn(folder: CampaignFolder, campaign: Experiment) -> None:
-    """Raise InputError if this version of the program would draw different samples."""
-    source, flown = campaign.make_samples(), SampleReader(folder.samples)
-    for first in range(0, flown.flights, ROW_GROUP):
-        group = first, min(first + ROW_GROUP, flown.flights)
-        if not np.array_equal(flown.rows(*group), source.draw(*group)):
-            problem = "this version of the program draws different samples"
-            raise InputError(
-                folder.samples, problem, "the library versions listed in the manifest, or --fresh"
-            )
 
 
 def make_manifest(

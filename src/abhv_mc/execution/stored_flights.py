@@ -1,35 +1,70 @@
-"""Check of the stored flights of a custom simulator: failed and worst flights are re-run.
+"""Checks of a custom simulator: flights with the same inputs, and stored flights re-run.
 
 The first flights of a campaign reveal only the noise of a simulator. Re-running stored flights at
 the end of a run also reveals files that changed later, workers that disturbed each other, and
 flights that changed the state of their process. Each flight is re-run in a new process.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import closing
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.backpressure import work_ahead
+from abhv_mc.execution.executor import simulate, with_proofs, work_ahead
 from abhv_mc.execution.flight_counts import FlightCounts
-from abhv_mc.execution.flight_differences import (
-    Difference,
-    find_difference,
-    outcome_and_metrics,
-)
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import simulate, with_proofs
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.flights.repeatability import relative_difference
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 
+ESTIMATES = "requirements get estimates instead of verdicts"  # last clause of warnings
 # One of 20 stored flights of each system is re-run, but at least 4 and at most 20.
 _LEAST, _MOST, _SHARE = 4, 20, 20
 _LOST = float(Outcome.FAILED_TO_RUN)
+
+
+class Difference(NamedTuple):
+    """Largest relative difference between flights with the same inputs."""
+
+    size: float = 0.0
+    description: str = ""
+
+
+def find_difference(
+    campaign: Experiment, name: str, pairs: Iterable[tuple[Floats, Floats, Floats]]
+) -> Difference:
+    """Return the largest difference, which is infinite if outcomes differ.
+
+    Each of ``pairs`` contains a row of inputs, and the values of two flights of the system ``name``
+    with these inputs.
+    """
+    largest, labels = Difference(), ("outcome", *(metric.name for metric in campaign.measured))
+    for row, a, b in pairs:
+        sizes = relative_difference(a, b)
+        sizes[0] = 0.0 if a[0] == b[0] else np.inf
+        i = int(np.argmax(sizes))
+        if sizes[i] > largest.size:
+            values = f"{a[i]:.10g} and {b[i]:.10g}"
+            if i == 0:
+                values = " and ".join(campaign.outcomes.of(np.array([a[0], b[0]], np.int64)))
+            inputs = ", ".join(
+                f"{key} {value:.6g}"
+                for key, value in zip(campaign.inputs, row.tolist(), strict=True)
+            )
+            description = f"'{name}' returns {labels[i]} {values} for the same inputs ({inputs})"
+            largest = Difference(float(sizes[i]), description)
+    return largest
+
+
+def outcome_and_metrics(block: FlightBlock) -> Floats:
+    """Return the outcome and metrics of each flight [flight, value]."""
+    return np.column_stack([block.outcome.astype(np.float64), block.metrics])
 
 
 class StoredFlights:
@@ -52,7 +87,7 @@ class StoredFlights:
         outcome = [campaign.outcomes.numbers[code] for code in rows.outcome]
         values[rows.flights] = np.column_stack([outcome, rows.values[:, :metrics]])
 
-    def choose(self, counts: FlightCounts) -> NDArray[np.intp]:
+    def choose(self, counts: FlightCounts) -> Indices:
         """Return the numbers of the flights to re-run: random failures, then the worst flights."""
         values = self._values[counts.controller]
         flights = np.flatnonzero(values[:, 0] != _LOST)
@@ -73,8 +108,7 @@ class StoredFlights:
     ) -> Difference:
         """Re-run flights and return the largest difference from the stored values."""
         campaign = with_proofs(self._campaign, check=-1)
-        if (close := campaign.simulator.engine.close) is not None:
-            close()  # New processes may need the licences of idle processes.
+        campaign.simulator.engine.close()  # New processes may need the licences of idle processes.
         calls = [(name, i) for name in self._values for i in self.choose(counts[name]).tolist()]
 
         def run(name: str, i: int) -> Difference:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.execution.executor import open_executor
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.executor import make_ready, open_executor, simulate
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.interfaces import Engine
@@ -78,26 +77,15 @@ def simulate_table(
     with open_executor(simulator.engine, experiment.model.execution, None) as executor:
         blocks = [simulate(ready, name, rows, recording, executor.fly_parallel) for name in systems]
     axes = ("controller", "flight")
+    columns = [np.column_stack([block.metrics, block.end_time]).T for block in blocks]
     variables: dict[str, Any] = {
-        metric.name: (
-            axes,
-            np.stack([block.metrics[:, i] for block in blocks]),
-            {"units": metric.unit},
-        )
-        for i, metric in enumerate(experiment.measured)
+        signal.name: (axes, np.stack([values[i] for values in columns]), {"units": signal.unit})
+        for i, signal in enumerate((*experiment.measured, END_TIME))
     }
-    variables[END_TIME.name] = (
-        axes,
-        np.stack([block.end_time for block in blocks]),
-        {"units": END_TIME.unit},
-    )
     for i, name in enumerate(channels):
         history = np.stack([block.history[:, :, i] for block in blocks])
-        variables[name] = (
-            (*axes, "time"),
-            history,
-            {"units": experiment.channels[channel_index[name]].unit},
-        )
+        units = {"units": experiment.channels[channel_index[name]].unit}
+        variables[name] = (*axes, "time"), history, units
     outcomes = [experiment.outcomes.of(block.outcome) for block in blocks]
     coordinates = {"controller": list(systems), "flight": inputs.index.to_numpy()}
     if channels:

@@ -1,6 +1,5 @@
 """Selection of the values of unknown parameters at which requirements are judged."""
 
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -12,13 +11,12 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.unknowns import Unknowns, points_entry
 from abhv_mc.campaign.sampling.designs import make_generator
-from abhv_mc.execution.executor import FlightRunner, open_executor
+from abhv_mc.execution.executor import FlightRunner, make_ready, open_executor, simulate
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import make_ready, simulate
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Plan
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.phrases import counted, notify
 from abhv_mc.statistics.unknowns import (
     SEARCH_QUANTILE,
     Trial,
@@ -51,11 +49,7 @@ def select_points(
         total = len(plans) * search_flights(
             number, len(campaign.requirements), campaign.runs_at_point
         )
-        print(
-            f"searching for the worst values of the unknowns with {counted(total, 'flight')}",
-            file=sys.stderr,
-            flush=True,
-        )
+        notify(f"searching for the worst values of the unknowns with {counted(total, 'flight')}")
         with (
             open_executor(campaign.simulator.engine, campaign.model.execution, workers) as executor,
             Progress("search for the worst values of the unknowns: flights", total) as progress,

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.child import allow_here
 from abhv_mc.execution.attestation import sign
-from abhv_mc.execution.batches import BATCH_FLIGHTS, fly_in_batches
-from abhv_mc.execution.retry import PIECE, time_limit
+from abhv_mc.execution.retry import BATCH_FLIGHTS, PIECE, fly_in_batches, time_limit
 from abhv_mc.flights.blocks import FlightBlock
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.

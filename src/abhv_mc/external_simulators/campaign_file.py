@@ -13,7 +13,7 @@ from abhv_mc.custom_code.read_guard import is_regular
 from abhv_mc.io.documents import (
     CommaKeys,
     Document,
-    InputError,
+    Problems,
     Refusal,
     StrictModel,
     YesNo,
@@ -188,22 +188,18 @@ class TableCampaign(SystemsCampaign, CommaKeys):
         return self
 
 
-def read_simulator(
-    document: Document, model: SimulatorCampaign, errors: list[InputError]
-) -> Contents:
+def read_simulator(document: Document, model: SimulatorCampaign, errors: Problems) -> Contents:
     """Return the contents of a campaign file; append problems to ``errors``."""
-    try:
+    with errors.collect("simulator"):
         model.simulator.find_files(document.path.parent / model.simulator.folder)
-    except Refusal as refusal:
-        errors.append(document.error(("simulator", *refusal.keys), refusal.found, refusal.expected))
     return read_systems(document, model, errors)
 
 
-def read_table(document: Document, model: TableCampaign, errors: list[InputError]) -> Contents:
+def read_table(document: Document, model: TableCampaign, errors: Problems) -> Contents:
     """Return the contents of a campaign file; append problems to ``errors``."""
     for key in ("unknowns", "derived", "stop", "sampling", "histories"):
         if key in model.model_fields_set:
             problem = f"'{key}' does not apply to imported flights"
             expected = "a campaign with a simulator, or no such key"
-            errors.append(document.key_error((key,), problem, expected))
+            errors.add_key((key,), problem, expected)
     return replace(read_systems(document, model, errors), is_imported=True)

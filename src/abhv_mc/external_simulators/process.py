@@ -1,5 +1,6 @@
 """Process of a custom simulator, which exchanges JSON lines within time limits."""
 
+import atexit
 import contextlib
 import fcntl
 import json
@@ -8,7 +9,6 @@ import os
 import select
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -18,8 +18,13 @@ from typing import Any
 
 from abhv_mc.custom_code.child import describe_exit
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.external_simulators.watcher import unwatch, watch
-from abhv_mc.external_simulators.working_folder import make_working_folder
+from abhv_mc.external_simulators.working_folder import (
+    delete_working_folder,
+    make_working_folder,
+    unwatch,
+    watch,
+)
+from abhv_mc.io.phrases import notify
 
 _AHEAD = 64  # maximum number of requests sent ahead of replies
 _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe
@@ -54,8 +59,8 @@ class Process:
                 self.folder = make_working_folder(plan)
                 try:
                     started: Any = subprocess.Popen(  # noqa: S603  program named in the user's campaign
-                        plan.argv(self.folder.path),
-                        cwd=self.folder.path,
+                        plan.argv(self.folder),
+                        cwd=self.folder,
                         stdin=subprocess.PIPE,
                         stdout=subprocess.PIPE,
                         stderr=self._errors,
@@ -63,7 +68,7 @@ class Process:
                         start_new_session=True,  # Ctrl-C must not reach the simulator.
                     )
                 except OSError:
-                    self.folder.delete()
+                    delete_working_folder(self.folder)
                     raise
         except BaseException:
             self._errors.close()
@@ -200,7 +205,8 @@ class Process:
                     deadline = min(deadline, time.monotonic() + limit)
                 if left or self._read:
                     continue
-            self._bound_errors()
+            if os.fstat(self._errors.fileno()).st_size > _MOST_ERRORS:
+                self._gather_errors()
             if left <= _LOOK:
                 self.has_timed_out = True
                 self.end()
@@ -210,7 +216,7 @@ class Process:
                 self._gather_errors()
                 message = f"still waiting for the first reply, for {left:.0f} s more at most"
                 message = ", ".join([f"{message} (start_limit)", *self._quote_last_error()])
-                print(f"simulator: {message}", file=sys.stderr, flush=True)
+                notify(f"simulator: {message}")
             # Children may keep the standard output open.
             if self._process.poll() is not None and not self._poll.poll(0):
                 raise LostFlightError(f"its process ended: {self._describe_end()}")
@@ -240,7 +246,7 @@ class Process:
 
     def _without_folder(self, text: str) -> str:
         """Return the text with its file names made relative to the folder of the process."""
-        return text.replace(f"{self.folder.path}{os.sep}", "")
+        return text.replace(f"{self.folder}{os.sep}", "")
 
     def take_errors(self) -> str:
         """Return an excerpt of the standard error output since the last call."""
@@ -248,10 +254,6 @@ class Process:
             self._gather_errors()
         excerpt, self._excerpt = self._excerpt, b""
         return self._without_folder(excerpt.decode(errors="replace"))
-
-    def _bound_errors(self) -> None:
-        if os.fstat(self._errors.fileno()).st_size > _MOST_ERRORS:
-            self._gather_errors()
 
     def _gather_errors(self) -> None:
         """Move the beginning and end of the standard error output to the excerpt."""
@@ -282,4 +284,67 @@ class Process:
         unwatch(self._process.pid)
         for stream in (self._process.stdin, self._process.stdout, self._errors):
             stream.close()
-        self.folder.delete()
+        delete_working_folder(self.folder)
+
+
+class StoppedError(Exception):
+    """Error raised if the campaign is stopped during a flight."""
+
+
+class ProcessPool:
+    """Thread-safe pool of simulator processes."""
+
+    def __init__(self) -> None:
+        self.idle: dict[object, list[Process]] = {}
+        self.all: set[Process] = set()
+        self.lock = threading.Lock()
+        self.closed = False
+        self.owner = os.getpid()
+
+    def take(self, plan: UserPlan) -> Process:
+        """Return an idle process or a new process for a plan."""
+        with self.lock:
+            if idle := self.idle.get(plan.process):
+                return idle.pop()
+        process = Process(plan)
+        with self.lock:
+            self.all.add(process)
+        if self.closed:
+            process.end()
+        return process
+
+    def give_back(self, plan: UserPlan, process: Process) -> None:
+        """Return an idle process to the pool for later flights."""
+        with self.lock:
+            self.idle.setdefault(plan.process, []).append(process)
+
+    def end(self, process: Process) -> None:
+        """End a process and remove it from the pool."""
+        process.end()
+        with self.lock:
+            self.all.discard(process)
+
+    def close(self) -> None:
+        """End all processes; their current flights fail."""
+        self.closed = True
+        if self.owner == os.getpid():
+            for process in list(self.all):
+                process.end()
+
+
+_pool = ProcessPool()
+
+
+def current_pool() -> ProcessPool:
+    """Return the process pool for new flights."""
+    return _pool
+
+
+def end_processes() -> None:
+    """End all idle and busy processes; later flights start new processes."""
+    global _pool
+    ended, _pool = _pool, ProcessPool()
+    ended.close()
+
+
+atexit.register(end_processes)

@@ -1,7 +1,12 @@
-"""Custom simulators: Python functions, programs, and imported tables."""
+"""Custom simulators: Python functions, programs, and imported tables.
 
+Files that native code reads unnoticed by Python audit hooks are detected on Linux only.
+"""
+
+import contextlib
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -11,11 +16,10 @@ from typing import Any, NoReturn
 from abhv_mc import interfaces
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import THREADS
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, check_user_code
 from abhv_mc.campaign.file.systems import SYSTEMS, Registered
-from abhv_mc.campaign.file.user_code import check_user_code
-from abhv_mc.custom_code.source import UserSource
-from abhv_mc.custom_code.trust import check_trusted
+from abhv_mc.custom_code.read_guard import is_regular, simulator_guard
+from abhv_mc.custom_code.source import UserSource, check_trusted
 from abhv_mc.external_simulators.campaign_file import (
     Simulator,
     SimulatorCampaign,
@@ -23,15 +27,79 @@ from abhv_mc.external_simulators.campaign_file import (
     read_simulator,
     read_table,
 )
-from abhv_mc.external_simulators.native_reads import find_native_reads
-from abhv_mc.external_simulators.process import LostFlightError, Process
-from abhv_mc.external_simulators.process_pool import current_pool, end_processes
+from abhv_mc.external_simulators.process import (
+    LostFlightError,
+    Process,
+    current_pool,
+    end_processes,
+)
 from abhv_mc.external_simulators.user_flights import fly_user_simulator, seconds_of_a_flight
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Capabilities, Engine, Recorded, StoredPlans
 from abhv_mc.io.input_error import InputErrors
 from abhv_mc.io.input_files import read_input
+
+_PACKAGES = {"site-packages", "dist-packages"}
+
+
+def find_native_reads(processes: Iterable[int], plan: UserPlan, started: float) -> list[str]:
+    """Return undeclared files that ``processes`` and their descendants map or keep open.
+
+    Files created after ``started`` (s since the epoch) are omitted, because the processes probably
+    created them. For programs other than Python functions, only files in the folders of the
+    simulator and the campaign are returned, because the ownership of other files is unknown.
+    """
+    paths = set[str]()
+    for process in {member for first in processes for member in _family(first)}:
+        folder = _link(f"/proc/{process}/cwd")
+        names = (name for name, _ in plan.files)
+        guard = simulator_guard(names, plan.folder, plan.campaign_folder, folder, started)
+        for path in _open_files(process):
+            if not is_regular(path) or guard.allows(path) or _PACKAGES & set(Path(path).parts):
+                continue
+            if plan.python or path.startswith(guard.studies):
+                paths.add(path)
+    return sorted(paths)
+
+
+def _family(process: int) -> set[int]:
+    """Return the IDs of a process and its descendants."""
+    family = {process}
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{process}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                family |= _family(int(child))
+    return family
+
+
+def _open_files(process: int) -> set[str]:
+    """Return the paths of files that a process has opened for reading or mapped."""
+    paths = set[str]()
+    with contextlib.suppress(OSError):
+        lines = Path(f"/proc/{process}/maps").read_text(errors="replace").splitlines()
+        paths = {line.split(maxsplit=5)[5] for line in lines if line.count("/")}
+    with contextlib.suppress(OSError):
+        for descriptor in os.listdir(f"/proc/{process}/fd"):  # noqa: PTH208
+            if _is_read(process, descriptor):
+                paths.add(_link(f"/proc/{process}/fd/{descriptor}"))
+    return paths - {""}
+
+
+def _is_read(process: int, descriptor: str) -> bool:
+    """Return whether a file descriptor is open for reading."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        text = Path(f"/proc/{process}/fdinfo/{descriptor}").read_text()
+        flags = int(text.partition("flags:")[2].split()[0], 8)
+        return flags & (os.O_WRONLY | os.O_RDWR) != os.O_WRONLY
+    return False
+
+
+def _link(path: str) -> str:
+    with contextlib.suppress(OSError):
+        return os.readlink(path)  # noqa: PTH115
+    return ""
+
 
 _BY_ORDER = (
     "replies of the program are matched to requests in the order of arrival, unless each reply "

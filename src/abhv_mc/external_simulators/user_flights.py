@@ -4,7 +4,6 @@ Each reply must belong to its request. A silence check waits for surplus output,
 no request asked for.
 """
 
-import sys
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable
@@ -15,12 +14,18 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.external_simulators.answers import find_extremes, read_answer, sample_histories
-from abhv_mc.external_simulators.process import LostFlightError, OutOfStepError, Process
-from abhv_mc.external_simulators.process_pool import StoppedError, current_pool
+from abhv_mc.external_simulators.process import (
+    LostFlightError,
+    OutOfStepError,
+    Process,
+    StoppedError,
+    current_pool,
+)
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.blocks import FlightBlock, Recording
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.input_error import is_exhausted
+from abhv_mc.io.phrases import notify
 
 _AHEAD = 1e-3  # computing time of a flight in s below which requests are sent ahead of replies
 _SLACK = 0.02  # time in s of a silence check in addition to twice the longest reply time
@@ -327,4 +332,4 @@ def _tell(plan: UserPlan, reason: str) -> None:
     which = "a check or trial flight before the campaign" if plan.check > 0 else "a flight"
     if (message := f"'{plan.controller}': {which} could not be computed: {reason}") not in _told:
         _told.add(message)
-        print(message, file=sys.stderr, flush=True)
+        notify(message)

@@ -1,35 +1,84 @@
 """Temporary working folder of a simulator process, with copies of its files."""
 
+import contextlib
 import functools
 import hashlib
 import os
 import shutil
 import stat
+import sys
 import tempfile
+import threading
 from pathlib import Path
-from typing import NamedTuple
 
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.external_simulators.watcher import unwatch, watch
 from abhv_mc.io.input_error import InputError, is_exhausted
+
+# Program of a watcher, which ends simulators and deletes their folders if abhv-mc is killed.
+# The program reads "+NAME" and "-NAME"; a name is a process group's ID or a folder's path.
+_PROGRAM = """
+import os, shutil, sys, time
+names = set()
+for line in sys.stdin:
+    (names.add if line[0] == "+" else names.discard)(line[1:-1])
+folders = {name for name in names if not name.isdigit()}
+for process in names - folders:
+    try:
+        os.killpg(int(process), 9)
+    except OSError:
+        pass
+for _ in range(20):
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
+    if not any(map(os.path.exists, folders)):
+        break
+    time.sleep(0.1)
+"""
+_lock = threading.Lock()
+
+
+def watch(name: int | str) -> None:
+    """Register a process group to end or a folder to delete if this process dies."""
+    _tell(f"+{name}\n")
+
+
+def unwatch(name: int | str) -> None:
+    """Undo :func:`watch` once the process has ended or the folder is deleted."""
+    _tell(f"-{name}\n")
+
+
+def _tell(line: str) -> None:
+    with _lock, contextlib.suppress(OSError):
+        os.write(_pipe(os.getpid()), os.fsencode(line))
+
+
+@functools.cache
+def _pipe(_: int) -> int:
+    """Return the pipe to this process's watcher; start the watcher on first use."""
+    theirs, ours = os.pipe()
+    ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
+    os.posix_spawn(
+        sys.executable,
+        [sys.executable, "-ISc", _PROGRAM],
+        os.environ,
+        file_actions=ends,
+        setpgroup=0,
+    )
+    os.close(theirs)
+    return ours
+
 
 _LARGEST_COPY = 1 << 24  # size in bytes above which files are linked
 _BINARY = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 
-class WorkingFolder(NamedTuple):
-    """Working folder of a process."""
-
-    path: Path
-    linked: tuple[str, ...]  # declared files that are linked instead of copied
-
-    def delete(self) -> None:
-        """Delete the folder and all its content."""
-        shutil.rmtree(self.path, ignore_errors=True)
-        unwatch(str(self.path))
+def delete_working_folder(folder: Path) -> None:
+    """Delete the working folder of a process and all its content."""
+    shutil.rmtree(folder, ignore_errors=True)
+    unwatch(str(folder))
 
 
-def make_working_folder(plan: UserPlan) -> WorkingFolder:
+def make_working_folder(plan: UserPlan) -> Path:
     """Return a new folder under ``TMPDIR`` with the declared files of ``plan``.
 
     Large files and compiled programs are linked. Copies of programs would not run on a file system
@@ -41,23 +90,21 @@ def make_working_folder(plan: UserPlan) -> WorkingFolder:
         watch(str(folder))
     except OSError as error:
         raise _unusable_place(error) from None
-    linked = []
     try:
         for name, digest in plan.files:
-            if _place(Path(plan.folder, name), folder / name, digest, plan):
-                linked.append(name)
+            _place(Path(plan.folder, name), folder / name, digest, plan)
         for name in plan.folders:
             (folder / name).mkdir(parents=True, exist_ok=True)
     except BaseException as error:
-        WorkingFolder(folder, ()).delete()
+        delete_working_folder(folder)
         if isinstance(error, OSError) and not is_exhausted(error):
             raise _unusable_place(error) from None
         raise
-    return WorkingFolder(folder, tuple(linked))
+    return folder
 
 
-def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
-    """Copy or link one file, and return whether it is linked."""
+def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> None:
+    """Copy or link one file."""
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         status = source.stat()
@@ -85,7 +132,6 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> bool:
         # In folders written by older versions, programs lack the executable bit.
         is_started = plan.command and source == Path(os.path.normpath(plan.folder), plan.command[0])
         target.chmod(mode | stat.S_IXUSR if is_started else mode)
-    return is_linked
 
 
 @functools.lru_cache(maxsize=256)

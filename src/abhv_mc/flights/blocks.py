@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Singles
+from abhv_mc.array_types import Floats, Ints, Singles
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.timing import Timing
 from abhv_mc.identity import Flyer
@@ -42,7 +41,7 @@ def make_recording(request: Recording | int | None, plan: Any) -> Recording:
 class FlightBlock:
     """Results of flights that were simulated in one call, in the order of their parameters."""
 
-    outcome: NDArray[np.int64]  # [flight] values of Outcome
+    outcome: Ints  # [flight] values of Outcome
     end_time: Floats  # [flight] end time, s
     metrics: Floats  # [flight, metric], in the order of the plan's metrics
     # [flight, time, channel] recorded channels; NaN after the end

@@ -37,7 +37,7 @@ def failure_cases(
     ``engine_failed`` [flight] (s) is positive without a drawn engine failure, the inlet unstarted.
     """
     cases: dict[int, list[str]] = {}
-    timed = np.zeros(len(end_time), dtype=np.bool_)
+    timed = np.zeros(len(end_time), dtype=bool)
     for i, name in enumerate(names):
         if is_failure_time(name):
             came = samples[:, i] < end_time

@@ -1,4 +1,4 @@
-"""Metrics: numbers that are computed for each flight."""
+"""Metrics: numbers that are computed for each flight, and margins of linearized loops."""
 
 import math
 from collections.abc import Iterable
@@ -80,16 +80,15 @@ class Metric(Signal):
 
     def as_entry(self) -> dict[str, Any]:
         """Return the metric as declared in a campaign file."""
-        entry = {
-            key: getattr(self, key)
-            for key in ("name", "label", "unit", "doc", "bad", "group", "of", "settled")
-        }
-        entry |= {
+        keys = ("name", "label", "unit", "doc", "bad", "group", "of", "settled")
+        return {
+            **{key: getattr(self, key) for key in keys},
             "statistic": self.statistic.word,
             "limit": self.limit if self.statistic in TAKES_LIMIT else None,
+            "share": self.limit if self.statistic == Statistic.QUANTILE else None,
+            "from": self.start,
+            "to": self.end if self.end < math.inf else None,
         }
-        entry["share"] = self.limit if self.statistic == Statistic.QUANTILE else None
-        return entry | {"from": self.start, "to": self.end if self.end < math.inf else None}
 
 
 def name_end(unit: str) -> str:
@@ -129,13 +128,9 @@ def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
 
 
 def _as_text(value: Any) -> str:
-    return (
-        value.name
-        if isinstance(value, Statistic)
-        else str(int(value))
-        if isinstance(value, bool)
-        else str(value)
-    )
+    if isinstance(value, Statistic):
+        return value.name
+    return str(int(value) if isinstance(value, bool) else value)
 
 
 def unpack_metrics(rows: NDArray[np.str_]) -> tuple[Metric, ...]:
@@ -154,3 +149,54 @@ def _record(text: dict[str, Any]) -> Metric:
             f"a declared metric has the invalid 'bad: {text['bad']}' or 'group: {text['group']}'"
         )
     return Metric(**text)
+
+
+def _margin(
+    name: str,
+    unit: str,
+    doc: str,
+    label: str,
+    plateaus: tuple[float, ...],
+    *,
+    customary: float = 0.0,
+) -> Metric:
+    return Metric(
+        name=name,
+        unit=unit,
+        doc=doc,
+        label=label,
+        bad="low",
+        group="stability",
+        of="",
+        statistic=Statistic.MIN,
+        never_negative=True,
+        plateaus=plateaus,
+        customary=customary,
+    )
+
+
+# Smallest margins over all loops and points; a margin that is not computed is NaN.
+MARGINS: tuple[Metric, ...] = (
+    _margin("gain_margin_min_db", "dB",
+            "smallest gain margin, up or down, over loops and points",
+            "Gain margin, min", (0.0, 60.0), customary=6.0),
+    _margin("phase_margin_min_deg", "deg", "smallest phase margin over loops and points",
+            "Phase margin, min", (0.0, 180.0), customary=30.0),
+    _margin("delay_margin_min_ms", "ms", "smallest delay margin over loops and points",
+            "Delay margin, min", (0.0, 1000.0)),
+    _margin("disk_margin_min", "-",
+            "smallest disk margin over points, for simultaneous perturbations of all loops",
+            "Disk margin, min", (0.0,)),
+)  # fmt: skip
+GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
+# Reasons why a point has no margin; missing margins count as zero.
+MARGIN_FAULTS: tuple[Signal, ...] = (
+    Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
+    Signal(
+        "margin_points_at_limit",
+        "-",
+        "points at which a command, a surface or the engine is at a limit",
+    ),
+)
+MARGIN_VALUES: tuple[Signal, ...] = (*MARGINS, *MARGIN_FAULTS)
+MARGIN_NAMES = tuple(metric.name for metric in MARGINS)

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
+from abhv_mc.array_types import Ints
 
 
 class Outcome(IntEnum):
@@ -49,7 +48,7 @@ class Outcomes:
     def numbers(self) -> Mapping[str, int]:
         return {code: number for number, code in self.codes.items()}
 
-    def of(self, numbers: NDArray[np.int64]) -> tuple[str, ...]:
+    def of(self, numbers: Ints) -> tuple[str, ...]:
         """Return the codes [flight] for outcome numbers [flight]."""
         return tuple(map(self.codes.__getitem__, numbers.tolist()))
 

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome, Outcomes
@@ -32,10 +32,10 @@ _EXPECTED = "a block of flights"
 class ControllerFlights:
     """Flights of one controller in ascending order, without flights that failed to run."""
 
-    flight: NDArray[np.int64]  # [flight]
+    flight: Ints  # [flight]
     outcome: NDArray[np.uint8]  # [flight] codes of `Outcome`
     metrics: Mapping[str, Floats]  # [flight] values by metric; each access returns a copy
-    absent: NDArray[np.int64]  # numbers of the flights that failed to run, ascending
+    absent: Ints  # numbers of the flights that failed to run, ascending
     records: Mapping[str, Metric]  # definitions of the metrics
     ends: Outcomes = OUTCOMES  # possible outcomes
     reasons: Mapping[int, str] = field(default_factory=dict)  # reasons why flights failed to run
@@ -51,7 +51,7 @@ class ControllerFlights:
         return int(self.absent.size)
 
     @cached_property
-    def failed(self) -> NDArray[np.bool_]:
+    def failed(self) -> Mask:
         """Mask [flight] of early terminations."""
         return self.outcome != Outcome.OK
 
@@ -106,13 +106,13 @@ class _Collector:
     """Collector of the flights of one controller, which are added block by block."""
 
     def __init__(self, metrics: list[str]) -> None:
-        self.flight: list[NDArray[np.int64]] = []
+        self.flight: list[Ints] = []
         self.outcome: list[NDArray[np.uint8]] = []
         self.metrics = SpooledColumns(metrics)
-        self.absent: list[NDArray[np.int64]] = []
+        self.absent: list[Ints] = []
         self.reasons: dict[int, str] = {}
 
-    def add(self, flight: NDArray[np.int64], outcome: NDArray[np.uint8], values: Floats) -> None:
+    def add(self, flight: Ints, outcome: NDArray[np.uint8], values: Floats) -> None:
         """Add rows of a block; ``values`` is [metric, flight]."""
         computed = outcome != Outcome.FAILED_TO_RUN
         self.absent.append(flight[~computed])
@@ -157,12 +157,17 @@ def read_flights(
     if not files:
         raise missing_file(folder, "at least one block of flights (*.parquet)")
     schema = next(read_pieces(files[0], _EXPECTED)).schema
-    metrics = _find_metrics(schema)
-    metrics = [name for name in metrics if columns is None or name in columns]
+    # Metrics are columns of floats without a dot, except inputs.
+    metrics = [
+        field.name
+        for field in schema
+        if "." not in field.name
+        and pa.types.is_floating(field.type)
+        and INPUT not in (field.metadata or {})
+        and (columns is None or field.name in columns)
+    ]
     collectors: dict[str, _Collector] = {}
-    expected = ["flight", "controller", "outcome", *metrics]
-    if REASON in schema.names:  # Folders of earlier versions contain no reasons for failed flights.
-        expected.append(REASON)
+    expected = ["flight", "controller", "outcome", REASON, *metrics]
     for table in chain.from_iterable(read_pieces(path, _EXPECTED, expected) for path in files):
         flight = column_values(table["flight"]).astype(np.int64)
         names, owner = distinct_texts(table["controller"])
@@ -175,26 +180,13 @@ def read_flights(
                 flight[rows], outcome[rows], values[:, rows]
             )
         failed_rows = np.flatnonzero(outcome == Outcome.FAILED_TO_RUN)
-        if REASON in expected and failed_rows.size:
-            for row, reason in zip(
-                failed_rows.tolist(),
-                table[REASON].take(pa.array(failed_rows)).to_pylist(),
-                strict=True,
-            ):
-                collectors[names[owner[row]]].reasons[int(flight[row])] = reason
+        for row in failed_rows.tolist():
+            collectors[names[owner[row]]].reasons[int(flight[row])] = table[REASON][row].as_py()
     flights = {name: collector.finish(records, ends) for name, collector in collectors.items()}
     flights = {name: computed for name, computed in flights.items() if computed.flight.size}
     if not flights:
         raise missing_file(folder, "at least one computed flight")
     return flights
-
-
-def _find_metrics(schema: pa.Schema) -> list[str]:
-    """Return the names of metric columns: columns of floats without a dot, except inputs."""
-    floats = [
-        field for field in schema if "." not in field.name and pa.types.is_floating(field.type)
-    ]
-    return [field.name for field in floats if INPUT not in (field.metadata or {})]
 
 
 @dataclass(frozen=True)
@@ -205,19 +197,19 @@ class Ranking:
     """
 
     controllers: tuple[str, ...]
-    controller: NDArray[np.intp]  # [rank] index of the controller
-    row: NDArray[np.intp]  # [rank] row among the controller's flights
+    controller: Indices  # [rank] index of the controller
+    row: Indices  # [rank] row among the controller's flights
     # by controller: largest relative exceedance [row], infinite for early terminations
     beyond: Mapping[str, Floats]
     criterion_index: Mapping[
-        str, NDArray[np.intp]
+        str, Indices
     ]  # by controller: index [row] of the criterion with the largest exceedance
 
-    def rows_of(self, name: str) -> NDArray[np.intp]:
+    def rows_of(self, name: str) -> Indices:
         """Return the rows [flight] of a controller, worst first."""
         return self.row[self.controller == self.controllers.index(name)]
 
-    def ranks_of(self, name: str) -> NDArray[np.intp]:
+    def ranks_of(self, name: str) -> Indices:
         """Return the rank of each row of a controller among the flights of all controllers."""
         return np.flatnonzero(self.controller == self.controllers.index(name))[
             np.argsort(self.rows_of(name))

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.parquet_columns import column_values
 
@@ -102,7 +101,7 @@ class SpooledColumns(_Columns):
         super().__init__(names)
         self._waiting: list[Floats] = []  # pieces not yet written
         self._chunks: list[int] = []  # number of rows in each written chunk
-        self._order: NDArray[np.intp] | None = None
+        self._order: Indices | None = None
         self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
         weakref.finalize(self, self._file.close)
 
@@ -119,7 +118,7 @@ class SpooledColumns(_Columns):
         self._file.seek(0, os.SEEK_END)
         self._file.write(np.ascontiguousarray(chunk, dtype=np.float64).data)
 
-    def put_in_order(self, order: NDArray[np.intp]) -> None:
+    def put_in_order(self, order: Indices) -> None:
         """Reorder the rows: row i becomes the row that was added as row ``order[i]``."""
         self._order = order
 

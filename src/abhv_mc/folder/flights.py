@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flights.failure_cases import ENGINE_FAILED, NO_FAILURE, failure_cases
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome, Outcomes
@@ -55,9 +54,9 @@ class Digest:
 
 def digest_rows(
     controller: str,
-    flight: NDArray[np.int64],
+    flight: Ints,
     outcome: Sequence[str],
-    columns: dict[str, NDArray[np.float64]],
+    columns: dict[str, Floats],
 ) -> Digest:
     """Return the digest of rows; ``columns`` are all samples and metrics by name."""
     names = sorted(columns)
@@ -104,7 +103,7 @@ class FlightRows:
         return self.first + len(self.outcome)
 
     @property
-    def flights(self) -> NDArray[np.int64]:
+    def flights(self) -> Ints:
         """Numbers of the flights."""
         return np.arange(self.first, self.stop)
 
@@ -179,45 +178,30 @@ def flights_schema(
     return pa.schema(fields, metadata={f"abhv_mc.{key}": text for key, text in provenance.items()})
 
 
-def write_parquet(
-    path: Path,
-    table: pa.Table,
-    float_columns: Sequence[str],
-    dictionary_columns: list[str],
-    **options: Any,
-) -> None:
-    """Write a Parquet file.
-
-    Floats are byte-stream split, and only columns of repeated texts have dictionaries. Files are
-    half as large as with the default settings of Parquet.
-    """
-    write_pieces(path, table.schema, [table], float_columns, dictionary_columns, **options)
-
-
 def write_pieces(
     path: Path,
     schema: pa.Schema,
     pieces: Iterable[pa.Table],
-    float_columns: Sequence[str],
     dictionary_columns: list[str],
     **options: Any,
 ) -> None:
-    """Write a Parquet file with one row group per piece; see :func:`write_parquet`."""
-    encoding = dict.fromkeys(float_columns, "BYTE_STREAM_SPLIT")
-    settings = {
-        "compression": "zstd",
-        "compression_level": 1,
-        "write_page_checksum": True,
-        **options,
-    }
+    """Write a Parquet file with one row group per piece.
+
+    Floats are byte-stream split, and only columns of repeated texts have dictionaries. Files are
+    half as large as with the default settings of Parquet.
+    """
+    floats = [field.name for field in schema if pa.types.is_floating(field.type)]
 
     def write(temporary: Path) -> None:
         with pq.ParquetWriter(
             temporary,
             schema,
             use_dictionary=dictionary_columns,
-            column_encoding=encoding,
-            **settings,
+            column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
+            compression="zstd",
+            compression_level=1,
+            write_page_checksum=True,
+            **options,
         ) as writer:
             for piece in pieces:
                 writer.write_table(piece)
@@ -260,16 +244,9 @@ def _plain_text(reason: str) -> str:
 def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest: Digest) -> None:
     """Write a file of flights that consists of ``pieces``."""
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
-    floats = [field.name for field in schema if pa.types.is_floating(field.type)]
     cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
-    write_pieces(
-        path,
-        schema,
-        cast,
-        floats,
-        ["controller", "outcome", REASON, CASE],
-        write_statistics=["flight"],
-    )
+    texts = ["controller", "outcome", REASON, CASE]
+    write_pieces(path, schema, cast, texts, write_statistics=["flight"])
 
 
 def read_digest(path: Path) -> Digest:
@@ -324,5 +301,5 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
         outcome=tuple(table["outcome"].to_pylist()),
         values=values,
         columns=columns,
-        reasons=tuple(table[REASON].to_pylist()) if REASON in names_stored else (),
+        reasons=tuple(table[REASON].to_pylist()),
     )

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.requirement_set import (
     RequirementChange,
@@ -19,7 +19,7 @@ from abhv_mc.campaign.file.requirement_set import (
     is_campaign,
     judge_by,
 )
-from abhv_mc.flights.margins import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights, Ranking, rank_flights, read_flights
 from abhv_mc.folder.file_columns import FileColumns, read_table
 from abhv_mc.folder.flights import END_TIME
@@ -44,7 +44,7 @@ class Envelope:
     """Time-history envelope of one channel of one controller over all flights."""
 
     time: Floats  # [time], s
-    count: NDArray[np.int64]  # [time] number of flights that have not ended
+    count: Ints  # [time] number of flights that have not ended
     bands: dict[str, Floats]  # [time] values by name of the band
 
     @property
@@ -141,11 +141,8 @@ class FlownCampaign:
         Margins computed for only some flights are shown only in the section on stability.
         """
         faults = (END_TIME.name, *(signal.name for signal in MARGIN_FAULTS))
-        return (
-            faults
-            if self.campaign.margin_flights >= self.campaign.runs
-            else (*faults, *MARGIN_NAMES)
-        )
+        has_all = self.campaign.margin_flights >= self.campaign.runs
+        return faults if has_all else (*faults, *MARGIN_NAMES)
 
     @property
     def pairs(self) -> Sequence[tuple[str, str]]:

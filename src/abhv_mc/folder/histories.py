@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Ints, Mask, Singles
 from abhv_mc.flights.signals import Signal
-from abhv_mc.folder.flights import make_field, write_parquet
+from abhv_mc.folder.flights import make_field, write_pieces
 from abhv_mc.io.parquet_columns import number_column, text_column
 from abhv_mc.statistics.bands import QUANTILES
 
 _TIME = make_field("time", pa.float64(), "s", "time since the start")
 _CONTROLLER = make_field("controller", pa.string(), "-", "name of the controller")
 _FLIGHT = make_field("flight", pa.int64(), "-", "number of the flight")
+_SINGLE = pa.float32()
 QUANTILE_COLUMNS = ("q0.135", "q5", "q50", "q95", "q99.865")
 _CHANNEL_DOC = (
     "name of the channel, which ends with the unit; bands of angles are continuous and may exceed "
@@ -42,12 +42,16 @@ def _metadata(**entries: str) -> dict[str, str]:
     return {f"abhv_mc.{name}": text for name, text in entries.items() if text}
 
 
+def _channel_fields(signals: Sequence[Signal], kind: pa.DataType = _SINGLE) -> list[pa.Field]:
+    return [make_field(signal.name, kind, signal.unit, signal.doc) for signal in signals]
+
+
 def write_histories(
     path: Path,
     controller: str,
     flights: Sequence[int],
     times: Floats,
-    history: NDArray[np.float32],
+    history: Singles,
     *,
     channels: Sequence[str],
     metadata: dict[str, str] | None = None,
@@ -63,13 +67,7 @@ def write_histories(
     positions = {signal.name: i for i, signal in enumerate(recorded)}
     fields = [recorded[positions[name]] for name in channels]
     schema = pa.schema(
-        [
-            _FLIGHT,
-            _CONTROLLER,
-            _TIME,
-            *(make_field(f.name, pa.float32(), f.unit, f.doc) for f in fields),
-        ],
-        metadata=_metadata(**metadata or {}),
+        [_FLIGHT, _CONTROLLER, _TIME, *_channel_fields(fields)], _metadata(**metadata or {})
     )
     columns = [
         number_column(np.asarray(flights, np.int64)[number]),
@@ -77,27 +75,19 @@ def write_histories(
         number_column(times[time]),
         *(number_column(history[:, :, positions[name]][rows]) for name in channels),
     ]
-    write_parquet(
-        path,
-        pa.Table.from_arrays(columns, schema=schema),
-        ["time", *channels],
-        ["flight", "controller"],
-    )
+    table = pa.Table.from_arrays(columns, schema=schema)
+    write_pieces(path, schema, [table], ["flight", "controller"])
 
 
 def write_nominal(
     path: Path,
     times: Floats,
-    nominal: dict[str, NDArray[np.float32]],
+    nominal: dict[str, Singles],
     recorded: Sequence[Signal],
     key: str = "",
 ) -> None:
     """Write the ``recorded`` channels of the nominal flight [time, channel] of each controller."""
-    fields = [
-        _CONTROLLER,
-        _TIME,
-        *(make_field(s.name, pa.float32(), s.unit, s.doc) for s in recorded),
-    ]
+    fields = [_CONTROLLER, _TIME, *_channel_fields(recorded)]
     tables = []
     for controller, history in nominal.items():
         rows = ~np.isnan(history[:, 0])
@@ -105,22 +95,18 @@ def write_nominal(
         columns += map(number_column, history[rows].T[: len(recorded)])
         tables.append(pa.Table.from_arrays(columns, schema=pa.schema(fields)))
     table = pa.concat_tables(tables).replace_schema_metadata(_metadata(key=key))
-    write_parquet(path, table, table.column_names[1:], ["controller"])
+    write_pieces(path, table.schema, [table], ["controller"])
 
 
 def write_reference(
     path: Path, reference: Mapping[str, Floats], signals: Sequence[Signal], key: str = ""
 ) -> None:
     """Write the reference trajectory: ``time`` and ``signals``, each [time]."""
-    fields = [
-        _TIME,
-        *(make_field(signal.name, pa.float64(), signal.unit, signal.doc) for signal in signals),
-    ]
-    schema = pa.schema(fields, _metadata(key=key))
+    schema = pa.schema([_TIME, *_channel_fields(signals, pa.float64())], _metadata(key=key))
     table = pa.Table.from_arrays(
         [number_column(reference[name]) for name in schema.names], schema=schema
     )
-    write_parquet(path, table, table.column_names, [])
+    write_pieces(path, schema, [table], [])
 
 
 @dataclass(frozen=True)
@@ -131,7 +117,7 @@ class EnvelopeTable:
     ``most`` are the smallest and largest quantiles over all points.
     """
 
-    count: NDArray[np.int64]  # number of flights that have not ended
+    count: Ints  # number of flights that have not ended
     low: Floats
     high: Floats
     least: Floats  # [quantile, time, channel]
@@ -214,4 +200,4 @@ def write_envelopes(
     ]
     metadata = {"flights": str(flights)} | _metadata(key=key)
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata))
-    write_parquet(path, table, ["time", *columns], ["controller", "channel"])
+    write_pieces(path, table.schema, [table], ["controller", "channel"])

@@ -17,10 +17,7 @@ from typing import Any
 from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.kinds import locate
-from abhv_mc.campaign.file.requirement_set import (
-    data_of_rows,
-    with_requirements,
-)
+from abhv_mc.campaign.file.requirement_set import data_of_rows, with_requirements
 from abhv_mc.campaign.file.requirements import join_requirements, select_requirements
 from abhv_mc.campaign.file.systems import SYSTEMS, systems_key
 from abhv_mc.folder.layout import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
@@ -184,14 +181,11 @@ def describe_changes(stored: FolderInputs, requested: FolderInputs, extensible: 
     return changes
 
 
-def merge_inputs(
-    stored: FolderInputs, requested: FolderInputs, selected: bool, states_test: bool
-) -> FolderInputs:
+def merge_inputs(stored: FolderInputs, requested: FolderInputs, selected: bool) -> FolderInputs:
     """Return ``requested`` with the additional controllers and requirements of ``stored``.
 
     If ``requested`` has only ``selected`` controllers of the campaign, the other controllers of
-    ``stored`` remain under test. Unless ``states_test``, neither campaign file has the key
-    'under_test', and the controllers under test remain those of ``stored``.
+    ``stored`` remain under test.
     """
     first, second = (stored, requested) if selected else (requested, stored)
     controllers = {**first.systems, **second.systems, **requested.systems}
@@ -202,8 +196,8 @@ def merge_inputs(
     if sorted(map(_order, requirements)) == sorted(map(_order, old)):
         requirements = old  # Keep the stored list if only the order differs.
     asks = {"asks": stored.data["asks"]} if selected and "asks" in stored.data else {}
-    tested = requested.data["under_test"] if states_test else stored.data["under_test"]
-    if selected and states_test:
+    tested = requested.data["under_test"]
+    if selected:
         tested = [
             name
             for name in controllers
@@ -245,26 +239,9 @@ def _value_text(value: Any) -> str:
 
 def read_folder_inputs(folder: CampaignFolder, manifest: Manifest) -> FolderInputs:
     """Return the inputs stored in a folder. Raise InputError if the inputs are invalid."""
-    return FolderInputs(_read_stored(folder), {}, dict(manifest.inputs))
-
-
-def states_under_test(folder: CampaignFolder) -> bool:
-    """Return whether a folder's campaign has the key 'under_test'; old folders lack it."""
-    return "under_test" in read_document(folder.campaign).entries
-
-
-def _read_stored(folder: CampaignFolder) -> Document:
-    """Return the campaign file of a folder; without 'under_test', its first controller is tested.
-
-    A folder without this key was written before the key existed.
-    """
-    document = read_document(folder.campaign)
-    if isinstance(document.data, dict) and "under_test" not in document.data:
-        first = list(document.data.get(systems_key(document.data)) or ())[:1]
-        return replace(document, data={**document.data, "under_test": first or None})
-    return document
+    return FolderInputs(read_document(folder.campaign), {}, dict(manifest.inputs))
 
 
 def read_folder_campaign(folder: CampaignFolder) -> Experiment:
     """Return the campaign of a results folder. Raise InputError if there is no campaign."""
-    return check_campaign(_read_stored(folder))
+    return check_campaign(read_document(folder.campaign))

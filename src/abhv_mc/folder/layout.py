@@ -80,27 +80,8 @@ class CampaignFolder:
     @property
     def contents(self) -> tuple[Path, ...]:
         """Paths of the files and folders that a campaign writes, except the lock."""
-        files = (
-            self.campaign,
-            self.manifest,
-            self.samples,
-            self.envelopes,
-            self.nominal,
-            self.reference,
-            self.margins,
-            self.log,
-            self.progress,
-        )
-        folders = (
-            self.inputs,
-            self.requirements,
-            self.plans,
-            self.flights,
-            self.histories,
-            self.envelope_states,
-            self.explained,
-        )
-        return (*files, *self.report, *folders)
+        others = self.root, self.failure_map, self.lock
+        return (*(path for path in vars(self).values() if path not in others), *self.report)
 
     def refuse_foreign_files(self, fresh: bool) -> None:
         """Raise InputError if a folder without a manifest is not empty.

@@ -158,15 +158,10 @@ def _take_lease(lease: Path) -> str:
 
 
 def _create(lease: Path, text: str) -> bool:
-    try:
-        descriptor = os.open(lease, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-    except FileExistsError:
-        return False
-    try:
-        os.write(descriptor, text.encode())
-    finally:
-        os.close(descriptor)
-    return True
+    with contextlib.suppress(FileExistsError), lease.open("x", encoding="utf-8") as file:
+        file.write(text)
+        return True
+    return False
 
 
 def _drop_lease(lease: Path, text: str) -> None:

@@ -19,7 +19,7 @@ from abhv_mc.statistics.verdicts import label_status
 
 Ranges = tuple[tuple[int, int], ...]  # (first, stop) of each range of flights
 # Version of the folder's format, which increases when the meaning of a file changes.
-FORMAT = 3
+FORMAT = 4
 RUNNING, COMPLETE, INTERRUPTED = "running", "complete", "interrupted"
 _HASH = "manifest_hash"  # entry with the hash of all other entries
 _REMEDY = "the original manifest, or a new run with --fresh or in another folder (-o DIR)"
@@ -197,10 +197,14 @@ def read_manifest(path: Path) -> Manifest:
     try:
         return _FILE.validate_python(manifest)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(
-            path, f"invalid entry '{'.'.join(map(str, first['loc']))}' ({first['msg']})", _REMEDY
-        ) from None
+        raise entry_error(path, error, _REMEDY) from None
+
+
+def entry_error(path: Path, error: ValidationError, expected: str) -> InputError:
+    """Return the InputError for the first invalid entry of a JSON file."""
+    first = error.errors()[0]
+    problem = f"invalid entry '{'.'.join(map(str, first['loc']))}' ({first['msg']})"
+    return InputError(path, problem, expected)
 
 
 def hash_entries(content: dict[str, Any]) -> str:

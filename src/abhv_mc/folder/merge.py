@@ -1,41 +1,47 @@
-"""Merge of the shards of a campaign into one folder; functions common to all merges."""
+"""Merge of the shards of a campaign, or of campaigns that differ only in their seed."""
 
+import contextlib
+import shlex
 import shutil
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import accumulate
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
+from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flights.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
-from abhv_mc.folder.hashes import (
-    FileHashes,
-    damage_error,
-    find_damage,
-    read_checked,
-    record_hashes,
-)
-from abhv_mc.folder.inputs import describe_changes, read_folder_inputs
+from abhv_mc.folder.flights import read_pieces, write_block
+from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, read_checked, record_hashes
+from abhv_mc.folder.inputs import FolderInputs, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import (
     INTERRUPTED,
     Manifest,
+    Pooled,
     add_events,
     join_flyers,
     read_manifest,
+    shift_flyers,
     write_manifest,
 )
-from abhv_mc.folder.plan_file import read_stored_arrays
-from abhv_mc.folder.samples import ROW_GROUP, SampleReader
+from abhv_mc.folder.opening import read_stored_arrays
+from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted, joined
 
-_SAME = ("source_hash", "inputs")
+_ONE_CAMPAIGN = "shards of one campaign"
+_ONE_QUESTION = "campaigns that differ only in their seed and number of flights"
 
 
 def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
@@ -54,20 +60,22 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
             raise InputError(
                 folder.root, f"the state of the shard is '{manifest.state}'", "a complete shard"
             )
-        require_same_entries(
-            folder, manifest, folders[0], manifests[0], _SAME, expected="shards of one campaign"
-        )
-        _require_same_campaign(folder, manifest, folders[0], manifests[0])
+        require_same_entries(folder, folders[0], ("source_hash", "inputs"), _ONE_CAMPAIGN)
+        for shard in (folders[0], folder):
+            read_checked(shard, [shard.campaign])
+        first = read_folder_inputs(folders[0], manifests[0])
+        inputs = read_folder_inputs(folder, manifest)
+        if first.identity != inputs.identity:
+            changes = "; ".join(describe_changes(first, inputs, extensible=False))
+            problem = f"the campaign differs from that in {folders[0].root} ({changes})"
+            raise InputError(folder.root, problem, _ONE_CAMPAIGN)
     numbers = [manifest.shard or (1, 1) for manifest in manifests]
     count = numbers[0][1]
     for folder, number in zip(folders, numbers, strict=True):
         if number[1] != count or numbers.count(number) > 1:
-            is_repeated = (
-                " is given twice"
-                if number[1] == count
-                else f" is not one of {counted(count, 'shard')}"
-            )
-            problem = f"shard {number[0]}/{number[1]}{is_repeated}"
+            is_other = f"is not one of {counted(count, 'shard')}"
+            error = "is given twice" if number[1] == count else is_other
+            problem = f"shard {number[0]}/{number[1]} {error}"
             expected = f"each of the {counted(count, 'shard')} exactly once"
             raise InputError(folder.root, problem, expected)
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
@@ -78,23 +86,7 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
             f"{'is' if len(missing) == 1 else 'are'} missing",
             "all shards",
         )
-    return [
-        folder for _, folder in sorted(zip(numbers, folders, strict=True), key=lambda pair: pair[0])
-    ]
-
-
-def _require_same_campaign(
-    folder: CampaignFolder, manifest: Manifest, first: CampaignFolder, first_manifest: Manifest
-) -> None:
-    """Raise InputError if a shard's campaign differs from the campaign of the first shard."""
-    for shard in (first, folder):
-        read_checked(shard, [shard.campaign])
-    expected = read_folder_inputs(first, first_manifest)
-    inputs = read_folder_inputs(folder, manifest)
-    if expected.identity != inputs.identity:
-        changes = "; ".join(describe_changes(expected, inputs, extensible=False))
-        problem = f"the campaign differs from that in {first.root} ({changes})"
-        raise InputError(folder.root, problem, "shards of one campaign")
+    return [folders[i] for i in np.argsort([number for number, _ in numbers])]
 
 
 def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
@@ -121,8 +113,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     """
     first, target = shards[0], CampaignFolder(out)
     manifests = [read_manifest(shard.manifest) for shard in shards]
-    digests = tuple(manifest.digest or "" for manifest in manifests)
-    if is_merged(target, digests):
+    if is_merged(target, manifests):
         return
     damaged: set[Path] = set()
     for shard, manifest in zip(shards, manifests, strict=True):
@@ -136,11 +127,8 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
         manifests[0],
         shard=None,
         state=INTERRUPTED,
-        merged_from=digests,
         flown_by=flyers,
-        wall_time_s=sum(manifest.wall_time_s for manifest in manifests),
-        repeatable=weakest(manifest.repeatable for manifest in manifests),
-        simulator_events=add_events(manifest.simulator_events for manifest in manifests),
+        **_sum_entries(manifests),
     )
     with begin_merged(shards, target, [first.campaign, first.samples]) as files:
         for shard in shards:
@@ -155,33 +143,20 @@ def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: li
     require_same_plans(
         first, other, controllers, "shards run with the plans of the first shard (run --plans DIR)"
     )
-    readers = SampleReader(first.samples), SampleReader(other.samples)
-    if not _same_samples(*readers):
-        raise InputError(
-            other.root, f"the samples differ from those of {first.root}", "shards of one campaign"
-        )
-
-
-def _same_samples(a: SampleReader, b: SampleReader) -> bool:
-    pieces = [
-        (start, min(start + ROW_GROUP, a.flights)) for start in range(0, a.flights, ROW_GROUP)
-    ]
-    same = (a.names, a.flights) == (b.names, b.flights)
-    return same and all(np.array_equal(a.rows(*piece), b.rows(*piece)) for piece in pieces)
+    a, b = SampleReader(first.samples), SampleReader(other.samples)
+    if (a.names, a.flights) != (b.names, b.flights) or not a.agrees(b.rows):
+        problem = f"the samples differ from those of {first.root}"
+        raise InputError(other.root, problem, _ONE_CAMPAIGN)
 
 
 def require_same_entries(
-    folder: CampaignFolder,
-    manifest: Manifest,
-    first: CampaignFolder,
-    first_manifest: Manifest,
-    keys: Sequence[str],
-    *,
-    expected: str,
+    folder: CampaignFolder, first: CampaignFolder, keys: Sequence[str], expected: str
 ) -> None:
-    """Raise InputError if two manifests differ in an entry of ``keys``."""
+    """Raise InputError if the manifests of two folders differ in an entry of ``keys``."""
+    manifests = [read_manifest(path.manifest) for path in (folder, first)]
     for key in keys:
-        if (own := getattr(manifest, key)) != (other := getattr(first_manifest, key)):
+        own, other = (getattr(manifest, key) for manifest in manifests)
+        if own != other:
             hashes = f" ({own}, not {other})" if key == "source_hash" else ""
             problem = f"the {key.replace('_', ' ')} differs from that of {first.root}{hashes}"
             raise InputError(folder.root, problem, f"{expected}, computed by the same code")
@@ -207,7 +182,21 @@ def require_same_plans(
             raise InputError(other.root, problem, expected)
 
 
-def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
+def _digests(manifests: Sequence[Manifest]) -> tuple[str, ...]:
+    return tuple(manifest.digest or "" for manifest in manifests)
+
+
+def _sum_entries(manifests: Sequence[Manifest]) -> dict[str, Any]:
+    """Return the entries of a merged manifest that combine those of all manifests."""
+    return {
+        "merged_from": _digests(manifests),
+        "wall_time_s": sum(manifest.wall_time_s for manifest in manifests),
+        "repeatable": weakest(manifest.repeatable for manifest in manifests),
+        "simulator_events": add_events(manifest.simulator_events for manifest in manifests),
+    }
+
+
+def is_merged(target: CampaignFolder, manifests: Sequence[Manifest]) -> bool:
     """Return whether the target already contains the result of merging these campaigns.
 
     Raise InputError if the folder has other content.
@@ -215,7 +204,7 @@ def is_merged(target: CampaignFolder, digests: tuple[str, ...]) -> bool:
     if not target.manifest.exists():
         target.refuse_foreign_files(fresh=True)
         return False
-    if read_manifest(target.manifest).merged_from != digests:
+    if read_manifest(target.manifest).merged_from != _digests(manifests):
         raise InputError(target.root, "the folder is not empty", "a new or empty folder")
     return True
 
@@ -251,3 +240,144 @@ def _copy(source: Path, target: Path) -> None:
     """Copy a file with its mode, so that the copies of programs are executable."""
     shutil.copyfile(source, target)
     shutil.copymode(source, target)
+
+
+def list_seeds(manifest: Manifest) -> set[int]:
+    """Return the seeds of a campaign's flights."""
+    return {source.seed for source in manifest.pooled or ()} or {manifest.seed}
+
+
+def suggest_merge(root: Path, manifest: Manifest) -> tuple[str, str]:
+    """Return a sentence that names poolable campaigns, and the command that merges them.
+
+    Candidates are complete campaigns of random flights in the same parent folder that differ only
+    in their seed. If there are no candidates, both texts are empty. Larger campaigns come first,
+    because a large campaign may itself be the result of a merge.
+    """
+    root = root if root.name else root.resolve()
+    verdicts = manifest.requirements
+    if not manifest.complete or not verdicts or verdicts[0].verdict == "ESTIMATE":
+        return "", ""
+    candidates = []
+    for path in sorted(root.resolve().parent.glob("*/manifest.json")):
+        with contextlib.suppress(
+            InputError
+        ):  # The manifest may belong to a search instead of a campaign.
+            other = read_manifest(path)
+            same = (other.question, other.source_hash) == (manifest.question, manifest.source_hash)
+            if same and other.complete and _required(other) == _required(manifest):
+                candidates.append((-other.runs_done, root.parent / path.parent.name, other))
+    descriptions, folders, seeds = [], [root], list_seeds(manifest)
+    for flights, folder, other in sorted(candidates, key=lambda candidate: candidate[0]):
+        if not seeds & list_seeds(other):
+            counts = Counter(entry.label for entry in other.requirements)
+            summary = ", ".join(f"{count} {status}" for status, count in counts.items())
+            descriptions.append(f"'{folder.name}' ({counted(-flights, 'flight')}: {summary})")
+            folders.append(folder)
+            seeds |= list_seeds(other)
+    if not descriptions:
+        return "", ""
+    command = ["abhv-mc", "merge", *map(str, folders), "-o", f"{root}_merged"]
+    sentence = f"Campaigns with other seeds, not counted here: {'; '.join(descriptions)}."
+    return sentence, shlex.join(command)
+
+
+def _required(manifest: Manifest) -> list[tuple[object, ...]]:
+    """Return the requirements of a campaign with their controllers."""
+    keys = attrgetter("asked", "controller", "probability", "consumer_risk", "producer_risk")
+    return [keys(verdict) for verdict in manifest.requirements]
+
+
+def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
+    """Check that campaigns can be pooled, and return their folders.
+
+    Raise InputError if the campaigns differ in more than seed and number of flights, or if two of
+    them have the same seed.
+    """
+    folders = [CampaignFolder(path) for path in paths]
+    manifests = [read_manifest(folder.manifest) for folder in folders]
+    first, seeds = manifests[0], set[int]()
+    for folder, manifest in zip(folders, manifests, strict=True):
+        if not manifest.complete or manifest.search:
+            raise InputError(
+                folder.root,
+                f"the folder contains a search or an incomplete campaign ({manifest.state})",
+                "a complete campaign",
+            )
+        require_same_entries(folder, folders[0], ("source_hash",), _ONE_QUESTION)
+        inputs = read_folder_inputs(folder, manifest)
+        if inputs.question != read_folder_inputs(folders[0], first).question:
+            problem = f"the campaign differs from that in {folders[0].root}"
+            raise InputError(folder.root, problem, _ONE_QUESTION)
+        if repeated := seeds & list_seeds(manifest):
+            problem = f"the flights of seed {min(repeated)} would be counted twice"
+            raise InputError(folder.root, problem, "each seed only once")
+        seeds |= list_seeds(manifest)
+        sampling = inputs.data.get("sampling", INDEPENDENT)
+        if sampling not in (INDEPENDENT, {"design": INDEPENDENT}):
+            raise InputError(
+                folder.root, "the sampling design is not random", "independent samples"
+            )
+        expected = "campaigns run with the plans of the first campaign (run --plans DIR)"
+        require_same_plans(folders[0], folder, list(manifest.controllers), expected)
+        for damage in find_damage(folder, manifest):
+            raise damage_error(*damage)
+    return folders
+
+
+def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
+    """Copy poolable campaigns into ``out``; a subsequent run completes the campaign.
+
+    Flights are numbered consecutively. Raise InputError if ``out`` has other content.
+    """
+    target = CampaignFolder(out)
+    manifests = [read_manifest(folder.manifest) for folder in folders]
+    if is_merged(target, manifests):
+        return
+    sampled = [SampleReader(folder.samples).flights for folder in folders]
+    completed = [
+        min(count.flights_done for count in manifest.controllers.values()) for manifest in manifests
+    ]
+    # A campaign that stopped early has fewer flights than samples.
+    counts = [min(pair) for pair in zip(sampled, completed, strict=True)]
+    starts = [0, *accumulate(counts)]
+    pooled: list[Pooled] = []
+    for manifest, count in zip(manifests, counts, strict=True):
+        pooled += manifest.pooled or (Pooled(manifest.seed, count),)
+    with begin_merged(folders, target) as files:
+        inputs_of_first = read_folder_inputs(folders[0], manifests[0])
+        data = {
+            **inputs_of_first.data,
+            "runs": starts[-1],
+            "seed": manifests[0].seed,
+            "pooled": [vars(source) for source in pooled],
+        }
+        inputs = FolderInputs(
+            replace(inputs_of_first.document, data=data), {}, inputs_of_first.hashes
+        )
+        inputs.write_campaign(target)
+        for folder, start in zip(folders, starts, strict=False):
+            names = SampleReader(folder.samples).names
+            for path in sorted(folder.flights.glob("*.parquet")):
+                for rows, _ in read_pieces(path, names):
+                    write_block(
+                        target.flights,
+                        replace(rows, first=rows.first + start),
+                        pq.read_schema(path),
+                    )
+        sources = zip(manifests, starts, strict=False)
+        flyers = join_flyers(
+            entry for source, start in sources for entry in shift_flyers(source.flown_by, start)
+        )
+        merged = replace(
+            manifests[0],
+            state=INTERRUPTED,
+            pooled=tuple(pooled),
+            runs_planned=starts[-1],
+            campaign_hash=inputs.identity,
+            flown_by=flyers,
+            files=files.listed(),
+            stopped_at=None,
+            **_sum_entries(manifests),
+        )
+        write_manifest(target.manifest, merged)

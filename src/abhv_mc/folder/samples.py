@@ -1,4 +1,4 @@
-"""Samples of a campaign, stored as a Parquet file."""
+"""Samples of a campaign as a Parquet file, or as a CSV file for another simulator."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -9,12 +9,21 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import make_field, make_input_field, write_pieces
+from abhv_mc.io.atomic_write import atomic_write
+from abhv_mc.io.csv_table import write_batches
 from abhv_mc.io.parquet_columns import column_values, number_column
 
 POINT = "point"
 ROW_GROUP = 65536  # number of flights that are drawn, written and read together
+
+
+def row_groups(flights: int) -> Iterator[tuple[int, int]]:
+    """Yield the range (first, stop) of the flights of each row group."""
+    for first in range(0, flights, ROW_GROUP):
+        yield first, min(first + ROW_GROUP, flights)
 
 
 def write_samples(
@@ -47,8 +56,7 @@ def write_samples(
     )
 
     def make_groups() -> Iterator[pa.Table]:
-        for first in range(0, flights, ROW_GROUP):
-            stop = min(first + ROW_GROUP, flights)
+        for first, stop in row_groups(flights):
             number = np.arange(first, stop)
             columns = [
                 *([number, number % points] if points > 1 else [number]),
@@ -56,7 +64,7 @@ def write_samples(
             ]
             yield pa.Table.from_arrays([*map(number_column, columns)], schema=schema)
 
-    write_pieces(path, schema, make_groups(), names, [])
+    write_pieces(path, schema, make_groups(), [])
 
 
 class SampleReader:
@@ -84,16 +92,46 @@ class SampleReader:
             first = end
         return np.concatenate(pieces) if pieces else np.empty((0, len(self.names)))
 
+    def agrees(self, draw: Callable[[int, int], Floats]) -> bool:
+        """Return whether a function of the first flight and the stop returns the same rows."""
+        groups = row_groups(self.flights)
+        return all(np.array_equal(self.rows(*group), draw(*group)) for group in groups)
+
     def _read(self, group: int) -> Floats:
         with self._lock:  # Threads that start and store blocks may read different row groups.
             if group not in self._groups:
                 table = self._file.read_row_group(group)
                 columns = [column_values(table[name]) for name in self.names]
                 values = np.stack(columns, axis=1) if columns else np.empty((table.num_rows, 0))
-                self._groups = {
-                    number: group_values
-                    for number, group_values in self._groups.items()
-                    if number == group - 1
-                }
-                self._groups[group] = values
+                before = {group - 1} & self._groups.keys()
+                self._groups = {number: self._groups[number] for number in before} | {group: values}
             return self._groups[group]
+
+
+def write_inputs(campaign: Experiment, path: Path) -> int:
+    """Write one row per flight, with its number (from 0) and inputs; headers state units.
+
+    Return the number of rows written.
+    """
+    source = campaign.make_samples()
+    inputs = [campaign.parameters[name] for name in source.names]
+    fields = [("flight", pa.int64())]
+    for parameter in inputs:
+        header = parameter.name if parameter.unit == "-" else f"{parameter.name} [{parameter.unit}]"
+        fields.append(
+            (header, pa.int64() if parameter.seed and parameter.of_user else pa.float64())
+        )
+    schema = pa.schema(fields)
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        for first, stop in row_groups(source.flights):
+            columns = [np.arange(first, stop), *source.draw(first, stop).T]
+            arrays = [
+                pa.array(column).cast(kind)
+                for column, kind in zip(columns, schema.types, strict=True)
+            ]
+            yield pa.record_batch(arrays, schema=schema)
+
+    with atomic_write(path) as temporary:
+        write_batches(temporary, schema, batches())
+    return source.flights

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.folder.manifest import entry_error
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,5 @@ def read_steady_margins(path: Path) -> SteadyMargins:
     try:
         return _FILE.validate_json(path.read_bytes())
     except ValidationError as error:
-        first = error.errors()[0]
-        problem = f"invalid entry '{'.'.join(map(str, first['loc']))}' ({first['msg']})"
-        raise InputError(
-            path, problem, "the margins written by the campaign (--fresh computes them again)"
-        ) from None
+        expected = "the margins written by the campaign (--fresh computes them again)"
+        raise entry_error(path, error, expected) from None

@@ -36,12 +36,11 @@ def compose(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
 
     The result is cached by content, because a results folder contains copies of its input files.
     """
-    result = _parsed.get(raw)
-    if result is None:
+    if raw not in _parsed:
         if len(_parsed) == _CAPACITY:
             _parsed.clear()
-        result = _parsed[raw] = _parse(path, raw)
-    return result
+        _parsed[raw] = _parse(path, raw)
+    return _parsed[raw]
 
 
 def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
@@ -84,11 +83,8 @@ def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         raise InputError(
             path, "the data have too many nested levels", "less deeply nested data"
         ) from None
-    except (
-        YAMLError,
-        ValueError,
-        OverflowError,
-    ) as error:  # An escape sequence beyond the range of Unicode raises OverflowError.
+    # An escape sequence beyond the range of Unicode raises OverflowError.
+    except (YAMLError, ValueError, OverflowError) as error:
         problem = f"invalid YAML ({str(error).splitlines()[0].rstrip('.')})"
         raise InputError(path, problem, "YAML 1.2") from None
 
@@ -129,46 +125,33 @@ class _Builder:
     def mapping(self, node: MappingNode, keys: tuple[str | int, ...]) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
-            key = (
-                self.scalar(key_node, str(key_node.tag))
-                if isinstance(key_node, ScalarNode)
-                else None
-            )
+            is_scalar = isinstance(key_node, ScalarNode)
+            key = self.scalar(key_node, str(key_node.tag)) if is_scalar else None
             if not isinstance(key, str):
-                self.refuse(
-                    key_node,
-                    f"the key {describe(key)} is not a name",
-                    "a name as the key, in quotes if necessary",
-                )
+                problem = f"the key {describe(key)} is not a name"
+                self.refuse(key_node, problem, "a name as the key, in quotes if necessary")
             self.check_shown(key_node, key)
             path = (*keys, key)
             if key in result:
-                line, _ = self.keys[path]
-                self.refuse(
-                    key_node,
-                    f"the key '{key}' is repeated",
-                    f"a unique key (line {line} contains the same key)",
-                )
+                expected = f"a unique key (line {self.keys[path][0]} contains the same key)"
+                self.refuse(key_node, f"the key '{key}' is repeated", expected)
             self.keys[path] = _start(key_node)
             result[key] = self.build(value_node, path)
-            if (
-                value_node.start_mark.index == value_node.end_mark.index
-            ):  # ruamel marks an empty value on a line after its key.
+            # ruamel marks an empty value on a line after its key.
+            if value_node.start_mark.index == value_node.end_mark.index:
                 self.values[path] = self.keys[path]
         return result
 
     def check_shown(self, node: ScalarNode, text: str, allowed: str = "") -> None:
         """Reject invisible characters and characters that change the writing direction."""
-        hidden = next(
-            (char for char in text if char not in allowed and not is_printable(char)), None
-        )
-        if hidden is not None:
-            problem = f"the text contains the character {ascii(hidden)[1:-1]}"
-            self.refuse(
-                node,
-                problem,
-                "text without control characters or characters that change the writing direction",
-            )
+        for char in text:
+            if char not in allowed and not is_printable(char):
+                self.refuse(
+                    node,
+                    f"the text contains the character {ascii(char)[1:-1]}",
+                    "text without control characters or characters that change the writing "
+                    "direction",
+                )
 
     def scalar(self, node: ScalarNode, tag: str) -> str | int | float | bool | None:
         text = str(node.value)
@@ -183,9 +166,8 @@ class _Builder:
         if kind in ("int", "float"):
             number = float(text) if _DECIMAL.fullmatch(text) else math.nan
             if not math.isfinite(number) or (kind == "int" and not text.lstrip("+-").isdecimal()):
-                self.refuse(
-                    node, found_value(text), "a finite decimal number such as 1000 or 2.5e-3"
-                )
+                expected = "a finite decimal number such as 1000 or 2.5e-3"
+                self.refuse(node, found_value(text), expected)
             return number if kind == "float" else int(text)
         self.refuse(node, f"found the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 

@@ -6,7 +6,8 @@ and column.
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field
 from io import StringIO
@@ -37,6 +38,7 @@ __all__ = [
     "File",
     "InputError",
     "InputErrors",
+    "Problems",
     "Refusal",
     "StrictModel",
     "describe",
@@ -105,6 +107,30 @@ class Document:
         return self.path.parent / text
 
 
+class Problems(list[InputError]):
+    """Problems of a document, which are reported together."""
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        self.document = document
+
+    def add(self, keys: tuple[Key, ...], problem: str, expected: str) -> None:
+        """Add a problem of the value at ``keys``."""
+        self.append(self.document.error(keys, problem, expected))
+
+    def add_key(self, keys: tuple[Key, ...], problem: str, expected: str) -> None:
+        """Add a problem of the last key in ``keys``."""
+        self.append(self.document.key_error(keys, problem, expected))
+
+    @contextmanager
+    def collect(self, *keys: Key) -> Iterator[None]:
+        """Add a Refusal that is raised in the context as a problem of the value at ``keys``."""
+        try:
+            yield
+        except Refusal as refusal:
+            self.add((*keys, *refusal.keys), refusal.found, refusal.expected)
+
+
 def read_document(path: "str | PathLike[str] | Document") -> Document:
     """Read a YAML file, or return a document unchanged. Raise InputError if invalid."""
     if isinstance(path, Document):
@@ -143,9 +169,8 @@ def write_document(path: str | Path, data: Plain, comment: str = "") -> None:
     text = StringIO()
     text.writelines(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     yaml.dump(to_jsonable_python(data, fallback=of_numpy), text)
-    Path(path).write_text(
-        text.getvalue(), encoding="utf-8"
-    )  # Write only at the end, so that invalid data leave an existing file unchanged.
+    # Write only at the end, so that invalid data leave an existing file unchanged.
+    Path(path).write_text(text.getvalue(), encoding="utf-8")
 
 
 def _make_scalars_strict(schema: Any, model: type) -> None:
@@ -155,11 +180,8 @@ def _make_scalars_strict(schema: Any, model: type) -> None:
     """
     if isinstance(schema, dict):
         kind = schema.get("type")
-        if (
-            kind == "model"
-            and schema["cls"] is not model
-            and issubclass(schema["cls"], StrictModel)
-        ):
+        own = schema["cls"] if kind == "model" else model
+        if own is not model and issubclass(own, StrictModel):
             return
         if kind in ("int", "float", "bool", "str"):
             schema["strict"] = True
@@ -305,9 +327,8 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
     if isinstance(cause, Refusal):
         return document.error((*keys, *cause.keys), cause.found, cause.expected)
     if kind == "extra_forbidden":
-        expected = (
-            one_of(known_keys[id(around)], keys[-1]) if id(around) in known_keys else "no such key"
-        )
+        names = known_keys.get(id(around))
+        expected = one_of(names, keys[-1]) if names is not None else "no such key"
         return document.key_error(keys, f"unknown key '{keys[-1]}'", expected)
     if location and location[-1] == "[key]":
         return document.key_error(keys, f"the key '{keys[-1]}' is invalid", _plain(detail["msg"]))
@@ -317,29 +338,23 @@ def _explain(document: Document, detail: Any, known_keys: Mapping[int, list[str]
         )
     if kind.startswith("union_tag"):
         return _explain_tag(document, keys, value, context)
+    expected = _EXPECTED.get(kind) or _plain(detail["msg"])
     if kind == "literal_error":
-        choices = [
-            word.strip("'") for word in context["expected"].replace(" or ", ", ").split(", ")
-        ]
-        return document.error(keys, found_value(value), one_of(choices, value))
+        choices = context["expected"].replace(" or ", ", ").split(", ")
+        expected = one_of([choice.strip("'") for choice in choices], value)
     if kind == "too_short":
-        return document.error(
-            keys, found_value(value), f"at least {counted(context['min_length'], 'item')}"
-        )
-    return document.error(keys, found_value(value), _EXPECTED.get(kind) or _plain(detail["msg"]))
+        expected = f"at least {counted(context['min_length'], 'item')}"
+    return document.error(keys, found_value(value), expected)
 
 
 def _explain_tag(document: Document, keys: tuple[Key, ...], value: Any, context: Any) -> InputError:
     """Return the InputError for a union whose tag is unknown or missing."""
     name = context["discriminator"].strip("'")
-    name = (
-        "kind" if name.endswith("()") else name
-    )  # If a function determines the tag, error messages call the tag "kind".
-    if "tag" in context:
-        tags = [tag.strip("'") for tag in context["expected_tags"].split(", ")]
-        return document.error(
-            (*keys, name), f"unknown {name} '{context['tag']}'", one_of(tags, context["tag"])
-        )
+    if name.endswith("()"):  # A function determines the tag.
+        name = "kind"
+    if tag := context.get("tag"):
+        tags = [known.strip("'") for known in context["expected_tags"].split(", ")]
+        return document.error((*keys, name), f"unknown {name} '{tag}'", one_of(tags, tag))
     problem = f"the key '{name}' is missing" if isinstance(value, dict) else found_value(value)
     return document.error(keys, problem, f"a mapping with the key '{name}'")
 

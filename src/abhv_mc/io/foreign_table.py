@@ -12,7 +12,7 @@ import json
 import math
 import re
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -139,13 +139,9 @@ class ForeignTable:
         for text, unit in ((head, ""), split_head(head)):
             indices = [i for i, own in enumerate(self.heads) if text in (own, split_head(own)[0])]
             indices = [i for i in indices if self.heads[i] == text] or indices
-            if len(indices) > 1:
-                raise self.error(
-                    None,
-                    indices[1],
-                    f"the table has two columns '{text}'",
-                    "only one column with this heading",
-                )
+            for index in indices[1:]:
+                expected = "only one column with this heading"
+                raise self.error(None, index, f"the table has two columns '{text}'", expected)
             for index in indices:
                 own = self.heads[index]
                 # In a heading with any name, such as 'v_n', a small letter is not a unit.
@@ -404,8 +400,6 @@ def _sheet_text(content: bytes) -> str:
 
 def _read_json(path: Path, text: str) -> ForeignTable:
     """Read a file with one JSON object per line; nested values become columns 'position[0]'."""
-    import pyarrow as pa
-
     rows: list[dict[str, str]] = []
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     for number, line in lines:
@@ -416,9 +410,14 @@ def _read_json(path: Path, text: str) -> ForeignTable:
                 path, f"invalid JSON ({error})", "a JSON object on each line", number
             ) from None
     heads = tuple(dict.fromkeys(head for row in rows for head in row))
-    columns = [pa.array([row.get(head, "") for row in rows], pa.string()) for head in heads]
-    data = pa.table(columns, names=list(heads))
+    data = _text_table(heads, ([row.get(head, "") for row in rows] for head in heads))
     return ForeignTable(path, heads, ("",) * len(heads), data, [number for number, _ in lines])
+
+
+def _text_table(heads: Sequence[str], columns: Iterable[Sequence[str]]) -> "pa.Table":
+    import pyarrow as pa
+
+    return pa.table([pa.array(column, pa.string()) for column in columns], names=list(heads))
 
 
 def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -468,8 +467,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     (head, *texts), (head_line, *numbers) = lines.values(), lines
     heads = tuple(split_line(head, separator))
     units = [unit.strip("[](){} ") for unit in split_line(texts[0], separator)]
-    has_units = may_have_units and len(texts) > 1 and len(units) == len(heads) and _are_units(units)
-    if has_units:
+    if may_have_units and len(texts) > 1 and len(units) == len(heads) and _are_units(units):
         del texts[0], numbers[0]
     else:
         units = [""] * len(heads)
@@ -484,21 +482,17 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
                 f"{counted(len(heads), 'cell')}, as in the heading",
                 number,
             )
-    body, delimiter = "\n".join(texts), separator
-    if '"' in text or separator == _BLANKS:
-        lines_with_tabs, delimiter = io.StringIO(), "\t"
-        writer = csv.writer(lines_with_tabs, delimiter=delimiter, lineterminator="\n")
-        writer.writerows(split_line(line, separator) for line in texts)
-        body = lines_with_tabs.getvalue()
     names = [str(i) for i in range(len(heads))]
-    data = arrow_csv.read_csv(
-        pa.BufferReader(arrow_memory(body.encode())),
-        arrow_csv.ReadOptions(column_names=names),
-        arrow_csv.ParseOptions(
-            delimiter=delimiter, newlines_in_values='"' in text, ignore_empty_lines=False
-        ),
-        arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
-    )
+    if '"' in text or separator == _BLANKS:
+        rows = (split_line(line, separator) for line in texts)
+        data = _text_table(names, zip(*rows, strict=True))
+    else:
+        data = arrow_csv.read_csv(
+            pa.BufferReader(arrow_memory("\n".join(texts).encode())),
+            arrow_csv.ReadOptions(column_names=names),
+            arrow_csv.ParseOptions(delimiter=separator, ignore_empty_lines=False),
+            arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+        )
     return ForeignTable(
         path=path,
         heads=heads,
@@ -518,8 +512,6 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
     The corner cell names the axes of rows and columns, as in 'mach\\alpha_deg'. With a third axis,
     each block begins with a line such as 'altitude_m = 1000'.
     """
-    import pyarrow as pa
-
     outer: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     heads: list[str] = []
@@ -554,16 +546,13 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
                 "is a third axis)"
             )
             raise InputError(path, f"found '{line.strip()}'", expected, number)
-    columns = [pa.array(column, pa.string()) for column in zip(*rows, strict=True)]
-    if not columns:
+    if not rows:
         raise InputError(path, "the matrix has no rows", "a row heading and numbers in each row", 1)
-    units = ("",) * len(names)
-    data = pa.table(columns, names=list(names))
     return ForeignTable(
         path=path,
         heads=names,
-        units=units,
-        data=data,
+        units=("",) * len(names),
+        data=_text_table(names, zip(*rows, strict=True)),
         lines=numbers,
         texts=texts,
         separator=separator,
@@ -579,12 +568,7 @@ def _are_units(cells: Sequence[str]) -> bool:
         if cell
     ):
         return False
-    for cell in cells:
-        with contextlib.suppress(Refusal):
-            parse_unit(cell)
-            if cell not in ("", "-"):
-                return True
-    return False
+    return any(cell not in ("", "-") and _is_unit(cell) for cell in cells)
 
 
 def _find_separator(lines: Sequence[str]) -> str:
@@ -593,12 +577,9 @@ def _find_separator(lines: Sequence[str]) -> str:
         separator: [len(split_line(line, separator)) for line in lines]
         for separator in (";", "\t", ",", _BLANKS)
     }
-    fits = [
-        candidate for candidate, count in counts.items() if count[:1] > [1] and len(set(count)) == 1
-    ]
-    return next(
-        iter(fits or [candidate for candidate, count in counts.items() if count[:1] > [1]]), ","
-    )
+    splitting = [separator for separator, count in counts.items() if count[:1] > [1]]
+    fitting = [separator for separator in splitting if len({*counts[separator]}) == 1]
+    return next(iter(fitting + splitting), ",")
 
 
 def split_line(line: str, separator: str) -> list[str]:

@@ -59,9 +59,8 @@ class InputError(Exception):
         self.expected = expected
 
     def __str__(self) -> str:
-        location = ":".join(
-            str(item) for item in (self.file, self.line, self.column) if item is not None
-        )
+        items = (self.file, self.line, self.column)
+        location = ":".join(str(item) for item in items if item is not None)
         return printable(f"{location}: {_sentence(self.found, self.expected)}")
 
 
@@ -109,11 +108,8 @@ class Refusal(ValueError):
 
 
 def _sentence(problem: str, expected: str) -> str:
-    return (
-        f"{problem}; {expected}"
-        if expected.startswith("did you mean")
-        else f"{problem}; expected {expected}"
-    )
+    word = "" if expected.startswith("did you mean") else "expected "
+    return f"{problem}; {word}{expected}"
 
 
 def is_exhausted(error: BaseException) -> bool:
@@ -148,10 +144,8 @@ def one_of(names: Iterable[object], misspelt: object = None) -> str:
 
 def describe(value: object) -> str:
     """Return a short description of a value for error messages."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, bool):
-        return "true" if value else "false"
+    if value is None or isinstance(value, bool):
+        return {None: "nothing", True: "true", False: "false"}[value]
     if isinstance(value, dict):
         if not value:
             return "an empty mapping"

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.input_error import Refusal, found_value
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -64,20 +64,14 @@ def expand(
             continue
         parts = Path(pattern).parts
         if not parts or Path(pattern).is_absolute() or ".." in parts:
-            raise Refusal(
-                f"found '{pattern}'",
-                "a relative path inside the controller file's folder",
-                ("files", i),
-            )
+            expected = "a relative path inside the controller file's folder"
+            raise Refusal(found_value(pattern), expected, ("files", i))
         inside = "**/*" if (folder / pattern).is_dir() else ""
         paths = sorted((folder / pattern).glob(inside) if inside else folder.glob(pattern))
         matches = [path for path in paths if path.is_file() and "__pycache__" not in path.parts]
         if not matches:
-            raise Refusal(
-                f"'{pattern}' matches no file",
-                "existing files in the controller file's folder",
-                ("files", i),
-            )
+            expected = "existing files in the controller file's folder"
+            raise Refusal(f"'{pattern}' matches no file", expected, ("files", i))
         for path in matches:
             if not path.resolve().is_relative_to(folder.resolve()):
                 problem = f"'{pattern}' is a link to a file outside its folder, {path.resolve()}"

@@ -11,6 +11,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from abhv_mc.array_types import Indices
+
 _FEW = 10_000  # maximum number of rows converted without pyarrow.compute, whose import is slow
 
 
@@ -30,19 +32,16 @@ def column_values(column: pa.ChunkedArray) -> NDArray[Any]:
     return np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
 
 
-def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], NDArray[np.intp]]:
+def distinct_texts(column: pa.ChunkedArray) -> tuple[list[str], Indices]:
     """Return the sorted distinct strings of a column, and the index of each row's string."""
+    encoded = None
     if pa.types.is_dictionary(column.type):
         encoded = column.unify_dictionaries().combine_chunks()
-    elif len(column) <= _FEW:
-        texts, inverse = np.unique(np.array(column.to_pylist(), dtype=np.str_), return_inverse=True)
-        return texts.tolist(), inverse
-    else:
+    elif len(column) > _FEW:
         encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
-    texts, inverse = np.unique(
-        np.array(encoded.dictionary.to_pylist(), dtype=np.str_), return_inverse=True
-    )
-    return texts.tolist(), inverse[np.from_dlpack(encoded.indices)]
+    cells = np.array((encoded.dictionary if encoded else column).to_pylist(), dtype=np.str_)
+    texts, inverse = np.unique(cells, return_inverse=True)
+    return texts.tolist(), inverse[np.from_dlpack(encoded.indices)] if encoded else inverse
 
 
 def number_column(values: NDArray[Any]) -> pa.Array:
@@ -53,12 +52,8 @@ def number_column(values: NDArray[Any]) -> pa.Array:
 
 def text_column(texts: Sequence[str]) -> pa.Array:
     """Convert strings [row] to a column."""
-    if len({*texts}) == 1:
-        encoded = [texts[0].encode()] * len(texts)
-        ends = np.arange(len(texts) + 1, dtype=np.int32) * np.int32(len(encoded[0]))
-    else:
-        encoded = [text.encode() for text in texts]
-        ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    encoded = [text.encode() for text in texts]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.Array.from_buffers(
         pa.string(), len(encoded), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
     )

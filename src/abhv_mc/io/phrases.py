@@ -1,5 +1,6 @@
-"""Phrases of printed sentences: numbers with grouped digits, counts, and lists of names."""
+"""Phrases of printed sentences: numbers with grouped digits, counts, lists of names; notices."""
 
+import sys
 from collections.abc import Iterable, Sequence
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
@@ -39,3 +40,8 @@ def joined(items: Sequence[str], conjunction: str = "and") -> str:
 def quoted(names: Iterable[object], conjunction: str = "and") -> str:
     """Join names in quotation marks as "'a', 'b' and 'c'"; without names, return 'none'."""
     return joined([f"'{name}'" for name in names], conjunction) or "none"
+
+
+def notify(text: str) -> None:
+    """Print a line on standard error immediately."""
+    print(text, file=sys.stderr, flush=True)

@@ -29,41 +29,40 @@ _FOOT = 0.3048
 _POUND = 0.45359237
 _G0 = 9.80665
 
-_UNITS: dict[str, tuple[float, Exponents]] = {
-    "%": (0.01, _NONE),
-    **dict.fromkeys(("m", "meter", "meters"), (1.0, (1, 0, 0, 0, 0))),
-    "km": (1e3, (1, 0, 0, 0, 0)),
-    "cm": (1e-2, (1, 0, 0, 0, 0)),
-    "mm": (1e-3, (1, 0, 0, 0, 0)),
-    **dict.fromkeys(("ft", "foot", "feet"), (_FOOT, (1, 0, 0, 0, 0))),
-    "kft": (1e3 * _FOOT, (1, 0, 0, 0, 0)),
-    "in": (_FOOT / 12.0, (1, 0, 0, 0, 0)),
-    **dict.fromkeys(("nmi", "NM"), (1852.0, (1, 0, 0, 0, 0))),
-    "kg": (1.0, (0, 1, 0, 0, 0)),
-    "t": (1e3, (0, 1, 0, 0, 0)),
-    "lb": (_POUND, (0, 1, 0, 0, 0)),
-    "slug": (_POUND * _G0 / _FOOT, (0, 1, 0, 0, 0)),
-    "s": (1.0, (0, 0, 1, 0, 0)),
-    "ms": (1e-3, (0, 0, 1, 0, 0)),
-    "min": (60.0, (0, 0, 1, 0, 0)),
-    "h": (3600.0, (0, 0, 1, 0, 0)),
-    "Hz": (1.0, (0, 0, -1, 0, 0)),
-    "rad": (1.0, (0, 0, 0, 1, 0)),
-    "mrad": (1e-3, (0, 0, 0, 1, 0)),
-    **dict.fromkeys(("deg", "degree", "degrees"), (math.pi / 180.0, (0, 0, 0, 1, 0))),
-    **dict.fromkeys(("kt", "kts", "knot", "knots"), (1852.0 / 3600.0, (1, 0, -1, 0, 0))),
-    "N": (1.0, (1, 1, -2, 0, 0)),
-    "kN": (1e3, (1, 1, -2, 0, 0)),
-    "lbf": (_POUND * _G0, (1, 1, -2, 0, 0)),
-    "Pa": (1.0, (-1, 1, -2, 0, 0)),
-    "kPa": (1e3, (-1, 1, -2, 0, 0)),
-    "hPa": (1e2, (-1, 1, -2, 0, 0)),
-    "mbar": (1e2, (-1, 1, -2, 0, 0)),
-    "psi": (_POUND * _G0 / (_FOOT / 12.0) ** 2, (-1, 1, -2, 0, 0)),
-    "W": (1.0, (2, 1, -3, 0, 0)),
-    "kW": (1e3, (2, 1, -3, 0, 0)),
-    "MW": (1e6, (2, 1, -3, 0, 0)),
-    "K": (1.0, (0, 0, 0, 0, 1)),
+_UNITS: dict[str, tuple[float, Exponents]] = {  # factor to SI and exponents by symbol
+    symbol: (factor, exponents)
+    for exponents, symbols in {
+        _NONE: {"%": 0.01},
+        (1, 0, 0, 0, 0): {
+            **dict.fromkeys(("m", "meter", "meters"), 1.0),
+            "km": 1e3,
+            "cm": 1e-2,
+            "mm": 1e-3,
+            **dict.fromkeys(("ft", "foot", "feet"), _FOOT),
+            "kft": 1e3 * _FOOT,
+            "in": _FOOT / 12.0,
+            **dict.fromkeys(("nmi", "NM"), 1852.0),
+        },
+        (0, 1, 0, 0, 0): {"kg": 1.0, "t": 1e3, "lb": _POUND, "slug": _POUND * _G0 / _FOOT},
+        (0, 0, 1, 0, 0): {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+        (0, 0, -1, 0, 0): {"Hz": 1.0},
+        (0, 0, 0, 1, 0): {
+            "rad": 1.0,
+            "mrad": 1e-3,
+            **dict.fromkeys(("deg", "degree", "degrees"), math.pi / 180.0),
+        },
+        (1, 0, -1, 0, 0): dict.fromkeys(("kt", "kts", "knot", "knots"), 1852.0 / 3600.0),
+        (1, 1, -2, 0, 0): {"N": 1.0, "kN": 1e3, "lbf": _POUND * _G0},
+        (-1, 1, -2, 0, 0): {
+            "Pa": 1.0,
+            "kPa": 1e3,
+            **dict.fromkeys(("hPa", "mbar"), 1e2),
+            "psi": _POUND * _G0 / (_FOOT / 12.0) ** 2,
+        },
+        (2, 1, -3, 0, 0): {"W": 1.0, "kW": 1e3, "MW": 1e6},
+        (0, 0, 0, 0, 1): {"K": 1.0},
+    }.items()
+    for symbol, factor in symbols.items()
 }
 _SPELLINGS = {"°": "deg", "²": "2", "³": "3", "·": " ", "*": " "}
 
@@ -148,19 +147,15 @@ def parse_unit(text: str) -> tuple[float, Exponents]:
 def check_angle(unit: str) -> None:
     """Raise Refusal if ``unit``, the unit of a circular quantity, is not a unit of angles."""
     if parse_unit(unit)[1] != ANGLE.exponents:
-        raise Refusal(
-            f"the unit '{unit}' of a circular quantity is not an angle",
-            "the unit deg or rad",
-            ("unit",),
-        )
+        problem = f"the unit '{unit}' of a circular quantity is not an angle"
+        raise Refusal(problem, "the unit deg or rad", ("unit",))
 
 
 def dimension_of(unit: str) -> Dimension:
     """Return the dimension of a unit. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)
-    return _BY_EXPONENTS.get(exponents) or Dimension(
-        f"a quantity in {unit}", unit, f"1 {unit}", exponents
-    )
+    other = Dimension(f"a quantity in {unit}", unit, f"1 {unit}", exponents)
+    return _BY_EXPONENTS.get(exponents, other)
 
 
 def si_unit_of(unit: str) -> str:
@@ -168,17 +163,12 @@ def si_unit_of(unit: str) -> str:
     _, exponents = parse_unit(unit)
     if exponents in _BY_EXPONENTS:
         return _BY_EXPONENTS[exponents].unit
-    above = [
-        f"{symbol}{power if power > 1 else ''}"
+    powers = [
+        (power, f"{symbol}{abs(power) if abs(power) > 1 else ''}")
         for symbol, power in zip(_SI_SYMBOLS, exponents, strict=True)
-        if power > 0
     ]
-    below = [
-        f"/{symbol}{-power if power < -1 else ''}"
-        for symbol, power in zip(_SI_SYMBOLS, exponents, strict=True)
-        if power < 0
-    ]
-    return (" ".join(above) or "1") + "".join(below)
+    above = " ".join(text for power, text in powers if power > 0)
+    return (above or "1") + "".join(f"/{text}" for power, text in powers if power < 0)
 
 
 def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | None = None) -> float:
@@ -189,16 +179,14 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
     if dimension is FRACTION:
         bare_unit = "-"
     # The number types of numpy are instances of Real.
-    if isinstance(text, bool) or not isinstance(text, (str, Real)):
-        raise Refusal(found_value(text), dimension.expected)
-    match = _QUANTITY.fullmatch(str(text).strip().replace("\N{MINUS SIGN}", "-"))
+    is_quantity = isinstance(text, (str, Real)) and not isinstance(text, bool)
+    plain = str(text).strip().replace("\N{MINUS SIGN}", "-")
+    match = _QUANTITY.fullmatch(plain) if is_quantity else None
     if match is None:
         raise Refusal(found_value(text), dimension.expected)
-    number, unit = float(match.group(1)), match.group(2).strip()
-    if not unit:
-        if bare_unit is None:
-            raise Refusal(f"found {describe(text)} without a unit", dimension.expected)
-        unit = bare_unit
+    number, unit = float(match[1]), match[2].strip() or bare_unit
+    if unit is None:
+        raise Refusal(f"{found_value(text)} without a unit", dimension.expected)
     try:
         factor, exponents = parse_unit(unit)
     except Refusal as refusal:
@@ -209,10 +197,8 @@ def parse_quantity(text: str | float, dimension: Dimension, bare_unit: str | Non
         ) from None
     if exponents != dimension.exponents:
         actual = _BY_EXPONENTS.get(exponents)
-        raise Refusal(
-            f"{describe(text)} is {actual.name if actual else 'another quantity'}",
-            dimension.expected,
-        )
+        problem = f"{describe(text)} is {actual.name if actual else 'another quantity'}"
+        raise Refusal(problem, dimension.expected)
     inverse = 1.0 / factor  # Division by 100 rounds only once; multiplication by 0.01 rounds twice.
     value = number / inverse if inverse.is_integer() else number * factor
     if not math.isfinite(value):
@@ -248,12 +234,9 @@ def parse_in_any_unit(value: str | float, unit: str) -> float:
     """
     written_unit = unit_of(value)
     if written_unit in ("", unit):
-        number = (
-            str(value).strip().removesuffix(written_unit or " ")
-            if isinstance(value, str)
-            else value
-        )
-        return parse_quantity(number, FRACTION)
+        if isinstance(value, str):
+            value = value.strip().removesuffix(written_unit)
+        return parse_quantity(value, FRACTION)
     try:
         dimension = dimension_of(unit)
     except Refusal:
@@ -275,44 +258,35 @@ def parse_plausible(
     """Convert text to a quantity in SI. Raise Refusal for invalid text and implausible values."""
     number = parse_quantity(value, dimension, bare_unit)
     if abs(number) > dimension.largest:
-        raise Refusal(
-            found_value(value),
-            f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}".removesuffix(
-                " -"
-            ),
-        )
+        expected = f"{dimension.name} of at most {dimension.largest:g} {dimension.unit}"
+        raise Refusal(found_value(value), expected.removesuffix(" -"))
     return number
 
 
-def _parser(dimension: Dimension) -> BeforeValidator:
-    return BeforeValidator(lambda value: parse_plausible(value, dimension))
-
-
-def _writer(dimension: Dimension) -> PlainSerializer:
-    return PlainSerializer(lambda value: format_quantity(value, dimension), when_used="json")
-
-
-def _schema(dimension: Dimension) -> WithJsonSchema:
+def _field(dimension: Dimension) -> tuple[object, ...]:
+    """Return the parser, the serializer and the JSON schema of a field of pydantic models."""
+    is_number = dimension is FRACTION
     text = {"type": "string", "description": dimension.expected, "examples": [dimension.example]}
-    text["pattern"] = (
-        # a number, followed by any unit
-        rf"^\s*{NUMBER}\s*{'' if dimension is FRACTION else '[^0-9]'}"
+    text["pattern"] = rf"^\s*{NUMBER}\s*{'' if is_number else '[^0-9]'}"  # a number and any unit
+    return (
+        BeforeValidator(lambda value: parse_plausible(value, dimension)),
+        PlainSerializer(lambda value: format_quantity(value, dimension), when_used="json"),
+        WithJsonSchema({"anyOf": [{"type": "number"}, text]} if is_number else text),
     )
-    return WithJsonSchema({"anyOf": [{"type": "number"}, text]} if dimension is FRACTION else text)
 
 
 # Field types: a string with a unit in files and in model_dump(mode="json"), and a float in SI in
 # models. Constraints such as Annotated[Length, Gt(0.0)] are in SI.
-Length = Annotated[float, _parser(LENGTH), _writer(LENGTH), _schema(LENGTH)]
-Area = Annotated[float, _parser(AREA), _writer(AREA), _schema(AREA)]
-Speed = Annotated[float, _parser(SPEED), _writer(SPEED), _schema(SPEED)]
-Acceleration = Annotated[float, _parser(ACCELERATION), _writer(ACCELERATION), _schema(ACCELERATION)]
-Angle = Annotated[float, _parser(ANGLE), _writer(ANGLE), _schema(ANGLE)]
-AngularRate = Annotated[float, _parser(ANGULAR_RATE), _writer(ANGULAR_RATE), _schema(ANGULAR_RATE)]
-Mass = Annotated[float, _parser(MASS), _writer(MASS), _schema(MASS)]
-Inertia = Annotated[float, _parser(INERTIA), _writer(INERTIA), _schema(INERTIA)]
-Pressure = Annotated[float, _parser(PRESSURE), _writer(PRESSURE), _schema(PRESSURE)]
-HeatFlux = Annotated[float, _parser(HEAT_FLUX), _writer(HEAT_FLUX), _schema(HEAT_FLUX)]
-Time = Annotated[float, _parser(TIME), _writer(TIME), _schema(TIME)]
-Frequency = Annotated[float, _parser(FREQUENCY), _writer(FREQUENCY), _schema(FREQUENCY)]
-Fraction = Annotated[float, _parser(FRACTION), _writer(FRACTION), _schema(FRACTION)]
+Length = Annotated[float, *_field(LENGTH)]
+Area = Annotated[float, *_field(AREA)]
+Speed = Annotated[float, *_field(SPEED)]
+Acceleration = Annotated[float, *_field(ACCELERATION)]
+Angle = Annotated[float, *_field(ANGLE)]
+AngularRate = Annotated[float, *_field(ANGULAR_RATE)]
+Mass = Annotated[float, *_field(MASS)]
+Inertia = Annotated[float, *_field(INERTIA)]
+Pressure = Annotated[float, *_field(PRESSURE)]
+HeatFlux = Annotated[float, *_field(HEAT_FLUX)]
+Time = Annotated[float, *_field(TIME)]
+Frequency = Annotated[float, *_field(FREQUENCY)]
+Fraction = Annotated[float, *_field(FRACTION)]

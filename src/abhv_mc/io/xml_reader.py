@@ -85,62 +85,40 @@ def read_xml(path: Path, kind: str) -> tuple[Node, bytes]:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(path, f"the file cannot be read ({error.strerror})", kind) from None
-    return _Reader(path, kind).read(content), content
+    parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
+    parser.buffer_text = True
+    parents = [Node(path, "", {}, 0, 0)]  # parents of the current element; the first is no element
 
+    def refuse(problem: str) -> NoReturn:
+        location = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+        raise InputError(path, problem, f"{kind} without external references", *location)
 
-class _Reader:
-    def __init__(self, path: Path, kind: str) -> None:
-        self._path, self._kind = path, kind
-        self._open: list[Node] = []
-        self._root: Node
-        self._parser = expat.ParserCreate(namespace_separator=_SEPARATOR)
-        self._parser.buffer_text = True
-        self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = self._end
-        self._parser.CharacterDataHandler = self._characters
-        self._parser.EntityDeclHandler = lambda name, *details: self._refuse(
-            f"the file declares the entity '{name}'"
-        )
-        self._parser.SkippedEntityHandler = lambda name, _: self._refuse(
-            f"the file uses the undeclared entity '{name}'"
-        )
-
-    def read(self, content: bytes) -> Node:
-        try:
-            self._parser.Parse(content, True)
-        except expat.ExpatError as error:
-            problem = f"invalid XML ({expat.ErrorString(error.code)})"
-            raise InputError(
-                self._path, problem, self._kind, error.lineno, error.offset + 1
-            ) from None
-        return self._root
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
+    def start(name: str, attributes: dict[str, str]) -> None:
         space, _, plain = name.rpartition(_SEPARATOR)
         if space == _INCLUDE:
-            self._refuse("the file includes another file")
-        if len(self._open) >= _DEEPEST:
-            self._refuse(f"elements are nested more than {_DEEPEST} levels deep")
+            refuse("the file includes another file")
+        if len(parents) > _DEEPEST:
+            refuse(f"elements are nested more than {_DEEPEST} levels deep")
         bare = {key.rpartition(_SEPARATOR)[2]: fold(value) for key, value in attributes.items()}
-        location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
-        node = Node(self._path, plain, bare, *location)
-        if self._open:
-            self._open[-1].children.append(node)
-            # A space separates the two numbers in content such as 1<sep/>3.
-            self._open[-1].raw += " "
-        else:
-            self._root = node
-        self._open.append(node)
+        location = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+        parents[-1].children.append(Node(path, plain, bare, *location))
+        # A space separates the two numbers in content such as 1<sep/>3.
+        parents[-1].raw += " "
+        parents.append(parents[-1].children[-1])
 
-    def _end(self, name: str) -> None:
-        self._open.pop()
+    def add(text: str) -> None:
+        parents[-1].raw += text
 
-    def _characters(self, text: str) -> None:
-        if self._open:
-            self._open[-1].raw += text
-
-    def _refuse(self, problem: str) -> NoReturn:
-        location = self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1
-        raise InputError(
-            self._path, problem, f"{self._kind} without external references", *location
-        )
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: parents.pop()
+    parser.CharacterDataHandler = add
+    parser.EntityDeclHandler = lambda name, *_: refuse(f"the file declares the entity '{name}'")
+    parser.SkippedEntityHandler = lambda name, _: refuse(
+        f"the file uses the undeclared entity '{name}'"
+    )
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        problem = f"invalid XML ({expat.ErrorString(error.code)})"
+        raise InputError(path, problem, kind, error.lineno, error.offset + 1) from None
+    return parents[0].children[0], content

@@ -13,10 +13,10 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     MixtureMarginal,
+    clip_probabilities,
     find_moments,
 )
-from abhv_mc.execution.executor import open_executor, open_threads
-from abhv_mc.execution.simulation import make_ready, simulate
+from abhv_mc.execution.executor import make_ready, open_executor, open_threads, simulate
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.interfaces import Engine
@@ -26,12 +26,11 @@ from abhv_mc.io.units import parse_in_any_unit, parse_unit
 from abhv_mc.search.search_flights import read_searched
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.circular import align_flights, unwrap
-from abhv_mc.statistics.time_offsets import find_offset
+from abhv_mc.statistics.placement import find_offset
 
 TIME, VEHICLE, HISTORY, ERROR = "time", "vehicle", "history", "_error"
 _MOST_TIMES = 500  # maximum number of times at which histories are compared
 _PIECE = 64  # number of flights that are simulated in one call
-_TINY = 2.0**-53  # smallest probability
 # Dispersions that vary from flight to flight by default; all others vary between vehicles.
 _BY_FLIGHT = ("atmosphere.", "wind.", "initial.", "failure.")
 
@@ -107,7 +106,7 @@ def read_records(
         if is_history:
             table.numbers([columns[TIME].position])  # Times must be finite.
             NumberTable(table, columns, values).check_rising(TIME, "s")
-        for i, rows in enumerate([values] if is_history else values[:, np.newaxis]):
+        for i, rows in enumerate([values] if is_history else values[:, None]):
             own = dict(zip(columns, rows.T, strict=True))
             inputs = {
                 name: (float(np.nanmean(own[name])), float(np.nanmax(own.get(name + ERROR, 0.0))))
@@ -179,7 +178,7 @@ class Programme:
         self.nominal = experiment.parameters.nominal_of(self.columns)
         simulator = experiment.simulator
         plans = simulator.make_plans([controller])
-        fitted = simulator.fit_plans(plans, self.columns, self.nominal[np.newaxis])
+        fitted = simulator.fit_plans(plans, self.columns, self.nominal[None])
         self.ready = make_ready(self.experiment, fitted)
 
     @cached_property
@@ -247,11 +246,11 @@ class Programme:
             own = [i for i, name in enumerate(space.names) if name in record.inputs]
             is_drawn[k, own] = False
             shares = np.array([space.marginals[i].cdf(rows[:, k, i]) for i in own])
-            targets = ndtri(np.clip(shares, _TINY, 1.0 - _TINY)).reshape(len(own), sets).T
+            targets = ndtri(clip_probabilities(shares)).reshape(len(own), sets).T
             gain = np.linalg.solve(correlations[np.ix_(own, own)], correlations[own])
             points[:, k] += (targets - points[:, k, own]) @ gain
         for i, marginal in enumerate(space.marginals):
-            values = marginal.ppf(np.clip(ndtr(points[:, :, i]), _TINY, 1.0 - _TINY))
+            values = marginal.ppf(clip_probabilities(ndtr(points[:, :, i])))
             rows[:, :, i] = np.where(is_drawn[:, i], values, rows[:, :, i])
         flat = rows.reshape(-1, len(self.columns))
         seeded = space.complete(flat[:, :count], self.experiment.seed, 0)
@@ -275,7 +274,7 @@ class Programme:
             def compute(rows: Floats) -> Floats:
                 block = simulate(self.ready, self.controller, rows, every, executor.fly)
                 if every is None:
-                    return block.metrics[:, np.newaxis, index]
+                    return block.metrics[:, None, index]
                 sampled = np.empty((len(rows), self.times.size, len(index)))
                 for k, history in enumerate(block.history):
                     for i, name in enumerate(self.names):
@@ -320,26 +319,25 @@ class Programme:
         simulated flights. A record is shifted in time if this reduces its deviation by more than
         that of any simulated flight.
         """
-        return np.array([self._align(k, simulated[:, k]) for k in range(len(self.records))])
-
-    def _align(self, k: int, simulated: Floats) -> Floats:
-        """Shift record `k` in time; return it, and align `simulated` [set, time, name]."""
-        periods, spans = self.experiment.periods, [0.1, 0.02] if self.is_history else []
-        while True:
-            record = self.records[k]
-            test = sample(record.values, self.names, self.times, periods, record.offset)
-            for i, name in enumerate(self.names):
-                pool = np.vstack([simulated[:, :, i], test[np.newaxis, :, i]])
-                pool = align_flights(pool, periods.get(name, 0.0), len(simulated))
-                simulated[:, :, i], test[:, i] = pool[:-1], pool[-1]
-            if not np.isfinite(test + simulated).any():
-                expected = "times that overlap with those of the simulated flights"
-                problem = "no value can be compared with the simulated flights"
-                raise record.table.error(0, 0, problem, expected)
-            if not spans:
-                return test
-            steps, is_offset = find_offset(simulated, test, spans.pop(0), len(self.space.names))
-            if not (is_offset or record.offset):
-                return test
-            offset = record.offset + steps * float(np.mean(np.diff(self.times)))
-            self.records[k] = replace(record, offset=offset)
+        periods, tests = self.experiment.periods, []
+        for k, record in enumerate(self.records):
+            sets = simulated[:, k]
+            for span in (0.1, 0.02, 0.0):
+                test = sample(record.values, self.names, self.times, periods, record.offset)
+                for i, name in enumerate(self.names):
+                    pool = np.vstack([sets[:, :, i], test[None, :, i]])
+                    pool = align_flights(pool, periods.get(name, 0.0), len(sets))
+                    sets[:, :, i], test[:, i] = pool[:-1], pool[-1]
+                if not np.isfinite(test + sets).any():
+                    expected = "times that overlap with those of the simulated flights"
+                    problem = "no value can be compared with the simulated flights"
+                    raise record.table.error(0, 0, problem, expected)
+                if not (span and self.is_history):
+                    break
+                steps, is_offset = find_offset(sets, test, span, len(self.space.names))
+                if not (is_offset or record.offset):
+                    break
+                offset = record.offset + steps * float(np.mean(np.diff(self.times)))
+                record = self.records[k] = replace(record, offset=offset)  # noqa: PLW2901
+            tests.append(test)
+        return np.array(tests)

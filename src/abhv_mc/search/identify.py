@@ -80,7 +80,7 @@ def identify(
         if name not in programme.noise:
             problem, expected = f"the error of '{name}' is unknown", f"--measured {name}=SIGMA"
             raise InputError("--measured", problem, expected)
-    center, scale = (prior[:, np.newaxis] for prior in programme.priors)
+    center, scale = (prior[:, None] for prior in programme.priors)
     moving = np.flatnonzero(scale.any(axis=(0, 1)))
     columns = [programme.columns[i] for i in moving]
     shared = np.isin(columns, programme.by_vehicle)
@@ -104,7 +104,7 @@ def identify(
             outputs = simulate(rows)
             for i, name in enumerate(names):
                 if period := experiment.periods.get(name):
-                    near = tests[:, np.newaxis, :, i]
+                    near = tests[:, None, :, i]
                     outputs[..., i] = move_near(outputs[..., i], near, period)
             return outputs.reshape(*points.shape[:2], -1)
 

@@ -1,7 +1,7 @@
 """Comparison of test flights with simulated flights under the same conditions."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from abhv_mc.statistics.circular import align_flights
 from abhv_mc.statistics.placement import (
     CONFIDENCE,
     Band,
-    SetTest,
     judge_set,
     simultaneous_band,
 )
@@ -104,28 +103,53 @@ def place_flights(
     :class:`Programme`. Raise InputError if flights cannot be compared.
     """
     programme = Programme(campaign, files, controller, noise, engine)
-    rows, names = programme.draw(sets), programme.names
+    rows, names, times = programme.draw(sets), programme.names, programme.times
     announce(f"simulating {sets * rows.shape[1]} flights ({sets} sets of {rows.shape[1]})")
     with programme.open() as simulate:
         simulated = simulate(rows, True)
     count = np.isfinite(simulated).sum(axis=(0, 1, 2))
     tests = programme.align(simulated)
     spread = np.isfinite(simulated).sum(axis=(0, 1, 2)) < count
-    pool = np.concatenate([simulated, tests[np.newaxis]])
+    pool = np.concatenate([simulated, tests[None]])
     pool[:, ~np.isfinite(tests)] = np.nan  # Simulated flights have the gaps of the test flights.
     bands: list[Band] = []
-    scores, labels, values = None, list(names), pool[:, :, 0]
+    scores, labels, values = np.zeros(pool.shape[:2]), list(names), pool[:, :, 0]
     if programme.is_history:
         values = summarize(pool.reshape(-1, *pool.shape[2:])).reshape(*pool.shape[:2], -1)
         labels = [f"{name}, {summary}" for summary in _SUMMARIES for name in names]
         bands = [simultaneous_band(pool[:-1, k], CONFIDENCE) for k in range(len(tests))]
-        own = [band.deviations(pool[-1, k]).max() for k, band in enumerate(bands)]
-        scores = np.vstack([np.transpose([band.scores for band in bands]), own])
+        deviations = [band.deviations(pool[-1, k]).max() for k, band in enumerate(bands)]
+        scores = np.vstack([np.transpose([band.scores for band in bands]), deviations])
     result = judge_set(values, scores)
-    factor = 0.0
-    if scores is not None:
-        rank = ceil(CONFIDENCE * (sets + 1))
-        factor = float(np.sort(np.append(scores[:-1].max(axis=1), np.inf))[rank - 1])
+    rank = ceil(CONFIDENCE * (sets + 1))
+    factor = float(np.sort(np.append(scores[:-1].max(axis=1), np.inf))[rank - 1])
+    flights = []
+    for k, record in enumerate(programme.records):
+        leaves = covers = None
+        if bands:
+            valid = times[np.isfinite(tests[k]).any(axis=1)]
+            covers = float(valid[0]), float(valid[-1])
+            for time, channel in np.argwhere(bands[k].deviations(tests[k]) > factor)[:1]:
+                leaves = Departure(names[channel], float(times[time]))
+        metrics = []
+        for i in np.argsort(result.columns[k], kind="stable").tolist():
+            value, own = float(values[-1, k, i]), values[:-1, k, i]
+            if np.isfinite(value) and np.isfinite(own).any():
+                low, median, high = np.nanquantile(own, [0.025, 0.5, 0.975]).tolist()
+                rank, p_value = int(np.sum(own < value)) + 1, float(result.columns[k, i])
+                metrics.append(RankedMetric(labels[i], value, rank, low, median, high, p_value))
+        flights.append(
+            PlacedFlight(
+                name=record.name,
+                vehicle=record.vehicle,
+                metrics=tuple(metrics),
+                p_value=float(result.flights[k]),
+                leaves=leaves,
+                offset_s=record.offset,
+                covers=covers,
+            )
+        )
+    edges = np.array([replace(band, factor=factor).edges for band in bands])
     return Placement(
         controller=programme.controller,
         simulated=sets,
@@ -135,26 +159,18 @@ def place_flights(
         noise=programme.noise,
         sensed=tuple(name for name in names if programme.sensor_errors(name, rows[0])),
         ignored=programme.ignored,
-        spread=tuple(name for name, is_spread in zip(names, spread, strict=True) if is_spread),
-        flights=tuple(
-            _place(
-                programme,
-                k,
-                labels=labels,
-                values=values[:, k],
-                result=result,
-                bands=bands,
-                factor=factor,
-                test=tests[k],
-            )
-            for k in range(len(tests))
-        ),
+        spread=tuple(np.array(names)[spread].tolist()),
+        flights=tuple(flights),
         together_p_value=result.together if len(tests) > 1 else None,
-        times=programme.times,
+        times=times,
         bands={
-            name: _hull(bands, factor, tests[:, :, i], i)
-            for i, name in enumerate(names)
-            if any(np.isfinite(band.middle[:, i]).any() for band in bands)
+            name: ChannelBands(
+                np.fmin.reduce(edges[..., i], axis=(0, 1)),
+                np.fmax.reduce(edges[..., i], axis=(0, 1)),
+                tests[:, :, i],
+            )
+            for i, name in enumerate(names if bands else ())
+            if not np.isnan(edges[..., i]).all()
         },
     )
 
@@ -174,74 +190,9 @@ def summarize(histories: Floats) -> Floats:
             np.fmax.reduce(histories, axis=1),
             np.fmin.reduce(histories, axis=1),
             mean,
-            np.take_along_axis(histories, last[:, np.newaxis], axis=1)[:, 0],
+            np.take_along_axis(histories, last[:, None], axis=1)[:, 0],
         ]
     )
-
-
-def _place(
-    programme: Programme,
-    k: int,
-    *,
-    labels: Sequence[str],
-    values: Floats,
-    result: SetTest,
-    bands: Sequence[Band],
-    factor: float,
-    test: Floats,
-) -> PlacedFlight:
-    """Return the comparison of flight `k` with simulated flights, `values` [set, column]."""
-    record, p_values, row = programme.records[k], result.columns[k], values[-1]
-    leaves, covers = None, None
-    if bands:
-        valid = np.flatnonzero(np.isfinite(test).any(axis=1))
-        covers = float(programme.times[valid[0]]), float(programme.times[valid[-1]])
-        outside = bands[k].deviations(test) > factor
-        if outside.any():
-            first = int(np.argmax(outside.any(axis=1)))
-            channel = programme.names[int(np.argmax(outside[first]))]
-            leaves = Departure(channel, float(programme.times[first]))
-    metrics = []
-    for i in np.argsort(p_values, kind="stable").tolist():
-        simulated = values[:-1, i][np.isfinite(values[:-1, i])]
-        if np.isfinite(row[i]) and simulated.size:
-            low, median, high = np.quantile(simulated, [0.025, 0.5, 0.975]).tolist()
-            rank = int(np.sum(simulated < row[i])) + 1
-            metrics.append(
-                RankedMetric(labels[i], float(row[i]), rank, low, median, high, float(p_values[i]))
-            )
-    return PlacedFlight(
-        name=record.name,
-        vehicle=record.vehicle,
-        metrics=tuple(metrics),
-        p_value=float(result.flights[k]),
-        leaves=leaves,
-        offset_s=record.offset,
-        covers=covers,
-    )
-
-
-def _hull(bands: Sequence[Band], factor: float, tests: Floats, i: int) -> ChannelBands:
-    """Return the hull of the bands of channel `i` of all flights, and `tests` [flight, time]."""
-    edges = np.array(
-        [
-            band.middle[:, i] + factor * sign * spread[:, i]
-            for band in bands
-            for sign, spread in zip((-1.0, 1.0), band.spread, strict=True)
-        ]
-    )
-    return ChannelBands(np.fmin.reduce(edges), np.fmax.reduce(edges), tests)
-
-
-def _random_histories(results: FlownCampaign, controller: str) -> dict[int, dict[str, Floats]]:
-    """Return, by flight number, the histories that were stored regardless of the outcome."""
-    steps = [
-        1 if item == "all" else int(str(item).removeprefix("every "))
-        for item in results.campaign.model.keep.histories.flights
-        if str(item) == "all" or str(item).startswith("every ")
-    ]
-    stored = read_histories(results.folder, controller) if steps else {}
-    return {k: stored[k] for k in sorted(stored) if any(k % step == 0 for step in steps)}
 
 
 def find_band(
@@ -253,7 +204,13 @@ def find_band(
     """
     if not results.campaign.independent:
         return None
-    histories = list(_random_histories(results, controller).values())
+    steps = [  # Randomly sampled flights are those stored regardless of the outcome.
+        int(text.removeprefix("every ").replace("all", "1"))
+        for text in map(str, results.campaign.model.keep.histories.flights)
+        if text.startswith(("all", "every "))
+    ]
+    stored = read_histories(results.folder, controller) if steps else {}
+    histories = [stored[k] for k in sorted(stored) if any(k % step == 0 for step in steps)]
     shared = [name for name in channels if histories and name in histories[0]]
     if len(histories) < FEWEST_FLIGHTS or not shared:
         return None

@@ -1,6 +1,5 @@
 """Probability that a flight violates a requirement (``abhv-mc rare``)."""
 
-import sys
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +14,7 @@ from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.io.phrases import counted, grouped_digits, quoted
+from abhv_mc.io.phrases import counted, grouped_digits, notify, quoted
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.evaluation import LANES, make_generator
 from abhv_mc.search.methods.rare import (
@@ -34,8 +33,15 @@ from abhv_mc.search.methods.surrogate import (
     SurrogateEstimate,
     estimate_by_surrogate,
 )
-from abhv_mc.search.search_flights import DrawnFlights, open_search, read_searched
-from abhv_mc.search.severity import FAILS_ABOVE, Severity, ended_early, rank_distinct
+from abhv_mc.search.search_flights import (
+    FAILS_ABOVE,
+    DrawnFlights,
+    Severity,
+    ended_early,
+    open_search,
+    rank_distinct,
+    read_searched,
+)
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 
@@ -189,15 +195,13 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
         if is_noisy:
             generator = make_generator(search.seed, _PLACE)
             points = generator.standard_normal((_PILOT, len(space.names)))
-            off = np.zeros((_PILOT, len(switches)), dtype=np.bool_)
+            off = np.zeros((_PILOT, len(switches)), dtype=bool)
             noise = noise_share((evaluate(points, off), evaluate(points, off)))
             if noise > _UNLIKELY:
-                print(
+                notify(
                     f"warning: {100.0 * noise:.0f} % of the variance of the severity ranks is "
                     f"noise ({_PILOT} points were simulated with two seeds each); a probability "
-                    "below 1e-4 can hardly be estimated",
-                    file=sys.stderr,
-                    flush=True,
+                    "below 1e-4 can hardly be estimated"
                 )
         target_cov = float(request.target_cov)
         estimate: RareEstimate
@@ -206,7 +210,7 @@ def find_rare(request: RareRequest, engine: Engine | None = None) -> RareFound:
             # With one thread, a resumed search gives bit-identical results.
             with one_blas_thread():
                 estimate = estimate_by_surrogate(
-                    lambda points: evaluate(points, np.zeros((len(points), 0), np.bool_)),
+                    lambda points: evaluate(points, np.zeros((len(points), 0), bool)),
                     plan,
                     target_cov,
                     flights,

@@ -6,7 +6,6 @@ simulated. `abhv-mc replay`, `query` and `verify campaign` also read the folder 
 """
 
 import contextlib
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -15,20 +14,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask, Singles
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.experiment import Experiment, Requirement
+from abhv_mc.campaign.file.experiment import Experiment, Requirement, check_user_code
 from abhv_mc.campaign.file.requirement_set import find_requirement_changes
-from abhv_mc.campaign.file.user_code import check_user_code
-from abhv_mc.custom_code.trust import trust
-from abhv_mc.execution.executor import FlightRunner, connect, open_executor
+from abhv_mc.custom_code.source import trust
+from abhv_mc.execution.executor import (
+    FlightRunner,
+    check_source,
+    connect,
+    make_ready,
+    open_executor,
+    simulate,
+)
 from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.simulation import check_source, make_ready, simulate
-from abhv_mc.flights.margins import MARGIN_NAMES, MARGIN_VALUES
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import (
     END_TIME,
     DamagedFileError,
@@ -48,16 +51,89 @@ from abhv_mc.folder.manifest import (
     Manifest,
     write_manifest,
 )
-from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
-from abhv_mc.folder.plan_file import find_stored_plans
+from abhv_mc.folder.opening import FlownFolder, begin_folder, find_stored_plans, open_folder
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Simulator
 from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.io.phrases import notify
 from abhv_mc.requests import Paths, SearchRequest
-from abhv_mc.search.severity import not_computed, rank_distinct
 from abhv_mc.search.space import Space, make_space
+from abhv_mc.statistics.estimates import Criterion
+
+# Severity of an early termination, to which the missing flight time (s) is added.
+ENDED_EARLY = 1e9
+# A flight fails if its severity exceeds this value; a flight exactly at a limit (severity 0) fails.
+FAILS_ABOVE = -float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class Severity:
+    """Severity of flights by one metric: larger is worse, and continuous if possible.
+
+    The severity is NaN if a flight failed to run.
+    """
+
+    # metric, undesired direction, and limits of a requirement
+    criterion: Criterion
+    duration: float  # duration in s of a flight that does not terminate early
+    early_is_worse: bool = True
+
+    def of(self, rows: FlightRows) -> Floats:
+        """Return severities [flight]."""
+        excess = self.criterion.excess(rows.column(self.criterion.metric))
+        severities = np.where(np.isinf(excess), ENDED_EARLY, excess)
+        if self.early_is_worse:
+            severities = np.where(
+                ended_early(rows), ENDED_EARLY + self.duration - rows.end_time, severities
+            )
+        return np.where(not_computed(rows), np.nan, severities)
+
+    def ranked(self, rows: FlightRows) -> Floats:
+        """Return severities [flight], with -infinity for flights that failed to run."""
+        severities = self.of(rows)
+        return np.where(np.isnan(severities), -np.inf, severities)
+
+
+def ended_early(rows: FlightRows) -> Mask:
+    """Return a mask [flight] of flights that terminated early."""
+    outcome = np.array(rows.outcome)
+    return (outcome != Outcome.OK.code) & (outcome != Outcome.FAILED_TO_RUN.code)
+
+
+def not_computed(rows: FlightRows) -> Mask:
+    """Return a mask [flight] of flights that failed to run."""
+    return np.array(rows.outcome) == Outcome.FAILED_TO_RUN.code
+
+
+def rank_distinct(
+    severities: Floats, samples: Floats, number: int, min_distance: float = 0.0
+) -> list[int]:
+    """Return the flights with the largest severities and distinct samples, worst first.
+
+    Each flight is farther than `min_distance` from all worse returned flights (rms over the columns
+    of `samples` [flight, parameter], scaled by their range). An infinite value, such as the time of
+    a failure that does not occur, is one range away from any finite value.
+    """
+    order = np.argsort(-severities, kind="stable")
+    order = order[np.isfinite(severities[order])]
+    comes = np.isfinite(samples)
+    low, high = (
+        samples.min(0, where=comes, initial=np.inf),
+        samples.max(0, where=comes, initial=-np.inf),
+    )
+    span = high - low
+    scaled = np.where(comes, samples, 0.0)[order] / np.where(span > 0.0, span, 1.0)
+    comes = comes[order]
+    flights: list[int] = []
+    while len(order) and len(flights) < number:
+        flights.append(int(order[0]))
+        distance = np.where(comes == comes[0], scaled - scaled[0], 1.0)
+        is_distinct = np.sqrt(np.mean(distance**2, axis=1)) > min_distance
+        order, scaled, comes = order[is_distinct], scaled[is_distinct], comes[is_distinct]
+    return flights
+
 
 _DRAWN = 3  # number of worst flights whose time histories a page shows
 # minimum distance between the plotted flights, as a share of the simulated range (rms over
@@ -113,7 +189,7 @@ class DrawnFlights:
     numbers: tuple[int, ...]
     times: Floats  # times in s
     # [1 + flight, time, channel] in the order of the campaign's channels; NaN after the end
-    history: NDArray[np.float32]
+    history: Singles
     campaign: Experiment
 
 
@@ -166,18 +242,12 @@ class SearchFlights:
 
     def rows(self) -> FlightRows:
         """Return all flights so far."""
-        names = self.space.columns
-        samples = np.concatenate([block.samples for block in self.blocks])
-        outcome = tuple(code for block in self.blocks for code in block.outcome)
-        values = np.concatenate([block.values for block in self.blocks])
-        return FlightRows(
-            controller=self.plan.controller,
-            first=0,
-            names=names,
-            samples=samples,
-            outcome=outcome,
-            values=values,
-            columns=self.columns,
+        return replace(
+            self.blocks[0],
+            samples=np.concatenate([block.samples for block in self.blocks]),
+            outcome=tuple(code for block in self.blocks for code in block.outcome),
+            values=np.concatenate([block.values for block in self.blocks]),
+            reasons=(),
         )
 
     def fly(self, values: Floats, common_seed: bool) -> FlightRows:
@@ -208,7 +278,7 @@ class SearchFlights:
         return None
 
     def _fly(self, first: int, samples: Floats) -> FlightRows:
-        names, count = self.space.columns, len(self.plan.metrics)
+        count = len(self.plan.metrics)
         flown = simulate(
             self.campaign,
             self.controller,
@@ -217,17 +287,14 @@ class SearchFlights:
             self.executor.fly_parallel,
             margins=self.margins,
         )
-        outcome = self.campaign.outcomes.of(flown.outcome)
-        values = np.column_stack(
-            [flown.metrics[:, :count], flown.end_time, flown.metrics[:, count:]]
-        )
+        metrics, margins = np.split(flown.metrics, [count], axis=1)
         return FlightRows(
             controller=self.plan.controller,
             first=first,
-            names=names,
+            names=self.space.columns,
             samples=samples,
-            outcome=outcome,
-            values=values,
+            outcome=self.campaign.outcomes.of(flown.outcome),
+            values=np.column_stack([metrics, flown.end_time, margins]),
             columns=self.columns,
             reasons=flown.reason_texts,
         )
@@ -325,7 +392,7 @@ def open_search(
             ready = make_ready(campaign, {name: plan})
             first = fly_first(ready, request.workers, {})
             for warning in first.warnings:
-                print(f"warning: {warning}", file=sys.stderr, flush=True)
+                notify(f"warning: {warning}")
             files = begin_folder(folder, inputs, {name: plan}, stack)
             manifest = Manifest(
                 name=campaign.model.name,

@@ -3,25 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.derived_parameters import Derived
-from abhv_mc.campaign.sampling.designs import Copula, stream_key
+from abhv_mc.campaign.sampling.designs import Copula, make_generator
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     DiscreteMarginal,
     Marginal,
     MixtureMarginal,
     SometimesMarginal,
+    clip_probabilities,
 )
 from abhv_mc.campaign.sampling.samples import draw_seeds, full_rows
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.io.documents import InputError
 from abhv_mc.io.phrases import counted
 
-_SMALLEST = 2.0**-53
 # number of random flights that are tried, and minimum number of flights that must be in the box
 _TRIED, _FEWEST_INSIDE = 65536, 10
 _SEEDS = {
@@ -56,7 +55,7 @@ class Space:
             if isinstance(marginal, SometimesMarginal)
         }
 
-    def from_normal(self, points: Floats, on: NDArray[np.bool_] | None = None) -> Floats:
+    def from_normal(self, points: Floats, on: Mask | None = None) -> Floats:
         """Convert standard normal points to SI values [flight, dimension].
 
         The points are transformed by the copula and the distributions. `on` [flight, switch]
@@ -64,7 +63,7 @@ class Space:
         """
         from scipy.special import ndtr
 
-        uniform = self.copula.apply(np.clip(ndtr(points), _SMALLEST, 1.0 - _SMALLEST))
+        uniform = self.copula.apply(clip_probabilities(ndtr(points)))
         values, switch = np.empty_like(uniform), 0
         for i, marginal in enumerate(self.marginals):
             if on is not None and isinstance(marginal, SometimesMarginal):
@@ -121,9 +120,7 @@ class Space:
         absent = np.array(
             [m.nominal if isinstance(m, SometimesMarginal) else np.nan for m in self.marginals]
         )
-        generator = np.random.Generator(
-            np.random.Philox(np.random.SeedSequence(stream_key(seed, "box", "search")))
-        )
+        generator = make_generator(seed, "box", "search")
         accepted, tried = np.empty((0, len(self.names))), 0
         while len(accepted) < number:
             drawn = self.from_normal(generator.standard_normal((2 * number, len(self.names))))

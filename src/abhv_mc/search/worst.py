@@ -6,7 +6,8 @@ linear analysis.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from functools import partial
+from itertools import compress, product
 from math import prod
 from typing import Any
 
@@ -16,8 +17,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal
 from abhv_mc.campaign.sampling.samples import full_rows
-from abhv_mc.flights.margins import MARGIN_NAMES
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import MARGIN_NAMES, Metric
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine, TrimMargins
@@ -27,12 +27,14 @@ from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (
     DrawnFlights,
+    Severity,
     binding_requirements,
+    ended_early,
     find_metric,
+    not_computed,
     open_search,
     read_searched,
 )
-from abhv_mc.search.severity import Severity, ended_early, not_computed
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
 
@@ -104,22 +106,9 @@ class WorstFound:
         return -1.0 if self.criterion.bad == "low" and self.criterion.limits is None else 1.0
 
     @property
-    def side(self) -> str:
-        """Adjective for the direction of the search, such as 'largest'."""
-        if self.criterion.limits is not None:
-            return "most extreme"
-        return {"high": "largest", "low": "smallest", "size": "largest absolute"}[
-            self.criterion.bad
-        ]
-
-    @property
     def at_bounds(self) -> list[str]:
         """Parameters that are at a bound of their range in the worst flight."""
-        return [
-            name
-            for name, is_at_bound in zip(self.names, self.case.at_bounds, strict=True)
-            if is_at_bound
-        ]
+        return list(compress(self.names, self.case.at_bounds))
 
     def numbers(self) -> dict[str, Any]:
         """Return the result as JSON values in SI units."""
@@ -153,11 +142,7 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
     There are as many random flights as search flights. Raise InputError for an invalid request.
     """
     campaign, controller = read_searched(request.campaign, request.controller, request.seed)
-    metric = find_metric(
-        campaign,
-        request.metric,
-        lambda problem, expected: InputError("--metric", problem, expected),
-    )
+    metric = find_metric(campaign, request.metric, partial(InputError, "--metric"))
     criterion = Criterion(
         metric.name, request.bad or metric.bad, None if request.bad else metric.band
     )

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from math import ceil, inf
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 
 CONFIDENCE = 0.95
 # smallest distance of a quantile from the median, as a share of the channel's largest standard
@@ -32,13 +31,11 @@ _RIDGE = 1e-3  # regularization relative to a column's unit variance
 
 def rank_p_values(pool: Floats) -> Floats:
     """Return the two-sided p-value of each rank [flight, column] within its column."""
-    flights, ordered = len(pool), np.sort(pool, axis=0)
-    p_values = np.empty(pool.shape)
-    for column, values in enumerate(pool.T):
-        at_most = np.searchsorted(ordered[:, column], values, "right")
-        at_least = flights - np.searchsorted(ordered[:, column], values, "left")
-        p_values[:, column] = 2.0 * np.minimum(at_most, at_least) / flights
-    return np.minimum(p_values, 1.0)
+    from scipy.stats import rankdata
+
+    at_most = rankdata(pool, "max", axis=0)
+    at_least = len(pool) + 1 - rankdata(pool, "min", axis=0)
+    return np.asarray(np.minimum(2.0 * np.minimum(at_most, at_least) / len(pool), 1.0))
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ class SetTest:
     together: float  # p-value of the whole set
 
 
-def judge_set(pool: Floats, scores: Floats | None = None) -> SetTest:
+def judge_set(pool: Floats, scores: Floats | float = 0.0) -> SetTest:
     """Compare the last set of `pool` [set, flight, column] with all other, simulated sets.
 
     Flight k of each set has the same conditions. Missing values (NaN) count as medians. `scores`
@@ -74,9 +71,11 @@ def judge_set(pool: Floats, scores: Floats | None = None) -> SetTest:
     flat = np.nan_to_num(np.round((pool - middle) / spread, 6)).reshape(-1, columns)
     normal = ndtri((rankdata(flat, axis=0) - 0.5) / len(flat)).reshape(pool.shape)
     p_values = rank_p_values(flat)
-    deviations = [-p_values.min(axis=1), _distances(normal.reshape(-1, columns))]
-    if scores is not None:
-        deviations.append(scores.ravel())
+    distances, added = (
+        _distances(normal.reshape(-1, columns)),
+        np.broadcast_to(scores, pool.shape[:2]),
+    )
+    deviations = [-p_values.min(axis=1), distances, added.ravel()]
     least = np.min([_shares(values) for values in deviations], axis=0).reshape(sets, flights)
     first = least.min(axis=1)
     own = normal - normal.mean(axis=1, keepdims=True) * (flights > 2)
@@ -93,7 +92,7 @@ def judge_set(pool: Floats, scores: Floats | None = None) -> SetTest:
     joint = shares.min(axis=0) + shares.sum(axis=0) / (1e3 * sets)  # The sum separates ties.
     return SetTest(
         columns=p_values[-flights:],
-        flights=np.mean(first <= least[-1][:, np.newaxis] + 1e-12, axis=1),
+        flights=np.mean(first <= least[-1][:, None] + 1e-12, axis=1),
         together=float(np.mean(joint <= joint[-1] + 1e-12)),
     )
 
@@ -197,6 +196,48 @@ class _Quantiles:
         deviation[judged] = np.nanstd(self.values[:, judged], axis=0, ddof=1)
         return deviation
 
-    def _order(self, place: NDArray[np.intp]) -> Floats:
-        place = np.minimum(place, len(self.values) - 1)[np.newaxis]
+    def _order(self, place: Indices) -> Floats:
+        place = np.minimum(place, len(self.values) - 1)[None]
         return np.asarray(np.take_along_axis(self.ordered, place, axis=0)[0], dtype=np.float64)
+
+
+_SHIFTS = 41  # number of shifts that are tried
+_SIGNIFICANT = 25.0  # smallest significant reduction of the sum of squares, in noise variances
+
+
+def find_offset(simulated: Floats, record: Floats, span: float, modes: int) -> tuple[float, bool]:
+    """Return the shift of `record` [time, channel] in samples, and whether it is significant.
+
+    The shift minimizes the mean squared deviation from the mean of `simulated`
+    [flight, time, channel] that the first principal `modes` of the simulated flights do not
+    explain, so that dispersed parameters do not look like an offset. `span` is the largest shift as
+    a share of the samples. A shift is significant if it reduces the deviation by more than for any
+    simulated flight.
+    """
+    count = np.maximum(np.isfinite(simulated).sum(axis=0), 1)
+    middle = np.nansum(simulated, axis=0) / count
+    spread = np.sqrt(np.nansum((simulated - middle) ** 2, axis=0) / count)
+    spread = np.maximum(spread, 0.05 * spread.max(axis=0) + np.finfo(float).tiny)
+    flights = np.concatenate([simulated, record[None]])
+    deviations = np.nan_to_num((simulated - middle) / spread).reshape(len(simulated), -1)
+    *_, directions = np.linalg.svd(deviations, full_matrices=False)
+    directions = directions[:modes].reshape(-1, *record.shape)
+    most = max(1, round(span * len(record)))
+    shifts = np.unique(np.linspace(-most, most, _SHIFTS).astype(np.int64))
+    losses = np.empty((len(shifts), len(flights)))
+    for row, shift in enumerate(shifts.tolist()):
+        own = slice(max(0, -shift), len(record) - max(0, shift))
+        moved = flights[:, own.start + shift : own.stop + shift]
+        valid = np.isfinite(moved[-1]) & np.isfinite(middle[own])
+        values = np.nan_to_num((moved - middle[own]) / spread[own])[:, valid]
+        basis, _ = np.linalg.qr(directions[:, own][:, valid].T)
+        losses[row] = np.mean((values - values @ basis @ basis.T) ** 2, axis=1)
+    gains = losses[len(shifts) // 2] - losses.min(axis=0)
+    best = int(np.clip(losses[:, -1].argmin(), 1, len(shifts) - 2))
+    left, middle_loss, right = losses[best - 1 : best + 2, -1]
+    curvature = left - 2.0 * middle_loss + right
+    steps = 0.5 * (left - right) / curvature if curvature > 0.0 else 0.0
+    step = float(shifts[best + 1] - shifts[best - 1]) / 2.0
+    offset = float(shifts[best] + np.clip(steps, -1.0, 1.0) * step)
+    noise = _SIGNIFICANT / valid.sum() * losses[:, -1].min()
+    return offset, bool(gains[-1] > max(noise, gains[:-1].max()))

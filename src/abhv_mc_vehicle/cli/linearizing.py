@@ -230,8 +230,8 @@ def _find_flown(
 
     Raise InputError if a custom control law is not trusted.
     """
+    from abhv_mc.campaign.file.experiment import check_user_code
     from abhv_mc.campaign.file.kinds import find_kind
-    from abhv_mc.campaign.file.user_code import check_user_code
     from abhv_mc_vehicle.control.controller_file import read_controller
     from abhv_mc_vehicle.vehicle_simulator.stored_plans import check_user_law
 

@@ -72,7 +72,7 @@ def metrics(
     definition states the source or expression, statistic, limit and window that would declare the
     same metric in a campaign file.
     """
-    from abhv_mc.flights.margins import MARGINS
+    from abhv_mc.flights.metrics import MARGINS
     from abhv_mc_vehicle.flight.metrics import BUILT_IN
 
     records = list(BUILT_IN.values())

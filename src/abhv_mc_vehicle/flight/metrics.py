@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from abhv_mc.flights.margins import MARGINS
 from abhv_mc.flights.metrics import (
+    MARGINS,
     Group,
     Metric,
     default_bad,

@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.execution.dispersion_probes import differs
+from abhv_mc.execution.first_flights import differs
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.documents import (

@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flights.blocks import FlightBlock, Recording
-from abhv_mc.flights.margins import MARGIN_VALUES
+from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import LAW_LOST, Outcome
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.flight.plan import FlightPlan

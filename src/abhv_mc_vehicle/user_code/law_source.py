@@ -16,8 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.custom_code.source import UserSource, read_source
-from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder, read_source
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.documents import Document, InputError, InputErrors, one_of
 from abhv_mc.io.input_files import read_input

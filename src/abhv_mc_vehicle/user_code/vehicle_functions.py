@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.custom_code.source import UserSource
-from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder
 from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.input_files import made_once
 from abhv_mc.io.phrases import counted

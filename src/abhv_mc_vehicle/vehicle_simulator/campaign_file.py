@@ -7,17 +7,26 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
-from abhv_mc.campaign.file.config import Campaign, FlightCount, MetricName, Name
-from abhv_mc.campaign.file.keep import ALL, Keep, KeepEnvelopes, KeepHistories, as_list
+from abhv_mc.campaign.file.config import (
+    ALL,
+    Campaign,
+    FlightCount,
+    Keep,
+    KeepEnvelopes,
+    KeepHistories,
+    MetricName,
+    Name,
+    as_list,
+)
 from abhv_mc.campaign.file.systems import Contents
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED
-from abhv_mc.flights.margins import MARGIN_NAMES, MARGINS
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import MARGIN_NAMES, MARGINS, Metric
 from abhv_mc.flights.signals import Channel
 from abhv_mc.io.documents import (
     Document,
     File,
     InputError,
+    Problems,
     Refusal,
     StrictModel,
     one_of,
@@ -194,36 +203,30 @@ class VehicleContents(Contents):
             raise Refusal(f"found '{value}'", f"a plain number, in {unit}")
         return parse_quantity(value, dimension_of(unit), bare_unit=unit) / parse_unit(unit)[0]
 
-    def check(self, runs: int, errors: list[InputError]) -> None:
+    def check(self, runs: int, errors: Problems) -> None:
         """Check the points and flights for which stability margins are computed.
 
         Points must lie within the mission. A requirement on margins needs the margins of all
         flights.
         """
-        document = self.document
         model = self.model
         needed = [i for i, entry in enumerate(model.requirements) if entry.metric in MARGIN_NAMES]
         if model.margins is None:
             for i in needed:
-                errors.append(
-                    document.error(
-                        ("requirements", i, "metric"),
-                        f"the requirement on '{model.requirements[i].metric}' needs stability "
-                        "margins",
-                        "'margins: {at: [trim], flights: all}' in the campaign file",
-                    )
+                problem = (
+                    f"the requirement on '{model.requirements[i].metric}' needs stability margins"
                 )
+                expected = "'margins: {at: [trim], flights: all}' in the campaign file"
+                errors.add(("requirements", i, "metric"), problem, expected)
             return
         if needed and model.margins.of(runs) < runs:
             metric = model.requirements[needed[0]].metric
-            errors.append(
-                document.error(
-                    ("margins", "flights"),
-                    f"margins are computed for only {grouped_digits(model.margins.of(runs))} of "
-                    f"{counted(runs, 'flight')}, but '{metric}' is required",
-                    "'flights: all', because a verdict needs the metric of every flight",
-                )
+            problem = (
+                f"margins are computed for only {grouped_digits(model.margins.of(runs))} of "
+                f"{counted(runs, 'flight')}, but '{metric}' is required"
             )
+            expected = "'flights: all', because a verdict needs the metric of every flight"
+            errors.add(("margins", "flights"), problem, expected)
         times = {i: time for i, time in enumerate(model.margins.at) if time != "trim"}
         duration = 0.0
         if times:
@@ -231,18 +234,14 @@ class VehicleContents(Contents):
         for i, time in times.items():
             if not 0.0 <= time <= duration:
                 where = ("margins", "at", i)
-                errors.append(
-                    document.error(
-                        where,
-                        f"found {time:g} s",
-                        f"'trim', or a mission time from 0 to {duration:g} s",
-                    )
+                errors.add(
+                    where,
+                    f"found {time:g} s",
+                    f"'trim', or a mission time from 0 to {duration:g} s",
                 )
 
 
-def read_contents(
-    document: Document, model: VehicleCampaign, errors: list[InputError]
-) -> VehicleContents:
+def read_contents(document: Document, model: VehicleCampaign, errors: Problems) -> VehicleContents:
     """Return the contents of a campaign file; append problems to ``errors``.
 
     Raise InputErrors if a file of the campaign is invalid.
@@ -255,7 +254,7 @@ def read_contents(
         document, model, user_channels, errors, effectors=effectors, states=states
     )
     channels = effector_channels(effectors)
-    _check_channels(document, model, (*channels, *state_channels(states)), errors)
+    _check_channels(model, (*channels, *state_channels(states)), errors)
     units = {channel.name: channel.unit for channel in (*CHANNELS, *channels)}
     return VehicleContents(
         systems=tuple(model.controllers),
@@ -281,7 +280,7 @@ def _declare_metrics(
     document: Document,
     model: VehicleCampaign,
     user_channels: Sequence[tuple[str, str]],
-    errors: list[InputError],
+    errors: Problems,
     *,
     effectors: tuple[str, ...],
     states: tuple[tuple[str, str, bool], ...],
@@ -320,21 +319,18 @@ def _declare_metrics(
 
 
 def _check_channels(
-    document: Document,
     model: VehicleCampaign,
     own_channels: tuple[Channel, ...],
-    errors: list[InputError],
+    errors: Problems,
 ) -> None:
     """Check that the channels of stored histories are built in or defined by the vehicle."""
     channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
     for name in model.keep.histories.channels:
         if name not in channel_names:
-            errors.append(
-                document.error(
-                    ("keep", "histories", "channels"),
-                    f"unknown channel '{name}'",
-                    one_of(channel_names, name),
-                )
+            errors.add(
+                ("keep", "histories", "channels"),
+                f"unknown channel '{name}'",
+                one_of(channel_names, name),
             )
 
 

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.campaign.file.experiment import Experiment, check_user_code
 from abhv_mc.campaign.file.feasibility import refuse_input, values_of
-from abhv_mc.campaign.file.user_code import check_user_code
 from abhv_mc.custom_code.child import in_child
 from abhv_mc.custom_code.source import read_source
 from abhv_mc.flights.blocks import Recording

@@ -4,7 +4,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.systems import Registered
 from abhv_mc.compiling import tell
-from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.metrics import BUILT_IN, METRIC_INDEX
 from abhv_mc_vehicle.kernel.compiler_target import choose_interface, find_level

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.custom_code.source import UserSource, read_source
-from abhv_mc.custom_code.trust import check_trusted, is_in_a_folder
+from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder, read_source
 from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
 from abhv_mc.io.documents import InputError, read_document
 from abhv_mc_vehicle.control.controller_file import Controller, read_controller

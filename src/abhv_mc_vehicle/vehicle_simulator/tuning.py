@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.io.documents import Refusal, StrictModel
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import TIME, Fraction, parse_quantity

@@ -13,8 +13,8 @@ from pydantic import BeforeValidator, Field, RootModel, model_validator
 from abhv_mc.campaign.file.config import MetricName
 from abhv_mc.custom_code.source import compile_text, read_source
 from abhv_mc.flights.expressions import FUNCTIONS, SourceRow, compile_expression
-from abhv_mc.flights.margins import MARGIN_FAULTS
 from abhv_mc.flights.metrics import (
+    MARGIN_FAULTS,
     NEEDS_LIMIT,
     TAKES_LIMIT,
     Bad,

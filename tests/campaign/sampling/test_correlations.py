@@ -10,8 +10,7 @@ from fake_flight import write_campaign
 from scipy import stats
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.correlations import normal_correlation
-from abhv_mc.campaign.sampling.designs import make_copula
+from abhv_mc.campaign.sampling.designs import make_copula, normal_correlation
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal
 from abhv_mc.campaign.sampling.marginals import MixtureMarginal as Mixture
 from abhv_mc.folder.inputs import collect_inputs

@@ -12,7 +12,7 @@ import pytest
 from fake_flight import make_plan
 from scipy.io import loadmat
 
-from abhv_mc.folder.plan_file import read_plan, write_plan
+from abhv_mc.folder.opening import read_plan, write_plan
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.control.design.reference import COLUMN_INDEX
 from abhv_mc_vehicle.flight.metrics import METRICS

@@ -11,9 +11,8 @@ from os import PathLike
 
 import numpy as np
 
-from abhv_mc.campaign.file.config import Campaign, Compared, select_asked
+from abhv_mc.campaign.file.config import BY_REQUIREMENTS, Campaign, Compared, select_asked
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
 from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.requirements import (
     check_requirements,
@@ -23,14 +22,15 @@ from abhv_mc.campaign.file.requirements import (
 )
 from abhv_mc.campaign.file.systems import Registered, find_simulator, systems_key
 from abhv_mc.campaign.file.unknowns import check_unknowns, match_requirements
-from abhv_mc.campaign.sampling.correlations import is_discrete, normal_correlation
 from abhv_mc.campaign.sampling.derived_parameters import Derived, compile_derived
 from abhv_mc.campaign.sampling.designs import (
     FACTORIAL,
     INDEPENDENT,
     Copula,
     count_flights,
+    is_discrete,
     make_copula,
+    normal_correlation,
 )
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
@@ -38,8 +38,8 @@ from abhv_mc.flights.parameters import Parameters
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import (
     Document,
-    InputError,
     InputErrors,
+    Problems,
     Refusal,
     one_of,
     read_document,
@@ -51,9 +51,7 @@ from abhv_mc.io.units import parse_in_any_unit
 _SAME = 1e-9  # relative tolerance within which nominal values count as equal
 
 
-def check_derived(
-    document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]
-) -> Derived:
+def check_derived(model: Campaign, parameters: Parameters, errors: Problems) -> Derived:
     """Return the derived inputs of a campaign; append problems to ``errors``."""
     derived_inputs = []
     nominal = full_rows((), np.empty((1, 0)), (), parameters)
@@ -61,24 +59,18 @@ def check_derived(
         where = ("derived", name)
         if name not in parameters:
             expected = one_of(parameters.dispersible, name)
-            errors.append(document.key_error(where, f"unknown parameter '{name}'", expected))
+            errors.add_key(where, f"unknown parameter '{name}'", expected)
             continue
-        try:
+        with errors.collect(*where):
             derived_input = compile_derived(name, text, parameters)
-            derived_operands = sorted(
-                other for other in derived_input.of if other in model.derived and other != name
-            )
-            if derived_operands:
+            for operand in sorted(derived_input.of & model.derived.keys() - {name}):
                 raise Refusal(
-                    f"'{derived_operands[0]}' is itself a derived parameter",
+                    f"'{operand}' is itself a derived parameter",
                     "a drawn parameter, or the expression that defines the derived parameter",
                 )
-            if seeds := sorted(
-                derived_input
-                for derived_input in {name, *derived_input.of}
-                if parameters[derived_input].seed
-            ):
-                raise Refusal(f"'{seeds[0]}' is a random seed", "a parameter that is a quantity")
+            for operand in sorted({name, *derived_input.of}):
+                if parameters[operand].seed:
+                    raise Refusal(f"'{operand}' is a random seed", "a parameter that is a quantity")
             value, usual = float(derived_input.evaluate(nominal)[0]), parameters[name].nominal
             if not (value == usual or math.isclose(value, usual, rel_tol=_SAME, abs_tol=_SAME)):
                 problem = f"the value is {value:g} if all parameters are nominal"
@@ -87,8 +79,6 @@ def check_derived(
                 )
                 raise Refusal(problem, required_value)
             derived_inputs.append(derived_input)
-        except Refusal as refusal:
-            errors.append(document.error(where, refusal.found, refusal.expected))
     return tuple(derived_inputs)
 
 
@@ -128,56 +118,48 @@ def check_campaign(document: Document, engine: Engine | None = None) -> Experime
 
 def _check(document: Document, model: Campaign, simulator: Registered) -> Experiment:
     """Check constraints that the pydantic model cannot express. Raise InputErrors."""
-    errors: list[InputError] = []
+    errors = Problems(document)
     contents = simulator.read(document, model, errors)
     parameters = contents.parameters
-    marginals = _make_marginals(document, model, parameters, errors)
+    marginals = _make_marginals(model, parameters, errors)
     sample_file = read_sample_file(model.sampling.path, parameters) if model.sampling.path else None
     names = sample_file.names if sample_file else tuple(model.dispersions)
-    copula, document = _make_copula(document, model, names, marginals, errors)
-    derived = check_derived(document, model, parameters, errors)
+    copula, document = _make_copula(model, names, marginals, errors)
+    derived = check_derived(model, parameters, errors)
     units = {metric.name: metric.unit for metric in contents.metrics}
-    _check_measured(document, model, units | dict(contents.units), errors)
-    requirements = tuple(check_requirements(document, model, contents, errors))
-    _check_names(document, model, contents.systems, errors)
+    _check_measured(model, units | dict(contents.units), errors)
+    requirements = tuple(check_requirements(model, contents, errors))
+    _check_names(model, contents.systems, errors)
     other_roles = {
         **dict.fromkeys(model.derived, "derived"),
         **dict.fromkeys(model.dispersions, "a dispersion"),
     }
     box = model.unknowns, model.points, other_roles, model.sampling.design
-    unknowns = check_unknowns(document, *box, parameters=parameters, errors=errors)
+    unknowns = check_unknowns(*box, parameters=parameters, errors=errors)
     data = document.entries
     unknowns = match_requirements(unknowns, model.points, data.get("requirements") or [])
-    number = _check_runs(document, model, names, sample_file, errors) * len(unknowns.points)
+    number = _check_runs(model, names, sample_file, errors) * len(unknowns.points)
     ranking = model.keep.histories.by
     has_margins = contents.margin_flights(number) == number
     metrics = (*contents.metrics, *(contents.margins if has_margins else ()))
     ranked = (BY_REQUIREMENTS, *(metric.name for metric in metrics))
     if ranking not in ranked:
-        errors.append(
-            document.error(
-                ("keep", "histories", "by"), f"unknown metric '{ranking}'", one_of(ranked, ranking)
-            )
+        errors.add(
+            ("keep", "histories", "by"), f"unknown metric '{ranking}'", one_of(ranked, ranking)
         )
     for item in model.keep.histories.flights:
         if isinstance(item, int) and item >= number:
             where = ("keep", "histories", "flights")
-            errors.append(
-                document.error(
-                    where, f"unknown flight {item}", f"a flight number from 0 to {number - 1}"
-                )
-            )
-    check_stop(document, model, errors)
+            errors.add(where, f"unknown flight {item}", f"a flight number from 0 to {number - 1}")
+    check_stop(model, errors)
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
     if model.pooled and (not joined or sum(pool.runs for pool in model.pooled) > number):
         pooled_flights = sum(pool.runs for pool in model.pooled)
         problem = f"found {counted(pooled_flights, 'pooled flight')}"
-        errors.append(
-            document.key_error(
-                ("pooled",),
-                problem,
-                f"at most {counted(number, 'flight')}, as in 'runs', and 'sampling: {INDEPENDENT}'",
-            )
+        errors.add_key(
+            ("pooled",),
+            problem,
+            f"at most {counted(number, 'flight')}, as in 'runs', and 'sampling: {INDEPENDENT}'",
         )
     contents.check(number, errors)
     if errors:
@@ -207,9 +189,7 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
     return replace(document, data=select_asked(selected, controllers))
 
 
-def _check_names(
-    document: Document, model: Campaign, systems: Sequence[str], errors: list[InputError]
-) -> None:
+def _check_names(model: Campaign, systems: Sequence[str], errors: Problems) -> None:
     """Check that 'under_test' and 'asks' list different controllers of the campaign."""
     compared = model.asks.compare if isinstance(model.asks, Compared) else ()
     for keys, names in ((("under_test",), model.under_test or ()), (("asks", "compare"), compared)):
@@ -220,11 +200,11 @@ def _check_names(
                 problem, expected = f"'{name}' is listed twice", "each name only once"
             else:
                 continue
-            errors.append(document.error((*keys, i), problem, expected))
+            errors.add((*keys, i), problem, expected)
 
 
 def _make_marginals(
-    document: Document, model: Campaign, parameters: Parameters, errors: list[InputError]
+    model: Campaign, parameters: Parameters, errors: Problems
 ) -> dict[str, Marginal]:
     marginals: dict[str, Marginal] = {}
     for name, distribution in model.dispersions.items():
@@ -237,141 +217,99 @@ def _make_marginals(
                 if name not in parameters
                 else f"'{name}' is a random seed"
             )
-            errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
+            errors.add_key(where, problem, one_of(parameters.dispersible, name))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
             problem = (
                 f"the key 'probability' conflicts with the design '{model.sampling.design}', which "
                 "sets all values"
             )
-            errors.append(
-                document.error(
-                    (*where, "probability"),
-                    problem,
-                    "a design that draws random values, or no key 'probability'",
-                )
+            errors.add(
+                (*where, "probability"),
+                problem,
+                "a design that draws random values, or no key 'probability'",
             )
-        try:
+        with errors.collect(*where):
             marginals[name] = distribution.make_marginal(parameters[name])
-        except Refusal as refusal:
-            errors.append(document.error((*where, *refusal.keys), refusal.found, refusal.expected))
     if model.sampling.design == "file" and model.dispersions:
         problem = "dispersions cannot be combined with samples from a file"
-        errors.append(
-            document.key_error(
-                ("dispersions",),
-                problem,
-                "no dispersions, because the columns of the file define the samples",
-            )
+        errors.add_key(
+            ("dispersions",),
+            problem,
+            "no dispersions, because the columns of the file define the samples",
         )
     return marginals
 
 
 def _make_copula(
-    document: Document,
-    model: Campaign,
-    names: Sequence[str],
-    marginals: Mapping[str, Marginal],
-    errors: list[InputError],
+    model: Campaign, names: Sequence[str], marginals: Mapping[str, Marginal], errors: Problems
 ) -> tuple[Copula, Document]:
     """Return the copula, and the document with the solved correlations of discrete inputs.
 
     A folder with samples of other correlations is therefore not extended.
     """
     pairs: dict[tuple[str, str], float] = {}
-    nothing = Copula((), np.eye(0)), document
+    document, copula = errors.document, Copula((), np.eye(0))
     entries = [*document.entries.get("correlations", ())]
     for i, entry in enumerate(model.correlations):
         for j, name in enumerate(entry.between):
             if name not in names:
                 problem = f"'{name}' is not dispersed"
-                errors.append(
-                    document.error(("correlations", i, "between", j), problem, one_of(names, name))
-                )
+                errors.add(("correlations", i, "between", j), problem, one_of(names, name))
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
                 problem = (
                     f"'{name}' has a probability below 1, so some flights have its nominal value"
                 )
-                errors.append(
-                    document.error(
-                        ("correlations", i, "between", j),
-                        problem,
-                        "a parameter that is drawn in every flight",
-                    )
+                errors.add(
+                    ("correlations", i, "between", j),
+                    problem,
+                    "a parameter that is drawn in every flight",
                 )
         pair = (min(entry.between), max(entry.between))
         if pair in pairs:
-            errors.append(
-                document.error(
-                    ("correlations", i),
-                    f"{quoted(pair)} are listed twice",
-                    "each pair only once",
-                )
+            errors.add(
+                ("correlations", i), f"{quoted(pair)} are listed twice", "each pair only once"
             )
         pairs[pair] = entry.normal or 0.0
         if entry.rank is not None and marginals.keys() >= set(pair):
             both = [marginals[name] for name in pair]
-            try:
+            with errors.collect("correlations", i):
                 pairs[pair] = normal_correlation(entry.rank, both)
-            except Refusal as refusal:
-                where = ("correlations", i, *refusal.keys)
-                errors.append(document.error(where, refusal.found, refusal.expected))
             if is_discrete(both):
                 entries[i] = {"between": [*entry.between], "normal": pairs[pair]}
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
         problem = f"the design '{model.sampling.design}' does not permit correlations"
-        errors.append(
-            document.key_error(
-                ("correlations",), problem, "no correlations, because this design sets all values"
-            )
+        errors.add_key(
+            ("correlations",), problem, "no correlations, because this design sets all values"
         )
-    if errors:
-        return nothing
-    if entries:
-        document = replace(document, data=document.entries | {"correlations": entries})
-    try:
-        return make_copula(names, pairs), document
-    except Refusal as refusal:
-        errors.append(document.error(("correlations",), refusal.found, refusal.expected))
-        return nothing
+    if not errors:
+        with errors.collect("correlations"):
+            copula = make_copula(names, pairs)
+        if entries:
+            document = replace(document, data=document.entries | {"correlations": entries})
+    return copula, document
 
 
-def _check_measured(
-    document: Document, model: Campaign, units: Mapping[str, str], errors: list[InputError]
-) -> None:
+def _check_measured(model: Campaign, units: Mapping[str, str], errors: Problems) -> None:
     """Check that measured quantities are known, and that their noise has a valid unit."""
     for name, value in model.measured.items():
         where = ("measured", name)
         if name not in units:
-            errors.append(
-                document.key_error(
-                    where, f"unknown channel or metric '{name}'", one_of(units, name)
-                )
-            )
+            errors.add_key(where, f"unknown channel or metric '{name}'", one_of(units, name))
             continue
-        try:
+        with errors.collect(*where):
             if not parse_in_any_unit(value, units[name]) >= 0.0:
                 raise Refusal(f"found {value}", "a nonnegative standard deviation")
-        except Refusal as refusal:
-            errors.append(document.error(where, refusal.found, refusal.expected))
 
 
 def _check_runs(
-    document: Document,
-    model: Campaign,
-    names: Sequence[str],
-    sample_file: SampleFile | None,
-    errors: list[InputError],
+    model: Campaign, names: Sequence[str], sample_file: SampleFile | None, errors: Problems
 ) -> int:
     """Return the number of flights, as stated in the file or determined by the design."""
     design = model.sampling.design
     if design in FACTORIAL and not names:
-        errors.append(
-            document.error(
-                ("sampling",),
-                f"the design '{design}' requires dispersions",
-                "at least one dispersion",
-            )
+        errors.add(
+            ("sampling",), f"the design '{design}' requires dispersions", "at least one dispersion"
         )
         return 1
     number = (
@@ -381,24 +319,19 @@ def _check_runs(
     )
     if number is None:
         if model.runs is None:
-            errors.append(
-                document.error(
-                    (),
-                    "the key 'runs' is missing",
-                    f"this key, because the design '{design}' does not determine the number "
-                    "of flights",
-                )
+            errors.add(
+                (),
+                "the key 'runs' is missing",
+                f"this key, because the design '{design}' does not determine the number of flights",
             )
         return model.runs or 1
     if number > 2**30:
-        errors.append(
-            document.error(("sampling",), f"the design has {number:.3g} flights", "at most 1e9")
-        )
+        errors.add(("sampling",), f"the design has {number:.3g} flights", "at most 1e9")
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:
         expected = (
             f"{'at most ' if sample_file else ''}{number}, the number of flights in the design "
             f"'{design}', or no 'runs'"
         )
-        errors.append(document.error(("runs",), f"found {model.runs}", expected))
+        errors.add(("runs",), f"found {model.runs}", expected)
     return model.runs or number

@@ -9,8 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
-from abhv_mc.campaign.file.config import Compared
-from abhv_mc.campaign.file.keep import BY_REQUIREMENTS
+from abhv_mc.campaign.file.config import BY_REQUIREMENTS, Compared
 from abhv_mc.campaign.file.systems import find_simulator
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.campaign.sampling.derived_parameters import Derived
@@ -26,6 +25,7 @@ from abhv_mc.campaign.sampling.samples import (
     samples_at_points,
     seeded_samples,
 )
+from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import Outcomes
 from abhv_mc.flights.parameters import Parameters
@@ -456,3 +456,18 @@ class Experiment:
         seeds = find_seeds(self.varied, self.parameters)
         records = [self.parameters[name] for name in seeds]
         return seeded_samples(source, records, seed, sampling.design) if seeds else source
+
+
+def check_user_code(campaign: Experiment, trusted: bool = False) -> list[UserSource]:
+    """Return the custom code of a campaign. Raise InputError for untrusted code.
+
+    Files outside results folders are trusted. A copy in a results folder is trusted if the user has
+    run the same code before or sets ``trusted``. This function does not run any code.
+    """
+    foreign, own = is_in_a_folder(campaign.document.path), []
+    for file, source in campaign.simulator.find_code():
+        if foreign or is_in_a_folder(file):
+            check_trusted(source, trusted)
+        else:
+            own.append(source)
+    return own

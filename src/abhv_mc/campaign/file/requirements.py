@@ -17,8 +17,16 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.file.systems import Contents, Input, InputName
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Distribution
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of, validate
-from abhv_mc.io.foreign_table import read_foreign_table
+from abhv_mc.io.documents import (
+    Document,
+    InputError,
+    Problems,
+    Refusal,
+    StrictModel,
+    one_of,
+    validate,
+)
+from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table
 
 _COLUMNS = tuple(RequirementEntry.model_fields)
 _NUMBERS = ("below", "above", "probability", "consumer_risk", "producer_risk")
@@ -41,20 +49,27 @@ def read_requirements(document: Document) -> Document:
 
     Raise InputErrors if the table is invalid.
     """
-    data = document.data
-    if not isinstance(data, dict) or not isinstance(data.get("requirements"), str):
+    if (path := _find_table(document, "requirements", "a list of requirements")) is None:
         return document
-    path = document.resolve(str(data["requirements"]))
-    if not path.is_file():
-        raise document.error(
-            ("requirements",),
-            f"the file '{path.name}' does not exist",
-            "an existing CSV file, or a list of requirements",
-        )
     table = _read_table(path)
     validate(table, _Table)  # Validate here, so that errors refer to locations in the table.
     tables = (*document.tables, table)
-    return replace(document, data={**data, **table.entries}, tables=tables)
+    return replace(document, data={**document.entries, **table.entries}, tables=tables)
+
+
+def _find_table(document: Document, key: str, alternative: str) -> Path | None:
+    """Return the path of the table that an entry names, or None if the entry is no path.
+
+    Raise InputError if the table does not exist.
+    """
+    data = document.data
+    if not isinstance(data, dict) or not isinstance(data.get(key), str):
+        return None
+    path = document.resolve(data[key])
+    if not path.is_file():
+        problem = f"the file '{path.name}' does not exist"
+        raise document.error((key,), problem, f"an existing CSV file, or {alternative}")
+    return path
 
 
 class _Inputs(StrictModel):
@@ -68,24 +83,18 @@ def _read_inputs(document: Document) -> Document:
     The columns are ``name`` and the keys of inputs and dispersions. Raise InputErrors if the table
     is invalid.
     """
-    data = document.data
-    if not isinstance(data, dict) or not isinstance(data.get("inputs"), str):
+    if (path := _find_table(document, "inputs", "a mapping of inputs")) is None:
         return document
-    path = document.resolve(str(data["inputs"]))
-    if not path.is_file():
-        problem = f"the file '{path.name}' does not exist"
-        raise document.error(("inputs",), problem, "an existing CSV file, or a mapping of inputs")
+    data = document.entries
     table = read_foreign_table(path, has_units=False)
     if "name" not in table.heads:
         raise table.error(
             None, 0, "the column 'name' is missing", "a column with the names of the inputs"
         )
-    columns = [table.words(i) for i in range(len(table.heads))]
     entries: dict[str, dict[str, dict[str, Any]]] = {"inputs": {}, "dispersions": {}}
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for row, line in enumerate(table.lines):
-        cells = {head: cells[row] for head, cells in zip(table.heads, columns, strict=True)}
-        values = {head: _number(cell) for head, cell in cells.items() if cell}
+    for row, line, cells in _list_cells(table):
+        values = {head: _number(cell) for head, cell in cells.items()}
         name = str(values.pop("name", ""))
         if not name or name in entries["inputs"]:
             raise InputError(
@@ -106,6 +115,13 @@ def _read_inputs(document: Document) -> Document:
     return replace(document, data={**data, **entries}, tables=(*document.tables, rows))
 
 
+def _list_cells(table: ForeignTable) -> Iterator[tuple[int, int, dict[str, str]]]:
+    """Yield the index, line and cells by heading of each row, without empty cells."""
+    columns = [table.words(i) for i in range(len(table.heads))]
+    for row, (line, *cells) in enumerate(zip(table.lines, *columns, strict=True)):
+        yield row, line, {head: cell for head, cell in zip(table.heads, cells, strict=True) if cell}
+
+
 def _number(cell: str) -> Any:
     with contextlib.suppress(ValueError):
         return float(cell)
@@ -119,18 +135,14 @@ def _read_table(path: Path) -> Document:
             raise table.error(None, column, f"unknown column '{head}'", one_of(_COLUMNS, head))
     if "metric" not in table.heads:
         raise table.error(None, 0, "the column 'metric' is missing", one_of(_COLUMNS))
-    columns = [table.words(i) for i in range(len(table.heads))]
     entries: list[Any] = []
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (1, 1)}
-    for row, line in enumerate(table.lines):
-        entry: dict[str, Any] = {}
+    for row, line, cells in _list_cells(table):
         location = ("requirements", row)
         locations[location] = (line, 1)
-        for column, (head, cells) in enumerate(zip(table.heads, columns, strict=True)):
-            if cells[row]:
-                entry[head] = _value(head, cells[row])
-                locations[(*location, head)] = table.position(row, column)
-        entries.append(entry)
+        for head in cells:
+            locations[(*location, head)] = table.position(row, table.heads.index(head))
+        entries.append({head: _value(head, cell) for head, cell in cells.items()})
     return Document(path, {"requirements": entries}, locations, locations)
 
 
@@ -171,10 +183,7 @@ def join_requirements(
 
 
 def check_requirements(
-    document: Document,
-    model: Campaign,
-    contents: Contents,
-    errors: list[InputError],
+    model: Campaign, contents: Contents, errors: Problems
 ) -> Iterator[Requirement]:
     """Yield checked requirements; append problems to ``errors``."""
     systems, read = contents.systems, contents.read_limit
@@ -183,25 +192,19 @@ def check_requirements(
     for i, entry in enumerate(model.requirements):
         where = ("requirements", i)
         if entry.id is not None and entry.id in ids[:i]:
-            errors.append(
-                document.error(
-                    (*where, "id"),
-                    f"the id '{entry.id}' is used more than once",
-                    "a unique id for each requirement",
-                )
+            errors.add(
+                (*where, "id"),
+                f"the id '{entry.id}' is used more than once",
+                "a unique id for each requirement",
             )
         for j, name in enumerate(entry.controllers or ()):
             if name not in systems:
                 problem = f"unknown {contents.kind} '{name}'"
-                errors.append(
-                    document.error((*where, "controllers", j), problem, one_of(systems, name))
-                )
+                errors.add((*where, "controllers", j), problem, one_of(systems, name))
         if entry.metric not in metrics:
             margins = () if contents.margin_flights(1) else contents.margins
             expected = one_of([*metrics][: len(metrics) - len(margins)], entry.metric)
-            errors.append(
-                document.error((*where, "metric"), f"unknown metric '{entry.metric}'", expected)
-            )
+            errors.add((*where, "metric"), f"unknown metric '{entry.metric}'", expected)
             continue
         key = "above"
         try:
@@ -225,22 +228,18 @@ def check_requirements(
                 traced={key: text for key in TRACED if (text := getattr(entry, key)) is not None},
             )
         except Refusal as refusal:
-            errors.append(document.error((*where, key), refusal.found, refusal.expected))
+            errors.add((*where, key), refusal.found, refusal.expected)
 
 
-def check_stop(document: Document, model: Campaign, errors: list[InputError]) -> None:
+def check_stop(model: Campaign, errors: Problems) -> None:
     """Check that a campaign with 'stop' has requirements and independent flights."""
     if model.stop is None:
         return
     if not model.requirements:
-        errors.append(
-            document.key_error(("stop",), "'stop' needs requirements", "at least one requirement")
-        )
+        errors.add_key(("stop",), "'stop' needs requirements", "at least one requirement")
     if model.sampling.design != INDEPENDENT:
         problem = (
             "'stop' needs independent flights, unlike those of the design "
             f"'{model.sampling.design}'"
         )
-        errors.append(
-            document.key_error(("stop",), problem, f"'sampling: {INDEPENDENT}', or no 'stop'")
-        )
+        errors.add_key(("stop",), problem, f"'sampling: {INDEPENDENT}', or no 'stop'")

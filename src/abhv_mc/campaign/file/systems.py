@@ -10,14 +10,13 @@ from pydantic import Field, model_validator
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import Campaign, MetricName, Name
 from abhv_mc.entry_points import SIMULATORS, find_entry_points, load_entry_point
-from abhv_mc.flights.margins import MARGIN_NAMES
-from abhv_mc.flights.metrics import Bad, Metric, label_of
+from abhv_mc.flights.metrics import MARGIN_NAMES, Bad, Metric, label_of
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.flights.signals import Signal
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.interfaces import Simulator
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, YesNo, one_of
+from abhv_mc.io.documents import Document, Problems, Refusal, StrictModel, YesNo, one_of
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.units import check_angle, parse_in_any_unit
 
@@ -170,13 +169,11 @@ def is_own(data: object) -> TypeGuard[dict[str, Any]]:
     return isinstance(data, dict) and ("simulator" in data or "inputs" in data)
 
 
-def read_systems(
-    document: Document, model: SystemsCampaign, errors: list[InputError]
-) -> "Contents":
+def read_systems(document: Document, model: SystemsCampaign, errors: Problems) -> "Contents":
     """Return the contents of a campaign file with systems; append problems to ``errors``."""
     if "envelopes" in model.keep.model_fields_set and not model.histories:
         problem = "envelopes cannot be computed without 'histories'"
-        errors.append(document.key_error(("keep", "envelopes"), problem, "the key 'histories'"))
+        errors.add_key(("keep", "envelopes"), problem, "the key 'histories'")
     return Contents(
         systems=tuple(model.systems),
         parameters=model.parameters,
@@ -220,7 +217,7 @@ class Contents:
         """Return the number of flights, out of ``runs``, for which margins are computed."""
         return 0
 
-    def check(self, runs: int, errors: list[InputError]) -> None:
+    def check(self, runs: int, errors: Problems) -> None:
         """Check entries that depend on the number of flights; append problems to ``errors``."""
 
     def read_limit(self, value: float | str, unit: str) -> float:
@@ -241,7 +238,7 @@ class Registered:
 
     make: Callable[[Any], Simulator]  # argument: the Experiment
     keys: type[Campaign] = PackageCampaign  # model of the campaign file
-    read: Callable[[Document, Any, list[InputError]], Contents] = read_systems
+    read: Callable[[Document, Any, Problems], Contents] = read_systems
     # Return the document with names replaced, before its keys are checked.
     prepare: Callable[[Document], Document] = lambda document: document
     # models of the files to which a campaign file refers, as 'module:name' by the kind of file

@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
 from abhv_mc.flights.parameters import Parameter, Parameters
-from abhv_mc.io.documents import Document, InputError, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import Problems, StrictModel, one_of
 from abhv_mc.io.phrases import counted, grouped_digits, joined, quoted
 from abhv_mc.statistics.unknowns import (
     MOST_UNKNOWNS,
@@ -251,14 +251,13 @@ def _severity(entry: Mapping[str, Any]) -> tuple[object, ...]:
 
 
 def check_unknowns(
-    document: Document,
     unknowns: dict[str, Unknown],
     points: UnknownPoints | None,
     other_roles: dict[str, str],
     design: str,
     *,
     parameters: Parameters,
-    errors: list[InputError],
+    errors: Problems,
 ) -> Unknowns:
     """Return the campaign's unknowns; append problems to ``errors``.
 
@@ -274,53 +273,38 @@ def check_unknowns(
                 if name not in parameters
                 else f"'{name}' is a random seed"
             )
-            errors.append(document.key_error(where, problem, one_of(parameters.dispersible, name)))
+            errors.add_key(where, problem, one_of(parameters.dispersible, name))
         elif name in other_roles:
             problem = f"'{name}' is also {other_roles[name]}"
-            errors.append(
-                document.key_error(
-                    where, problem, "a parameter that is either drawn for each flight or unknown"
-                )
+            errors.add_key(
+                where, problem, "a parameter that is either drawn for each flight or unknown"
             )
         else:
             values = {(*where, key): getattr(entry, key) for key in ("low", "high")}
             ends.append(
-                [
-                    _read(document, keys, value, parameters[name], errors)
-                    for keys, value in values.items()
-                ]
+                [_read(keys, value, parameters[name], errors) for keys, value in values.items()]
             )
             if not ends[-1][0] < ends[-1][1]:
                 problem = f"the range from {ends[-1][0]:g} to {ends[-1][1]:g} is empty"
-                errors.append(
-                    document.error((*where, "high"), problem, "'low' to be less than 'high'")
-                )
+                errors.add((*where, "high"), problem, "'low' to be less than 'high'")
     if unknowns and design != INDEPENDENT:
         problem = f"the design '{design}' does not permit unknowns"
-        errors.append(document.key_error(("unknowns",), problem, f"'sampling: {INDEPENDENT}'"))
+        errors.add_key(("unknowns",), problem, f"'sampling: {INDEPENDENT}'")
     if len(unknowns) > MOST_UNKNOWNS:
         problem = f"found {counted(len(unknowns), 'unknown')}"
-        errors.append(document.key_error(("unknowns",), problem, f"at most {MOST_UNKNOWNS}"))
+        errors.add_key(("unknowns",), problem, f"at most {MOST_UNKNOWNS}")
     if points is not None:
         lengths = {len(values) for values in points.at.values()}
         if set(points.at) != set(unknowns) or len(lengths) != 1 or not min(lengths, default=0):
             expected = "the same number of values for each unknown, at least one"
-            errors.append(
-                document.key_error(
-                    ("points",),
-                    f"'points' has values of {quoted(points.at)}",
-                    expected,
-                )
-            )
+            errors.add_key(("points",), f"'points' has values of {quoted(points.at)}", expected)
         number = min(lengths, default=0)
         if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
             problem = (
                 "'shared' or 'most_failures' refers to more than the "
                 f"{counted(number, 'point')} of 'at'"
             )
-            errors.append(
-                document.key_error(("points",), problem, "indices of points, counted from 0")
-            )
+            errors.add_key(("points",), problem, "indices of points, counted from 0")
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T
@@ -336,17 +320,9 @@ def check_unknowns(
     )
 
 
-def _read(
-    document: Document,
-    where: tuple[str, ...],
-    value: Value,
-    parameter: Parameter,
-    errors: list[InputError],
-) -> float:
-    try:
+def _read(where: tuple[str, ...], value: Value, parameter: Parameter, errors: Problems) -> float:
+    read = np.nan
+    with errors.collect(*where):
         read = parameter.read(value, of_nominal=True)
-    except Refusal as refusal:
-        errors.append(document.error(where, refusal.found, refusal.expected))
-        return np.nan
     of_nominal = isinstance(value, str) and value.rstrip().endswith("%") and parameter.unit != "%"
     return read + (parameter.nominal if of_nominal else 0.0)

@@ -12,21 +12,91 @@ number of flights; for ``corners``, ``grid`` and ``one_at_a_time``, the paramete
 number.
 
 A Gaussian copula correlates samples and preserves the marginals: the Cholesky factor of the
-correlation matrix combines the standard normal variables of a flight.
+correlation matrix combines the standard normal variables of a flight. Correlations of normal
+variables yield the stated rank correlations of parameters.
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.sampling.correlations import nearest_valid
+from abhv_mc.campaign.sampling.marginals import Marginal, clip_probabilities, find_atoms
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.io.documents import Refusal
+from abhv_mc.io.phrases import quoted
+
+_LARGEST = 1.0 - 1e-6  # largest normal correlation of discrete values
+_POINTS = 14  # binary logarithm of the number of Sobol points
+_STEP = 1e-3  # resolution of valid correlations, and smallest eigenvalue of their matrix
+_PROJECTIONS = 500
+
+
+def is_discrete(marginals: Sequence[Marginal]) -> bool:
+    """Return whether any of the marginals has values with positive probability."""
+    return any(find_atoms(marginal).size for marginal in marginals)
+
+
+def normal_correlation(rank: float, marginals: Sequence[Marginal]) -> float:
+    """Return the normal correlation that yields a rank correlation of two parameters.
+
+    The ranks of equal values are averaged. For continuous marginals, the normal correlation of a
+    rank correlation rho is 2 sin(pi rho / 6) (Kruskal, JASA 53, 1958). For discrete values it is
+    the root of the rank correlation over Sobol points (NORTA: Cario & Nelson 1997).
+    Raise Refusal if the discrete values do not permit the rank correlation.
+    """
+    if not rank or not is_discrete(marginals):
+        return 2.0 * math.sin(math.pi / 6.0 * rank)
+    from scipy.optimize import brentq
+    from scipy.special import ndtr, ndtri
+    from scipy.stats import qmc, spearmanr
+
+    first, second = ndtri(qmc.Sobol(2, rng=np.random.default_rng(0)).random_base2(_POINTS).T)
+    values = marginals[0].ppf(ndtr(first))
+
+    def error(normal: float) -> float:
+        mixed = normal * first + math.sqrt(1.0 - normal**2) * second
+        return float(spearmanr(values, marginals[1].ppf(ndtr(mixed))).statistic) - rank
+
+    ends = error(-_LARGEST), error(_LARGEST)
+    if not ends[0] < 0.0 < ends[1]:
+        low, high = (f"{end + rank - math.copysign(5e-4, end + rank):.3f}" for end in ends)
+        problem = f"the discrete values do not permit the rank correlation {rank:g}"
+        raise Refusal(problem, f"a rank correlation from {low} to {high}", ("rank",))
+    return round(brentq(error, -_LARGEST, _LARGEST, xtol=1e-8), 6)
+
+
+def nearest_valid(names: Sequence[str], matrix: Floats) -> str:
+    """Return the nearest correlations for which `matrix` [name, name] is positive definite.
+
+    The result names one pair if a change of its correlation suffices; otherwise it lists the
+    nearest matrix with the same zeros (Frobenius norm; N. Higham, IMA Journal of Numerical Analysis
+    22, 2002).
+    """
+    pairs, values = np.argwhere(np.triu(matrix, 1)).tolist(), np.arange(_STEP - 1.0, 1.0, _STEP)
+    changes = []
+    for i, j in pairs:
+        changed = np.repeat(matrix[None], len(values), axis=0)
+        changed[:, i, j] = changed[:, j, i] = values
+        for value in values[np.linalg.eigvalsh(changed)[:, 0] > _STEP]:
+            changes.append((abs(value - matrix[i, j]), i, j, value))
+    entries = [min(changes)[1:]] if changes else []
+    if not entries:
+        nearest, correction = matrix, np.zeros_like(matrix)
+        for _ in range(_PROJECTIONS):  # Dykstra's alternating projections
+            eigenvalues, vectors = np.linalg.eigh(nearest - correction)
+            positive = (vectors * np.maximum(eigenvalues, _STEP * len(names))) @ vectors.T
+            correction += positive - nearest
+            nearest = np.where(matrix * (1.0 - np.eye(len(names))), positive, matrix)
+        entries = [(i, j, nearest[i, j]) for i, j in pairs]
+    return "; ".join(
+        f"normal: {value:.3f} between {quoted((names[i], names[j]))}" for i, j, value in entries
+    )
+
 
 INDEPENDENT = "random"  # design whose flights are independent, as binomial statistics require
 EXTENSIBLE = frozenset(
@@ -46,7 +116,7 @@ def stream_key(seed: int, name: str, purpose: str = "sample") -> int:
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=16).digest(), "little")
 
 
-def draw_uniforms(key: int, first: int, count: int) -> NDArray[np.float64]:
+def draw_uniforms(key: int, first: int, count: int) -> Floats:
     """Draw numbers [flight] in (0, 1) for flights ``first`` to ``first + count - 1``."""
     generator = np.random.Philox(key=key)
     generator.advance(first)
@@ -76,13 +146,41 @@ class Design:
     def draw(self, first: int, stop: int) -> Floats:
         """Return probabilities [flight, parameter] for the flights ``first`` to ``stop - 1``."""
         flights, number = np.arange(first, stop), len(self.names)
+        levels = 2 if self.kind == "corners" else self.levels
         if self.kind == "one_at_a_time":
-            return _one_at_a_time_rows(flights, number, self.levels)
-        if self.kind in FACTORIAL:
-            return _grid_rows(flights, number, 2 if self.kind == "corners" else self.levels)
-        draw = _COLUMNS[self.kind]
-        columns = [draw(self, name, first, stop) for name in self.names]
+            # One parameter at a time varies; flight 0 is nominal. Entries are shares of the range.
+            rows = np.full((len(flights), number), NOMINAL)
+            (moved,) = np.nonzero(flights)
+            which, level = np.divmod(flights[moved] - 1, levels)
+            rows[moved, which] = level / (levels - 1)
+            return rows
+        if self.kind in FACTORIAL:  # In a full factorial design, the last parameter varies fastest.
+            powers = levels ** np.arange(number - 1, -1, -1)
+            return flights[:, None] // powers % levels / (levels - 1)
+        columns = [self._column(name, first, stop) for name in self.names]
         return np.column_stack(columns) if columns else np.empty((stop - first, 0))
+
+    def _column(self, name: str, first: int, stop: int) -> Floats:
+        """Return the probabilities [flight] of one parameter."""
+        if self.kind == INDEPENDENT:
+            return draw_uniforms(stream_key(self.seed, name), first, stop - first)
+        from scipy.stats import qmc
+
+        if self.kind == "lhs":  # Latin hypercube (McKay, Beckman & Conover 1979)
+            rng = make_generator(self.seed, name, "latin hypercube")
+            return clip_probabilities(
+                qmc.LatinHypercube(d=1, rng=rng).random(self.flights)[first:stop, 0]
+            )
+        # The dimension of the sequence is the parameter's index in the table of parameters, and the
+        # scrambling depends on the seed and the parameter's name. The column therefore does not
+        # depend on other parameters of the campaign. Only the sampler's last dimension is used.
+        dimension = self.parameters.dispersible.index(name) + 1
+        rng = make_generator(self.seed, name, self.kind)
+        if self.kind == "sobol":  # Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998)
+            sampler: Any = qmc.Sobol(d=dimension, bits=_BITS, rng=rng)
+            return _slice(sampler, first, stop) + 0.5 ** (_BITS + 1)
+        # Halton sequence with digit permutations (Owen 2017)
+        return clip_probabilities(_slice(qmc.Halton(d=dimension, rng=rng), first, stop))
 
 
 def count_flights(kind: str, parameters: int, levels: int) -> int | None:
@@ -96,89 +194,13 @@ def count_flights(kind: str, parameters: int, levels: int) -> int | None:
     return None
 
 
-def _draw_random(design: Design, name: str, first: int, stop: int) -> Floats:
-    return draw_uniforms(stream_key(design.seed, name), first, stop - first)
-
-
-def _draw_latin_hypercube(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Draw a column of a Latin hypercube (McKay, Beckman & Conover 1979)."""
-    from scipy.stats import qmc
-
-    sampler = qmc.LatinHypercube(d=1, rng=make_generator(design.seed, name, "latin hypercube"))
-    return _open(sampler.random(design.flights)[first:stop, 0])
-
-
-def _draw_sobol(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Draw a column of a Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998).
-
-    The dimension of the sequence is the parameter's index in the table of parameters, and the
-    scrambling depends on the seed and the parameter's name. The column therefore does not depend on
-    other parameters of the campaign. Only the last dimension of the sampler is used.
-    """
-    from scipy.stats import qmc
-
-    rng = make_generator(design.seed, name, "sobol")
-    return _slice(
-        lambda: qmc.Sobol(d=_dimension(design, name), bits=_BITS, rng=rng), first, stop
-    ) + 0.5 ** (_BITS + 1)
-
-
-def _draw_halton(design: Design, name: str, first: int, stop: int) -> Floats:
-    """Draw a column of a Halton sequence with digit permutations (Owen 2017).
-
-    The dimension of the sequence is chosen as for Sobol sequences.
-    """
-    from scipy.stats import qmc
-
-    rng = make_generator(design.seed, name, "halton")
-    return _open(_slice(lambda: qmc.Halton(d=_dimension(design, name), rng=rng), first, stop))
-
-
-def _dimension(design: Design, name: str) -> int:
-    """Return the sequence dimension assigned to a parameter, counted from 1."""
-    return design.parameters.dispersible.index(name) + 1
-
-
-def _slice(make_sampler: Callable[[], Any], first: int, stop: int) -> Floats:
+def _slice(sampler: Any, first: int, stop: int) -> Floats:
     """Return the last coordinate of points ``first`` to ``stop - 1``, drawn in batches."""
-    sampler = make_sampler()
     start = first - first % _PIECE
     if start:
         sampler.fast_forward(start)
     pieces = [sampler.random(_PIECE)[:, -1] for _ in range(start, stop, _PIECE)]
     return np.concatenate(pieces)[first - start : stop - start] if pieces else np.empty(0)
-
-
-def _open(values: Floats) -> Floats:
-    """Clip probabilities to (0, 1), because quantiles at 0 and 1 may be infinite."""
-    return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
-
-
-def _grid_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floats:
-    """Return a full factorial design [flight, parameter]; the last parameter varies fastest.
-
-    Entries are fractions of the distribution's range.
-    """
-    powers = levels ** np.arange(parameters - 1, -1, -1)
-    digits = flights[:, None] // powers[None, :] % levels
-    return digits / (levels - 1)
-
-
-def _one_at_a_time_rows(flights: NDArray[np.int64], parameters: int, levels: int) -> Floats:
-    """Return rows in which one parameter at a time varies; flight 0 is nominal."""
-    rows = np.full((len(flights), parameters), NOMINAL)
-    moved = flights > 0
-    which, level = np.divmod(flights[moved] - 1, levels)
-    rows[np.nonzero(moved)[0], which] = level / (levels - 1)
-    return rows
-
-
-_COLUMNS: dict[str, Callable[[Design, str, int, int], Floats]] = {
-    "random": _draw_random,
-    "lhs": _draw_latin_hypercube,
-    "sobol": _draw_sobol,
-    "halton": _draw_halton,
-}
 
 
 @dataclass(frozen=True)
@@ -212,7 +234,7 @@ class Copula:
             total = self.factor[row, 0] * normal[0]
             for k in range(1, row + 1):
                 total += self.factor[row, k] * normal[k]
-            mixed[:, column] = np.clip(ndtr(total), 2.0**-53, 1.0 - 2.0**-53)
+            mixed[:, column] = clip_probabilities(ndtr(total))
         return mixed
 
 

@@ -7,7 +7,7 @@ from the nominal value 0 in the parameter's unit.
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -28,12 +28,12 @@ from abhv_mc.io.units import Fraction
 Value = float | str  # a number, or a string with a unit
 
 _NUMBER = Parameter("number", "-", 1.0, "")
-_KIND = "kind of distribution"
+_KIND: Any = Field(description="kind of distribution")
 _Weights = tuple[Annotated[float, Field(gt=0.0)], ...]
 
 
 class _Distribution(StrictModel):
-    distribution: str = Field(description=_KIND)
+    distribution: str = _KIND
     probability: Annotated[Fraction, Field(gt=0.0, le=1.0)] = Field(
         1.0,
         description="probability that the drawn value applies; otherwise the nominal value is used",
@@ -55,19 +55,24 @@ class _Distribution(StrictModel):
     def make_marginal(self, parameter: Parameter) -> Marginal:
         """Return the marginal in SI units, including ``probability``. Raise Refusal if invalid."""
         drawn = self.draw_from(parameter)
-        return (
-            drawn
-            if self.probability == 1.0
-            else SometimesMarginal(drawn, self.probability, parameter.nominal)
-        )
+        if self.probability < 1.0:
+            return SometimesMarginal(drawn, self.probability, parameter.nominal)
+        return drawn
 
     def _read(self, key: str, parameter: Parameter) -> float | None:
-        value = getattr(self, key)
-        return (
-            None
-            if value is None
-            else _read(parameter, value, key, of_nominal=key in ("half_width", "sigma"))
-        )
+        if (value := getattr(self, key)) is None:
+            return None
+        return _read(parameter, value, key, of_nominal=key in ("half_width", "sigma"))
+
+    def _center(self, key: str, parameter: Parameter) -> float:
+        """Return a mean, mode or median, by default the nominal value."""
+        value = self._read(key, parameter)
+        if value is None and not math.isfinite(parameter.nominal):
+            raise Refusal(
+                "the parameter has an infinite nominal value",
+                "an explicit mean, mode or median",
+            )
+        return parameter.nominal if value is None else value
 
     def _positive(self, key: str, parameter: Parameter) -> float:
         value = self._read(key, parameter)
@@ -117,7 +122,7 @@ class _Ranged(_Distribution):
 class Uniform(_Ranged):
     """Uniform distribution on a range."""
 
-    distribution: Literal["uniform"] = Field(description=_KIND)
+    distribution: Literal["uniform"] = _KIND
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         low, high = self._range(parameter, parameter.nominal)
@@ -127,22 +132,19 @@ class Uniform(_Ranged):
 class Normal(_Distribution):
     """Normal distribution."""
 
-    distribution: Literal["normal"] = Field(description=_KIND)
+    distribution: Literal["normal"] = _KIND
     sigma: Value = Field(description="standard deviation")
     mean: Value | None = Field(None, description="mean; default: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        mean, sigma = (
-            _or(self._read("mean", parameter), parameter),
-            self._positive("sigma", parameter),
-        )
+        mean, sigma = self._center("mean", parameter), self._positive("sigma", parameter)
         return ContinuousMarginal("norm", (mean, sigma))
 
 
 class TruncatedNormal(_Ranged):
     """Normal distribution truncated to a range, without probability mass at the ends."""
 
-    distribution: Literal["truncated_normal"] = Field(description=_KIND)
+    distribution: Literal["truncated_normal"] = _KIND
     sigma: Value = Field(description="standard deviation before truncation")
     mean: Value | None = Field(
         None, description="mean before truncation; default: the nominal value"
@@ -151,10 +153,7 @@ class TruncatedNormal(_Ranged):
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy.special import ndtr
 
-        mean, sigma = (
-            _or(self._read("mean", parameter), parameter),
-            self._positive("sigma", parameter),
-        )
+        mean, sigma = self._center("mean", parameter), self._positive("sigma", parameter)
         low, high = self._range(parameter, mean)
         ends = (low - mean) / sigma, (high - mean) / sigma
         if not ndtr(ends[1]) - ndtr(ends[0]) > 1e-9:
@@ -169,11 +168,11 @@ class TruncatedNormal(_Ranged):
 class Triangular(_Ranged):
     """Triangular distribution."""
 
-    distribution: Literal["triangular"] = Field(description=_KIND)
+    distribution: Literal["triangular"] = _KIND
     mode: Value | None = Field(None, description="most likely value; default: the nominal value")
 
     def draw_from(self, parameter: Parameter) -> Marginal:
-        mode = _or(self._read("mode", parameter), parameter)
+        mode = self._center("mode", parameter)
         low, high = self._range(parameter, mode)
         if not low <= mode <= high:
             raise Refusal(
@@ -186,7 +185,7 @@ class Triangular(_Ranged):
 class Lognormal(_Distribution):
     """Lognormal distribution."""
 
-    distribution: Literal["lognormal"] = Field(description=_KIND)
+    distribution: Literal["lognormal"] = _KIND
     sigma: Value = Field(
         description="standard deviation of the natural logarithm, as a number or percentage"
     )
@@ -194,7 +193,7 @@ class Lognormal(_Distribution):
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         sigma = _read(_NUMBER, self.sigma, "sigma")
-        median = _or(self._read("median", parameter), parameter)
+        median = self._center("median", parameter)
         if sigma <= 0.0:
             raise Refusal(f"found {self.sigma}", "a positive sigma", ("sigma",))
         if median <= 0.0:
@@ -206,7 +205,7 @@ class Lognormal(_Distribution):
 class Beta(_Ranged):
     """Beta distribution with shape parameters a and b, scaled to a range."""
 
-    distribution: Literal["beta"] = Field(description=_KIND)
+    distribution: Literal["beta"] = _KIND
     a: Annotated[float, Field(gt=0.0)] = Field(description="first shape parameter")
     b: Annotated[float, Field(gt=0.0)] = Field(description="second shape parameter")
 
@@ -218,7 +217,7 @@ class Beta(_Ranged):
 class Discrete(_Distribution):
     """Discrete distribution with equal or specified weights."""
 
-    distribution: Literal["discrete"] = Field(description=_KIND)
+    distribution: Literal["discrete"] = _KIND
     values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
         description="values to draw from"
     )
@@ -242,7 +241,7 @@ class Discrete(_Distribution):
 class Scipy(_Distribution):
     """Continuous distribution of scipy.stats, with shape parameters, location and scale."""
 
-    distribution: Literal["scipy"] = Field(description=_KIND)
+    distribution: Literal["scipy"] = _KIND
     law: str = Field(
         description="name of a continuous distribution of scipy.stats, such as weibull_min"
     )
@@ -279,16 +278,14 @@ class Scipy(_Distribution):
         return marginal
 
 
-_Part = Annotated[
-    Uniform | Normal | TruncatedNormal | Triangular | Lognormal | Beta | Discrete | Scipy,
-    Field(discriminator="distribution"),
-]
+_Simple = Uniform | Normal | TruncatedNormal | Triangular | Lognormal | Beta | Discrete | Scipy
+_Part = Annotated[_Simple, Field(discriminator="distribution")]
 
 
 class Mixture(_Distribution):
     """Mixture of distributions with equal or specified weights."""
 
-    distribution: Literal["mixture"] = Field(description=_KIND)
+    distribution: Literal["mixture"] = _KIND
     parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(
         description="distributions to mix"
     )
@@ -323,10 +320,7 @@ class Mixture(_Distribution):
         return DiscreteMarginal(values, np.append(cumulative[:-1], 1.0))
 
 
-Distribution = Annotated[
-    Uniform | Normal | TruncatedNormal | Triangular | Lognormal | Beta | Discrete | Scipy | Mixture,
-    Field(discriminator="distribution"),
-]
+Distribution = Annotated[_Simple | Mixture, Field(discriminator="distribution")]
 
 
 def _read(parameter: Parameter, value: Value, *keys: str | int, of_nominal: bool = False) -> float:
@@ -344,12 +338,3 @@ def _shares(weights: tuple[float, ...] | None, number: int) -> Floats:
             f"found {counted(len(shares), 'weight')}", counted(number, "weight"), ("weights",)
         )
     return shares / shares.sum()
-
-
-def _or(value: float | None, parameter: Parameter) -> float:
-    if value is None and not math.isfinite(parameter.nominal):
-        raise Refusal(
-            "the parameter has an infinite nominal value",
-            "an explicit mean, mode or median",
-        )
-    return parameter.nominal if value is None else value

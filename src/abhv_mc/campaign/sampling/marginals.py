@@ -14,6 +14,11 @@ TAIL_PROBABILITY = 0.0013498980316301
 _HALVINGS = 64  # number of bisection steps for quantiles of a mixture
 
 
+def clip_probabilities(values: Floats) -> Floats:
+    """Clip probabilities to (0, 1), because quantiles at 0 and 1 may be infinite."""
+    return np.clip(values, 2.0**-53, 1.0 - 2.0**-53)
+
+
 class Marginal(Protocol):
     """Interface of a scalar distribution."""
 
@@ -207,7 +212,7 @@ class SometimesMarginal:
             np.where(probability < low, probability, probability - (1.0 - self.probability))
             / self.probability
         )
-        values = self.drawn.ppf(np.clip(share, 2.0**-53, 1.0 - 2.0**-53))
+        values = self.drawn.ppf(clip_probabilities(share))
         return np.where((probability >= low) & (probability < high), self.nominal, values)
 
     def cdf(self, value: Floats) -> Floats:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.derived_parameters import Derived, derive
@@ -163,7 +162,7 @@ class SampleFile:
     """Samples read from a file, in SI units."""
 
     names: tuple[str, ...]
-    values: NDArray[np.float64]  # [flight, parameter]
+    values: Floats  # [flight, parameter]
 
 
 def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.status import read_status
+from abhv_mc.folder.stores import read_status
 from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.stored_numbers import read_current_numbers

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.flights.margins import GAIN_MARGIN, PHASE_MARGIN
+from abhv_mc.flights.metrics import GAIN_MARGIN, PHASE_MARGIN
 from abhv_mc.folder.manifest import Manifest
-from abhv_mc.folder.pooled_campaigns import suggest_merge
+from abhv_mc.folder.merge import suggest_merge
 from abhv_mc.report.numbers.next_step import find_next_step
 from abhv_mc.report.numbers.stored_numbers import read_current_numbers
 from abhv_mc.statistics.evidence import flights_to_pass

@@ -13,7 +13,7 @@ from abhv_mc.folder.flights import Digest, parse_block_name, read_digest
 from abhv_mc.folder.hashes import data_files
 from abhv_mc.folder.layout import CampaignFolder, hash_file
 from abhv_mc.folder.manifest import Manifest, hash_entries, read_manifest
-from abhv_mc.folder.pooled_campaigns import suggest_merge
+from abhv_mc.folder.merge import suggest_merge
 from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.stored_numbers import HASH, read_numbers

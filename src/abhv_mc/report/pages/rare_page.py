@@ -12,7 +12,7 @@ from abhv_mc.search.methods.second_opinion import MOST_LOOKED
 from abhv_mc.search.methods.subset import ACCEPTANCE
 from abhv_mc.search.methods.surrogate import SurrogateEstimate
 from abhv_mc.search.rare import RareFound
-from abhv_mc.search.severity import ENDED_EARLY
+from abhv_mc.search.search_flights import ENDED_EARLY
 from abhv_mc.topics.formatting import fixed, percent
 from abhv_mc.topics.missed_requirements import limit_words
 from abhv_mc.topics.names import controller_label

@@ -13,8 +13,7 @@ from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.report.pages.page import make_table
-from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights
-from abhv_mc.search.severity import rank_distinct
+from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights, rank_distinct
 from abhv_mc.topics.flights.model import channel_of, limit_sides
 from abhv_mc.topics.formatting import percent, shown_value
 from abhv_mc.topics.missed_requirements import limit_words

@@ -9,7 +9,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.report.figures.searches import plot_convergence, plot_worst_point
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.report.pages.searched_flights import flight_figures, flights_table, margin_text
-from abhv_mc.search.severity import ENDED_EARLY
+from abhv_mc.search.search_flights import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.formatting import fixed, percent, shown_value
 from abhv_mc.topics.names import controller_label

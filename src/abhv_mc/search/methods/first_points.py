@@ -103,14 +103,9 @@ def _climb_corners(
 
 def _neighbours(corner: Floats, order: np.ndarray) -> list[Floats]:
     """Return a corner and its neighbours with one or two signs changed, in this `order`."""
+    doubles = ([i, j] for k, i in enumerate(order) for j in order[:k])
     corners = [corner]
-    for i in order:
-        single = corner.copy()
-        single[i] = -single[i]
-        corners.append(single)
-    for k, i in enumerate(order):
-        for j in order[:k]:
-            double = corner.copy()
-            double[[i, j]] = -double[[i, j]]
-            corners.append(double)
+    for changed in (*([i] for i in order), *doubles):
+        corners.append(corner.copy())
+        corners[-1][changed] *= -1.0
     return corners

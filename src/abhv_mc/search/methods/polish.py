@@ -1,5 +1,7 @@
 """Local ascent to a maximum in a box, using slopes and curvatures."""
 
+from itertools import product
+
 import numpy as np
 from scipy.optimize import minimize
 
@@ -37,7 +39,11 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
             -1.0,
             1.0,
         )
-        tops = _tops(record, center, step)
+        points, point_values = np.concatenate(record.points), np.concatenate(record.values)
+        is_finite = np.isfinite(point_values)
+        data = points[is_finite], point_values[is_finite], center
+        reaches = product([reach * step for reach in _REACHES], _SPREADS)
+        tops = [find_top(*data, *reach) for reach in reaches if is_finite.any()]
         expected = np.array([*compass, *tops, *suggested])
         filled = round_up(len(expected), batch)
         if record.left - reserve < filled:
@@ -58,19 +64,6 @@ def polish(record: Record, step: float, seed: int, batch: int, reserve: int) -> 
         moved = np.abs(record.place - center).max()
         step = 1.5 * step if moved > step else step if moved > _FAR_ENOUGH * step else step / 3.0
         iteration += 1
-
-
-def _tops(record: Record, center: Floats, step: float) -> list[Floats]:
-    points, values = np.concatenate(record.points), np.concatenate(record.values)
-    is_finite = np.isfinite(values)
-    if not is_finite.any():
-        return []
-    points, values = points[is_finite], values[is_finite]
-    return [
-        find_top(points, values, center, reach * step, spread)
-        for reach in _REACHES
-        for spread in _SPREADS
-    ]
 
 
 def _suggest(

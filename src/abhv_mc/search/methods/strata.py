@@ -14,15 +14,14 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.search.methods.evaluation import LANES, make_generator
 from abhv_mc.search.methods.rare import CONFIDENCE, FEWEST, RareEstimate, estimate_rare
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.statistics.binomial import clopper_pearson
 
-Switched = NDArray[np.bool_]  # mask of active switches [point, switch]
+Switched = Mask  # mask of active switches [point, switch]
 EvaluateSwitched = Callable[[Floats, Switched], Floats]
 
 MOST_COMBINATIONS = 32

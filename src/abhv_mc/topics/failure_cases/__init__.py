@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flights.failure_cases import NO_FAILURE, failure_cases, failure_times, is_failure_time
-from abhv_mc.flights.margins import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.binomial import clopper_pearson

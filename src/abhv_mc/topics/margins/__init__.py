@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins
 from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.margins.model import (

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from abhv_mc.flights.margins import MARGIN_NAMES
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.topics.figure_style import (
     LIMIT,
     MARKERS,

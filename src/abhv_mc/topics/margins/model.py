@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.flights.margins import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
+from abhv_mc.flights.metrics import GAIN_MARGIN, MARGIN_FAULTS, MARGIN_NAMES, PHASE_MARGIN
 from abhv_mc.flights.outcomes import LAW_LOST
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
