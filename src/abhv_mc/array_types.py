@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Indices = NDArray[np.intp]
 Singles = NDArray[np.float32]
 Numbers = NDArray[Any]  # float64, or complex128 for complex-step derivatives
 Complexes = NDArray[np.complex128]

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import BUDGET, Shrunk, shrink
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Indices, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.execution.flown_experiment import open_flown
 from abhv_mc.execution.simulation import make_ready, simulate
@@ -55,7 +54,7 @@ class Failure:
         """Return whether the missed requirement limits a stability margin."""
         return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
 
-    def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
+    def severity(self, outcome: Ints, end_time: Floats, metrics: Floats) -> Floats:
         """Return the severity of the failure of each flight [flight], or -inf without failure.
 
         `metrics` has shape [flight, metric].
@@ -194,7 +193,7 @@ def smallest_sets(
         *np.split(samples, [len(names)], axis=1),
     )
 
-    def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
+    def severity(owners: Indices, keep: Mask) -> Floats:
         rows = np.column_stack(
             [np.where(keep, values[owners], nominal), seeds[owners]]
         )  # All flights use the noise of the original flight.
@@ -253,7 +252,7 @@ def find_failure(
     )
 
 
-def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
+def mildest_first(samples: SampleReader, values: Floats) -> Indices:
     """Return the indices of the parameters, sorted from the least to the most unusual value."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
     # A failure that does not occur in most flights has an infinite median time.

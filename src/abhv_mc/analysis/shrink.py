@@ -11,9 +11,8 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Indices, Mask
 
 Sets = list[tuple[int, ...]]
 
@@ -37,8 +36,8 @@ Shrinking = Generator[Sets, Floats, "Shrunk | None"]
 
 def shrink(
     count: int,
-    test: Callable[[NDArray[np.intp], Mask], Floats],
-    mildest_first: Sequence[NDArray[np.intp]],
+    test: Callable[[Indices, Mask], Floats],
+    mildest_first: Sequence[Indices],
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
     """Return, for each failure, the smallest sets of inputs that cause it.
@@ -67,7 +66,7 @@ def shrink(
     return results
 
 
-def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
+def _shrink(count: int, order: Indices, budget: int) -> Shrinking:
     tried, size = 0, 0
     while size <= count and tried + comb(count, size) <= budget:
         sets = list(combinations(range(count), size))

@@ -11,10 +11,9 @@ terms of inputs whose monotonic curve fits at least as well (isotonic regression
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betainc, ndtri
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices, Mask
 from abhv_mc.statistics.given_data import FALSE_DISCOVERY_RATE, LEAST_SHARE
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
 
@@ -35,9 +34,9 @@ class RankDrivers:
     srrc_low: Floats
     srrc_high: Floats
     p_value: Floats  # p-values of the hypothesis that the coefficient is zero
-    found: NDArray[np.bool_]  # whether each input is a driver
+    found: Mask  # whether each input is a driver
     # index of the driver with which an input is correlated; -1 for none
-    moves_with: NDArray[np.intp]
+    moves_with: Indices
     explained: Floats  # R^2 of the rank regression, by output
     # residuals of the standardized ranks, after monotonic curves [flight, output]
     residuals: Floats

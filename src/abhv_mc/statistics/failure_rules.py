@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.statistics.ranks import false_discovery
 
 K = TypeVar("K", int, str)
@@ -85,7 +85,7 @@ def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
 
 
 def find_rules(
-    inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats]
+    inputs: BinnedInputs, failed: Mask, column: Callable[[int], Floats]
 ) -> list[Rule[int]]:
     """Return the rules for the `failed` flights [flight], most significant first.
 
@@ -141,7 +141,7 @@ def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
 
 def _differences(
     candidates: list["_Candidate"],
-    failed: NDArray[np.bool_],
+    failed: Mask,
     column: Callable[[int], Floats],
     pairs: int,
 ) -> list["_Candidate"]:
@@ -183,7 +183,7 @@ def _differences(
     return differences
 
 
-def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
+def _sides(histogram: Ints, axis: int) -> Ints:
     """Return counts at or below each threshold, then counts above it, along an axis of bins."""
     below = np.cumsum(histogram, axis=axis)
     total = np.take(below, [-1], axis=axis)
@@ -253,7 +253,7 @@ def _condition(inputs: tuple[int, ...], side: int, edges: Floats) -> Condition[i
 def _along(
     inputs: tuple[int, ...],
     bins: NDArray[np.uint8],
-    failed: NDArray[np.bool_],
+    failed: Mask,
     edges: Floats,
     differences: int = 1,
 ) -> list[_Candidate]:
@@ -299,7 +299,7 @@ def _along(
     return candidates
 
 
-def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _joint_counts(bins: NDArray[np.uint8]) -> Ints:
     """Return the numbers of flights [input, bin, input, bin] in each pair of bins."""
     flights, count = bins.shape
     cells = len(_DECILES) + 1
@@ -314,17 +314,15 @@ def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
     return total.reshape(count, cells, count, cells).astype(np.int64)
 
 
-def _best_corners(
-    bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats
-) -> list[_Candidate]:
+def _best_corners(bins: NDArray[np.uint8], failed: Mask, edges: Floats) -> list[_Candidate]:
     """Return the best corner of each pair of inputs (columns of `bins` and `edges`)."""
     first, second = np.triu_indices(bins.shape[1], 1)
     if not first.size:
         return []
 
     def sides(
-        counts: NDArray[np.int64],
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        counts: Ints,
+    ) -> tuple[Ints, Ints, Ints]:
         """Return counts of flights that meet both conditions [pair, side, side] or a single one.
 
         The counts for a single condition have the shapes [pair, side, 1] and [pair, 1, side].
@@ -355,9 +353,7 @@ def _best_corners(
     return candidates
 
 
-def _sharpen(
-    rule: Rule[int], failed: NDArray[np.bool_], column: Callable[[int], Floats]
-) -> Rule[int]:
+def _sharpen(rule: Rule[int], failed: Mask, column: Callable[[int], Floats]) -> Rule[int]:
     """Move each threshold of a half-line rule to the value at which failures begin.
 
     The p-value still applies to the quantiles, which were selected before this step.
@@ -393,7 +389,7 @@ def _sharpen(
     )
 
 
-def rule_mask(rule: Rule[int], column: Callable[[int], Floats]) -> NDArray[np.bool_]:
+def rule_mask(rule: Rule[int], column: Callable[[int], Floats]) -> Mask:
     """Return a mask [flight] of a rule's region; `column` returns the values of an input."""
     masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
     return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
@@ -410,5 +406,5 @@ def _standardise(values: Floats) -> Floats:
     return (values - np.mean(values)) / np.std(values)
 
 
-def _meets(condition: Condition[int], values: Floats) -> NDArray[np.bool_]:
+def _meets(condition: Condition[int], values: Floats) -> Mask:
     return values > condition.threshold if condition.above else values <= condition.threshold

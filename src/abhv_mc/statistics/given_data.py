@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices, Mask
 from abhv_mc.statistics.ranks import discoveries, split_partners
 
 FALSE_DISCOVERY_RATE = 0.005
@@ -39,9 +38,9 @@ class GivenDataIndices:
     first: Floats  # share due to the input alone
     total: Floats  # share due to the input alone and in pairs
     # whether each input drives the output, at FALSE_DISCOVERY_RATE over all tests
-    found: NDArray[np.bool_]
+    found: Mask
     # index of the second input in the strongest pair; -1 if pairs add nothing
-    partner: NDArray[np.intp]
+    partner: Indices
 
 
 def given_data_indices(inputs: Floats, scores: Floats) -> GivenDataIndices | None:
@@ -99,8 +98,8 @@ def _interactions(sums: Floats, size: Floats) -> tuple[Floats, Floats]:
 
 
 def _pairs(
-    ranks: NDArray[np.intp], y: Floats, varying: NDArray[np.bool_], together: Floats
-) -> tuple[Floats, NDArray[np.intp], Floats]:
+    ranks: Indices, y: Floats, varying: Mask, together: Floats
+) -> tuple[Floats, Indices, Floats]:
     """Return variance shares [input, output] due to pairs, best partners and p-values."""
     flights, count = ranks.shape
     added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))

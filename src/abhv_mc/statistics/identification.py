@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Ints, Mask
 
 _STEP = 0.03  # half width of central differences; over wider steps, tables bend
 _MOST_STEPS = 24
@@ -53,8 +52,8 @@ def estimate(
     simulate: Simulate,
     data: Floats,
     sigma: Floats,
-    channels: NDArray[np.int64],
-    vehicles: NDArray[np.int64],
+    channels: Ints,
+    vehicles: Ints,
     *,
     shared: Mask,
     listed: Mask,
@@ -130,11 +129,11 @@ def estimate(
     )
 
 
-_Normal = tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]
+_Normal = tuple[Ints, Ints, Floats, Floats]
 
 
 def _normal_equations(
-    slopes: Floats, residuals: Floats, vehicles: NDArray[np.int64], shared: Mask
+    slopes: Floats, residuals: Floats, vehicles: Ints, shared: Mask
 ) -> Iterator[_Normal]:
     """Yield flights, unknowns [flight, column], matrix and vector of each vehicle."""
     for vehicle in np.unique(vehicles):

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from math import ceil, inf
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 
 CONFIDENCE = 0.95
 # smallest distance of a quantile from the median, as a share of the channel's largest standard
@@ -197,6 +196,6 @@ class _Quantiles:
         deviation[judged] = np.nanstd(self.values[:, judged], axis=0, ddof=1)
         return deviation
 
-    def _order(self, place: NDArray[np.intp]) -> Floats:
+    def _order(self, place: Indices) -> Floats:
         place = np.minimum(place, len(self.values) - 1)[np.newaxis]
         return np.asarray(np.take_along_axis(self.ordered, place, axis=0)[0], dtype=np.float64)

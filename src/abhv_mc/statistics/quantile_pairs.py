@@ -9,10 +9,9 @@ drawn jointly, as normal scores with the correlation of the exceedances of the t
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtr, bdtrik, ndtr, ndtri
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
@@ -36,7 +35,7 @@ def _places(flights: int, probability: float) -> tuple[int, Floats]:
     )
 
 
-def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:
+def _counts(scores: Floats, flights: int, probability: float) -> Indices:
     """Convert normal scores to counts of flights below the quantile."""
     first, thresholds = _places(flights, probability)
     return np.minimum(first + np.searchsorted(thresholds, scores), flights)
@@ -45,7 +44,7 @@ def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp
 @lru_cache(maxsize=256)  # Most comparisons of a campaign have one of a few correlations.
 def _drawn_counts(
     flights: int, probability: float, draws: int, correlation: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[Indices, Indices, Indices]:
     """Return the different pairs of correlated counts, and how often each pair is drawn."""
     first, second = _scores(draws)
     scores = correlation * first + np.sqrt(1.0 - correlation**2) * second
@@ -138,7 +137,7 @@ def quantile_differences(
     return intervals
 
 
-def _drawn_value(values: Floats, drawn: NDArray[np.intp], rank: int) -> float:
+def _drawn_value(values: Floats, drawn: Indices, rank: int) -> float:
     """Return the value with a rank among values that are repeated ``drawn`` times."""
     order = np.argsort(values)
     index = np.searchsorted(np.cumsum(drawn[order]), rank, side="right")

@@ -1,9 +1,8 @@
 """Ranks and false-discovery control without the slow import of scipy.stats (0.5 s)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Indices, Mask
 
 
 def average_ranks(values: Floats) -> Floats:
@@ -43,7 +42,7 @@ def discoveries(p_values: Floats, rate: float) -> Mask:
 
 def split_partners(
     is_driver: Mask, size: Floats, together: Floats, partners: float, twins: float
-) -> NDArray[np.intp]:
+) -> Indices:
     """Return the driver [input, output] to which each input is related; -1 for none.
 
     `together` [input, input] is the similarity of two inputs, zero on the diagonal. An input is

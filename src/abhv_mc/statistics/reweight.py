@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import betainc, betaincinv
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.estimates import Interval
 
 # gap as a multiple of 1/flights; 95 % of the exponentially distributed gaps are narrower
@@ -71,7 +70,7 @@ def join_unseen(pairs: Sequence[tuple[float, float]]) -> Unseen:
     )
 
 
-def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:
+def _effective_at(flags: Mask, share: float, weights: Floats) -> float:
     """Return the effective number of flights for estimating a share.
 
     The number follows from the ratio of the binomial variance to the weighted variance.
@@ -106,7 +105,7 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
 
 
 def weighted_share(
-    flags: NDArray[np.bool_], weights: Floats, unseen: float = 0.0, confidence: float = 0.95
+    flags: Mask, weights: Floats, unseen: float = 0.0, confidence: float = 0.95
 ) -> Interval:
     """Return the weighted share of the flights for which `flags` is true, with its interval.
 

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.histories import MOST_MEDIAN
 from abhv_mc.topics.figure_style import (
     GRID,
@@ -63,7 +62,7 @@ class EnvelopePanel:
     limits: Sequence[tuple[Floats, Floats]] = ()
 
     @property
-    def excluded(self) -> tuple[Floats, NDArray[np.bool_]] | None:
+    def excluded(self) -> tuple[Floats, Mask] | None:
         """Times, and a mask of times at which no limit applies; None if a limit always applies."""
         if not self.limits:
             return None

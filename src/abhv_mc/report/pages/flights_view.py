@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices, Ints
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.parameters import Parameters
@@ -246,7 +246,7 @@ def find_range(values: Floats) -> Ends:
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _select_rows(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
+def _select_rows(results: FlownCampaign, name: str, most: int) -> Indices:
     """Return the rows [flight] to include, ascending: all, or the worst and first flights."""
     flights = results.flights[name].flight.size
     if flights <= most:
@@ -261,7 +261,7 @@ def _select_rows(results: FlownCampaign, name: str, most: int) -> NDArray[np.int
 def _add_histories(
     results: FlownCampaign,
     row_of: Mapping[tuple[str, int], int],
-    history: NDArray[np.int64],
+    history: Ints,
     arrays: dict[str, Floats],
 ) -> list[str]:
     """Add histories [flight, time] to ``arrays``, and their row numbers to ``history``.

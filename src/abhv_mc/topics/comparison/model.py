@@ -5,9 +5,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.statistic import Statistic
@@ -253,9 +252,7 @@ def _metric(
     )
 
 
-def _lost_everywhere(
-    a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
-) -> ListedFailures:
+def _lost_everywhere(a: Mask, b: Mask, flight: Ints, point_masks: Sequence[Mask]) -> ListedFailures:
     """Return the paired comparison of early terminations, with the points' largest p-value.
 
     A point is a set of values of the unknown parameters. A point counts with a p-value of 1 if the
@@ -272,7 +269,7 @@ def _lost_everywhere(
     return replace(failures, p_value=max(p_values))
 
 
-def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
+def _failures(a: Mask, b: Mask, flight: Ints) -> ListedFailures:
     only_a, only_b = (tuple(flight[alone][:_LISTED].tolist()) for alone in (a & ~b, b & ~a))
     return ListedFailures(
         **vars(compare_failures(a, b)), flights_only_a=only_a, flights_only_b=only_b

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flights.failure_cases import NO_FAILURE, failure_cases, failure_times, is_failure_time
 from abhv_mc.flights.margins import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
@@ -115,7 +115,7 @@ def compute_failure_cases(results: FlownCampaign) -> FailureCases:
 
 
 def _flown(
-    results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool_], first: Floats
+    results: FlownCampaign, name: str, case: str, inside: Mask, first: Floats
 ) -> CaseFlights:
     flights, campaign = results.flights[name], results.campaign
     lost, number = flights.failed & inside, int(inside.sum())
@@ -142,7 +142,7 @@ def _flown(
     )
 
 
-def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargins | None:
+def _margins(flights: ControllerFlights, inside: Mask) -> CaseMargins | None:
     values = flights.metrics.get(MARGIN_NAMES[0], np.empty(0))
     has_margin = inside & np.isfinite(values) if values.size else np.zeros(0, bool)
     if not has_margin.any():

@@ -4,9 +4,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 from abhv_mc.campaign.sampling.marginals import find_moments
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import Outcome
@@ -176,7 +175,7 @@ def _largest(
     )
 
 
-def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) -> Floats:
+def _counted(flights: ControllerFlights, metric: str, rows: Indices) -> Floats:
     record, values = flights.records[metric], flights.metrics[metric][rows]
     nothing = flights.failed[rows] & record.settled & (values == record.empty)
     return np.where(nothing, np.nan, values)
