@@ -13,7 +13,7 @@ import pytest
 from verification.independent import FT, World, fly_sphere, write_case
 from verification.shown import check
 
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import json_data
 from abhv_mc_verification.check_rows import Row, all_ok, rows_record
 from abhv_mc_verification.everything import verify_paper
 from abhv_mc_verification.fly_recording import at_times, make_motion

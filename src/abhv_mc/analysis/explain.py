@@ -42,18 +42,6 @@ class Failure:
             return "ended early"
         return f"missed {self.requirement.metric} {self.requirement.limits}"
 
-    @property
-    def sentence(self) -> str:
-        """Predicate of a sentence on the flight."""
-        if self.requirement is None:
-            return "terminated early"
-        return f"missed the requirement '{self.requirement.metric} {self.requirement.limits}'"
-
-    @property
-    def of_margin(self) -> bool:
-        """Return whether the missed requirement limits a stability margin."""
-        return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
-
     def severity(self, outcome: Ints, end_time: Floats, metrics: Floats) -> Floats:
         """Return the severity of the failure of each flight [flight], or -inf without failure.
 
@@ -167,7 +155,8 @@ def with_margins(
 
     Margins are computed if any failure is a missed requirement on a stability margin.
     """
-    if not any(failure.of_margin for failure in failures):
+    required = (failure.requirement for failure in failures)
+    if not any(item is not None and item.metric in MARGIN_NAMES for item in required):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
 
@@ -246,9 +235,7 @@ def find_failure(
     reason = f"met the requirement on '{requirement}'" if requirement else "did not fail"
     problem = f"flight {row.first} of controller '{row.controller}' {reason}"
     raise InputError(
-        root,
-        problem,
-        "a flight of this controller that terminated early or missed a requirement",
+        root, problem, "a flight of this controller that terminated early or missed a requirement"
     )
 
 

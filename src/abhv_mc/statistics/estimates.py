@@ -129,10 +129,9 @@ def quantiles(
 
 
 def pair_differences(a: Floats, b: Floats) -> Floats:
-    """Return `a - b` [pair]; 0 if both are infinite."""
-    both = np.isinf(a) & np.isinf(b)
+    """Return `a - b` [pair]; 0 if both are the same infinity, as for early terminations."""
     with np.errstate(invalid="ignore"):
-        return np.where(both, 0.0, a - b)
+        return np.where(np.isinf(a) & (a == b), 0.0, a - b)
 
 
 def looks(flights: int, number: int = 12, first: int = 20) -> list[int]:

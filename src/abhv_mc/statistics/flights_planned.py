@@ -23,7 +23,7 @@ def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Fl
         return np.zeros_like(rates)
     if most >= runs:
         return np.ones_like(rates)
-    return np.asarray(betainc(runs - most, most + 1.0, 1.0 - rates), dtype=np.float64)
+    return betainc(runs - most, most + 1.0, 1.0 - rates)
 
 
 def ever_chance(
@@ -57,7 +57,7 @@ def _boundary(runs: int, probability: float, risk: float, status: str) -> tuple[
             np.unique(np.round(np.geomspace(1, failures[-1] + 1, _MOST_LOOKS)).astype(np.int64)) - 1
         )
     settle = flights_to_pass if passes else flights_to_fail
-    flights = np.array([settle(int(k), probability, risk) for k in failures], dtype=np.int64)
+    flights = np.array([settle(int(k), probability, risk) for k in failures])
     if passes:
         return failures, flights
     last_flights = np.minimum(flights, runs)

@@ -8,8 +8,8 @@ leave-one-out scores
 "Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
 
-from dataclasses import dataclass
 from math import ceil, inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,17 +31,13 @@ _RIDGE = 1e-3  # regularization relative to a column's unit variance
 
 def rank_p_values(pool: Floats) -> Floats:
     """Return the two-sided p-value of each rank [flight, column] within its column."""
-    flights, ordered = len(pool), np.sort(pool, axis=0)
-    p_values = np.empty(pool.shape)
-    for column, values in enumerate(pool.T):
-        at_most = np.searchsorted(ordered[:, column], values, "right")
-        at_least = flights - np.searchsorted(ordered[:, column], values, "left")
-        p_values[:, column] = 2.0 * np.minimum(at_most, at_least) / flights
-    return np.minimum(p_values, 1.0)
+    from scipy.stats import rankdata
+
+    at_most, least = (rankdata(pool, method, axis=0) for method in ("max", "min"))
+    return np.minimum(2.0 * np.minimum(at_most, len(pool) + 1.0 - least) / len(pool), 1.0)
 
 
-@dataclass(frozen=True)
-class SetTest:
+class SetTest(NamedTuple):
     """P-values of a set of test flights among simulated sets of flights."""
 
     columns: Floats  # [flight, column] two-sided p-value of each value, for a single test
@@ -117,8 +113,7 @@ def _largest(values: Floats) -> Floats:
     return np.abs((values - values.mean(axis=0)) / spread).max(axis=1, initial=0.0)
 
 
-@dataclass(frozen=True)
-class Band:
+class Band(NamedTuple):
     """Simultaneous band that contains a whole new history with probability `confidence`.
 
     A spread is the distance from the median to the 2.5 or 97.5 % quantile of the flights at a time:
@@ -198,4 +193,4 @@ class _Quantiles:
 
     def _order(self, place: Indices) -> Floats:
         place = np.minimum(place, len(self.values) - 1)[np.newaxis]
-        return np.asarray(np.take_along_axis(self.ordered, place, axis=0)[0], dtype=np.float64)
+        return np.take_along_axis(self.ordered, place, axis=0)[0]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import bdtr, bdtrik, ndtr, ndtri
 
 from abhv_mc.array_types import Floats, Indices
-from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
+from abhv_mc.statistics.estimates import SEED, Interval, pair_differences, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
 _PER_TAIL = 50  # minimum number of draws beyond each bound of an interval
@@ -30,9 +30,7 @@ def _scores(draws: int) -> tuple[Floats, Floats]:
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
     """Return the lowest relevant count of flights below the quantile, and all normal scores."""
     low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
-    return low, np.asarray(
-        ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64
-    )
+    return low, ndtri(bdtr(np.arange(low, high + 1), flights, probability))
 
 
 def _counts(scores: Floats, flights: int, probability: float) -> Indices:
@@ -129,8 +127,8 @@ def quantile_differences(
             continue
         shared = _together(a, b, high_a, high_b, probability)
         below_a, below_b, drawn = _drawn_counts(a.size, probability, draws, shared)
-        low = _minus(padded_a[below_a], padded_b[below_b + 1])
-        high = _minus(padded_a[below_a + 1], padded_b[below_b])
+        low = pair_differences(padded_a[below_a], padded_b[below_b + 1])
+        high = pair_differences(padded_a[below_a + 1], padded_b[below_b])
         rank = int(tail * draws)
         ends = _drawn_value(low, drawn, rank), _drawn_value(high, drawn, draws - 1 - rank)
         intervals.append(Interval(high_a - high_b, *ends))
@@ -142,9 +140,3 @@ def _drawn_value(values: Floats, drawn: Indices, rank: int) -> float:
     order = np.argsort(values)
     index = np.searchsorted(np.cumsum(drawn[order]), rank, side="right")
     return float(values[order[index]])
-
-
-def _minus(a: Floats, b: Floats) -> Floats:
-    """Return `a - b`; 0 if both flights terminated early."""
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isinf(a) & (a == b), 0.0, a - b)

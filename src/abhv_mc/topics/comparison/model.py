@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,24 +10,22 @@ from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.statistic import Statistic
-from abhv_mc.folder.controller_flights import (
-    ControllerFlights,
-    common_rows,
-    distances,
-    metric_sign,
-)
+from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences
-from abhv_mc.statistics.paired import (
+from abhv_mc.statistics.quantile_pairs import quantile_differences
+from abhv_mc.statistics.winner import (
+    RISK,
+    Decision,
     PairedFailures,
     PairedMetric,
+    agree,
     compare_failures,
     compare_metric,
+    decide,
     median_ratio,
 )
-from abhv_mc.statistics.quantile_pairs import quantile_differences
-from abhv_mc.statistics.winner import RISK, Decision, agree, decide
-from abhv_mc.topics.json_data import DRAWN, level_name
+from abhv_mc.topics.formatting import level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
 _LISTED = 10  # maximum number of listed flights that failed under only one controller
@@ -47,8 +45,6 @@ class ComparedMetric(PairedMetric):
     loses_more: bool
     worst: tuple[float, float]
     quantile_differences: Mapping[str, Interval]  # differences of quantiles, by level
-    # numbers of points of the unknown parameters: points at which `a` wins, `b` wins, all points
-    better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,16 +150,12 @@ def compare_pair(
         return None
     lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
-    point_masks = (
-        [numbers % points == point for point in range(points)]
-        if points > 1
-        else [np.ones(len(numbers), bool)]
-    )
+    point_masks = [numbers % points == point for point in range(points)]
     ended_early = _lost_everywhere(*lost, numbers, point_masks)
     loses_more = ended_early.only_a != ended_early.only_b and ended_early.p_value <= RISK / number
     return ControllerPair(
         *names,
-        pairs=int(rows_a.size),
+        pairs=rows_a.size,
         metrics={
             metric: _metric(
                 distances(flights_a, metric, rows_a),
@@ -225,9 +217,7 @@ def _metric(
         else []
     )
     decision = agree(decisions) if decisions else Decision("")
-    a_at, b_at = (
-        sum(point_decision.winner == side for point_decision in decisions) for side in ("a", "b")
-    )
+    wins_at_a_point = any(point_decision.winner for point_decision in decisions)
     sense = "high" if record.band else record.bad
     sides = {"a": names[0], "b": names[1], "": None}
     worst_a, worst_b = (
@@ -239,7 +229,7 @@ def _metric(
         compared=compared > 0,
         winner=sides[decision.winner],
         closer=sides[decision.closer],
-        mixed=not decision.winner and (bool(decision.closer) or a_at + b_at > 0),
+        mixed=not decision.winner and (bool(decision.closer) or wins_at_a_point),
         worse_tails=decision.worse,
         uncompared_tails=decision.uncompared,
         loses_more=decision.loses_more,
@@ -248,7 +238,6 @@ def _metric(
             level_name(level): interval.in_sense(sense)
             for level, interval in zip(LEVELS, quantile_differences(a, b, LEVELS), strict=True)
         },
-        better_at=(a_at, b_at, max(1, len(decisions))),
     )
 
 
