@@ -25,7 +25,7 @@ def test_options_and_arguments_are_the_fields_with_their_help(name, function, re
     arguments = inspect.signature(function).parameters
     assert list(arguments) == list(inspect.signature(request_).parameters)
     assert set(arguments) == set(options)
-    command = typer.main.get_command(app).commands[name]
+    command = typer.main.get_command(app).get_command(None, name)
     helps = {parameter.name: parameter.help for parameter in command.params}
     for field, option in options.items():
         if option.kind:

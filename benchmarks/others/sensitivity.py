@@ -2,7 +2,7 @@
 
     python -m benchmarks.others.sensitivity [--samples 20] [--flights 2000] [--json FILE]
 
-`statistics.given_data` uses the ranks of outputs, so that its true value is the index of the ranks,
+`statistics.drivers` uses the ranks of outputs, so that its true value is the index of the ranks,
 computed by pick and freeze on 2**20 points (Saltelli et al. 2010), and not the published index of
 the values; both are printed. OpenTURNS' rank-based estimate of first order
 (RankSobolSensitivityAlgorithm) is computed for the same ranks; it has no total index.
@@ -18,7 +18,7 @@ import numpy as np
 import openturns as ot
 from scipy.stats import qmc, rankdata
 
-from abhv_mc.statistics.given_data import given_data_indices
+from abhv_mc.statistics.drivers import given_data_indices
 from abhv_mc.statistics.ranks import standard_ranks
 from benchmarks.document import write_json
 

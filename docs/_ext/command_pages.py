@@ -41,12 +41,13 @@ def make(examples: Path) -> dict[str, str]:
         "standard output. Their format is stable; printed text may change.\n",
     ]
     panels: dict[str, list[str]] = {}
-    for name, command in group.commands.items():
+    commands = {name: group.get_command(context, name) for name in group.list_commands(context)}
+    for name, command in commands.items():
         panels.setdefault(command.rich_help_panel, []).append(name)
     for panel, names in panels.items():
         rows = []
         for name in names:
-            command = group.commands[name]
+            command = commands[name]
             first = (command.help or "").strip().split("\n\n")[0]
             rows.append((f"[`{name}`](commands/{name}.md)", " ".join(first.split())))
             by_hand = examples / f"{name}.md"

@@ -17,14 +17,7 @@ from abhv_mc.entry_points import needs_vehicle
 from abhv_mc.io.documents import InputError, InputErrors
 from abhv_mc.io.input_error import check_mapping
 from abhv_mc.io.phrases import grouped_digits, quoted
-from abhv_mc.requests import (
-    Paths,
-    RareRequest,
-    Request,
-    WorstRequest,
-    check_count,
-    takes,
-)
+from abhv_mc.requests import Paths, RareRequest, Request, WorstRequest, check_count, takes
 from abhv_mc.results import Results, as_html, open_results
 from abhv_mc.shipped import find_input
 

@@ -1,13 +1,14 @@
 """Limits of a requirement, with masks of failed flights and distances to the limits."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
 
 
-class Bounds(NamedTuple):
+@dataclass(frozen=True)
+class Bounds:
     """Limits ``low`` < value < ``high`` in the unit of the value; one limit may be None."""
 
     low: float | None = None
@@ -15,11 +16,8 @@ class Bounds(NamedTuple):
 
     def as_entry(self) -> dict[str, float]:
         """Return the limits as the entries of a requirement, with the keys above and below."""
-        return {
-            key: value
-            for key, value in zip(("above", "below"), self, strict=True)
-            if value is not None
-        }
+        sides = {"above": self.low, "below": self.high}
+        return {key: value for key, value in sides.items() if value is not None}
 
     def __str__(self) -> str:
         """Return the limits as text: 'below 50', 'above 3' or 'between 3 and 50'."""

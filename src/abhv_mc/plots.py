@@ -2,7 +2,6 @@
 
 from abhv_mc.topics.comparison.figures import (
     DifferencePanel,
-    Trade,
     plot_differences,
     plot_error_against_usage,
 )
@@ -14,7 +13,6 @@ __all__ = [
     "EnvelopePanel",
     "EnvelopeRow",
     "Spread",
-    "Trade",
     "plot_differences",
     "plot_distributions",
     "plot_envelopes",

@@ -1,7 +1,7 @@
 """Options of runs and searches, used as function arguments and command-line options.
 
 Each option is declared once, as a field of a request: :func:`takes` makes it an argument of a
-Python function, and :mod:`abhv_mc.cli.request_options` makes it an option of a command.
+Python function, and :mod:`abhv_mc.cli.options` makes it an option of a command.
 """
 
 import functools
@@ -27,7 +27,7 @@ class Option(NamedTuple):
     """Description of one field of a request, for Python and the command line."""
 
     help: str
-    kind: str  # kind of value in `abhv_mc.cli.request_options`; '' if only Python has the option
+    kind: str  # kind of value in `abhv_mc.cli.options`; '' if only Python has the option
     default: str | None = None  # description of the default value, if one is needed
     low: Any = None  # smallest allowed number; `high` is the largest
     high: Any = None
@@ -152,8 +152,7 @@ class Request(CheckedRequest):
     fresh: Fresh = False
     scheduler: Scheduler = None
     shard: Annotated[
-        tuple[int, int] | None,
-        Option("Run only shard I of N; 'merge' joins the shards.", "shard"),
+        tuple[int, int] | None, Option("Run only shard I of N; 'merge' joins the shards.", "shard")
     ] = None
     plans: Annotated[
         Paths | None,
@@ -197,9 +196,7 @@ class SearchRequest(CheckedRequest):
     output: Annotated[
         Paths,
         Option(
-            "Results folder for the flights and the page.",
-            "folder",
-            "reports/CAMPAIGN_SEARCH_NAME",
+            "Results folder for the flights and the page.", "folder", "reports/CAMPAIGN_SEARCH_NAME"
         ),
     ]
     _: KW_ONLY

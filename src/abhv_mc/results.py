@@ -349,20 +349,17 @@ class Results:
             nested.setdefault(name, {})[entry] = value
         refuse_changes(self._paths, self.manifest)
         answer = make_whatif(self.folder, nested, self._requirements)
-        rows = []
-        for name, reweighted in answer.controllers.items():
-            for metric, levels in reweighted.metrics.items():
-                for level, pair in levels.items():
-                    row: dict[str, str | float | None] = {
-                        "metric": metric,
-                        "controller": name,
-                        "level": level,
-                    }
-                    for when, cell in vars(pair).items():
-                        row |= dict(
-                            zip((when, f"{when}_low", f"{when}_high"), ends_of(cell), strict=True)
-                        )
-                    rows.append(row)
+        rows = [
+            {"metric": metric, "controller": name, "level": level}
+            | {
+                f"{when}{end}": value
+                for when, cell in vars(pair).items()
+                for end, value in zip(("", "_low", "_high"), ends_of(cell), strict=True)
+            }
+            for name, reweighted in answer.controllers.items()
+            for metric, levels in reweighted.metrics.items()
+            for level, pair in levels.items()
+        ]
         table = pd.DataFrame(rows).set_index(["metric", "controller", "level"])
         table.attrs["effective_flights"] = {
             n: reweighted.effective_flights for n, reweighted in answer.controllers.items()
@@ -432,17 +429,13 @@ class Results:
             f"controller, {facts.state}"
         )
         rows = [
-            (
-                name,
-                ", ".join(f"{count} {outcome}" for outcome, count in count_entry.outcomes.items()),
-                "",
-            )
-            for name, count_entry in facts.controllers.items()
+            (name, ", ".join(f"{n} {outcome}" for outcome, n in count.outcomes.items()), "")
+            for name, count in facts.controllers.items()
         ]
-        for entry in (*facts.requirements, *facts.requirements_shown):
-            rows.append(
-                (entry.controller, f"{entry.asked} in {100 * entry.probability:g} %", entry.label)
-            )
+        rows += [
+            (entry.controller, f"{entry.asked} in {100 * entry.probability:g} %", entry.label)
+            for entry in (*facts.requirements, *facts.requirements_shown)
+        ]
         return as_html(head, rows)
 
 
@@ -454,15 +447,10 @@ def _on_white(figure: "Figure", dpi: float) -> "Figure":
 
 
 def as_html(head: str, rows: Sequence[Sequence[str]]) -> str:
-    """Return an HTML table of escaped text."""
-    lines = (
-        "".join(f"<td style='text-align: left'>{escape(cell)}</td>" for cell in row) for row in rows
-    )
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return (
-        f"<table><caption style='text-align: left'>{escape(head)}</caption>"
-        f"<tbody>{body}</tbody></table>"
-    )
+    """Return an HTML table of escaped text, below a line of text."""
+    import pandas as pd
+
+    return f"<p>{escape(head)}</p>{pd.DataFrame(rows).to_html(header=False, index=False)}"
 
 
 def open_results(folder: str | Path) -> Results:

@@ -25,7 +25,7 @@ from abhv_mc.io.phrases import counted
 from abhv_mc.report.pages.channel_curves import band_names, channel_curves
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
 from abhv_mc.report.pages.page import make_environment
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import json_data
 from abhv_mc_explore.counts import (
     FlightTable,
     count_flights,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.options import output, output_folder
 from abhv_mc.cli.printing import announce_warnings, say
 
 

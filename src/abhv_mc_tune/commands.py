@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import Json
-from abhv_mc.cli.outputs import output_file
+from abhv_mc.cli.options import Json, output_file, takes_options
 from abhv_mc.cli.printing import announce_compiling, print_section, say, show_result, text_stream
-from abhv_mc.cli.request_options import takes_options
 from abhv_mc_tune.request import TuneRequest
 
 if TYPE_CHECKING:

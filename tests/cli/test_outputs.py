@@ -13,7 +13,7 @@ from fake_flight import ENGINE, run, write_campaign
 from typer.models import OptionInfo
 
 from abhv_mc.cli.app import app
-from abhv_mc.cli.request_options import takes_options
+from abhv_mc.cli.options import takes_options
 from abhv_mc.folder.layout import find_in_campaign
 from abhv_mc.requests import WorstRequest
 

@@ -15,14 +15,14 @@ from abhv_mc.cli.printing import say
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.documents import InputError
-from abhv_mc.report.numbers.contrast import (
+from abhv_mc.report.pages.contrast_page import (
     Contrast,
     ContrastController,
     ContrastRequirement,
     SideVerdict,
+    change_texts,
     find_changes,
 )
-from abhv_mc.report.pages.contrast_page import change_texts
 from abhv_mc.report.pages.pdf import NAMES
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import percent

@@ -48,7 +48,7 @@ def test_run_prints_outcomes_verdicts_and_digest(abhv_mc, tmp_path):
     assert code == 0
     assert f"digest    {manifest['digest']}" in out
     assert "289 ok, 11 sideslip_limit" in out
-    assert "300 flights" in out and re.search(r"PASS 11\b", out)
+    assert "complete, 300 of 300" in out and re.search(r"PASS 11 of 300\b", out)
     assert max(map(len, out.splitlines())) <= 80
 
 

@@ -33,7 +33,7 @@ from abhv_mc.report.pages.verify import find_differences, verify_campaign
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_folder
 from abhv_mc.topics.failures import FAILURES
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import json_data
 from abhv_mc.topics.topic import Models
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer

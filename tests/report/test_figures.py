@@ -12,7 +12,7 @@ from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import template_text
 from abhv_mc.topics import registry
-from abhv_mc.topics.comparison.figures import Trade, plot_error_against_usage
+from abhv_mc.topics.comparison.figures import plot_error_against_usage
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
 from abhv_mc.topics.figure_style import BLUE, CYCLE, INK
@@ -190,7 +190,7 @@ def test_small_values_on_a_logarithmic_axis_are_visible():
 def test_the_limit_of_a_metric_against_control_effort_is_drawn_or_noted(limit, notes):
     """Regression: a limit somewhat above the flights was drawn outside the axis."""
     values = np.linspace(0.5, 1.0, 600)
-    trade = Trade("Error (m)", {"tlc": values, "lqr": values}, (limit,), "m")
+    trade = Spread("Error (m)", {"tlc": values, "lqr": values}, (limit,), "m")
     usage = {"tlc": values, "lqr": values}
     figure = plot_error_against_usage(
         usage, [trade], "effort", {"tlc": "TLC", "lqr": "LQR"}, {"tlc": "b", "lqr": "r"}
@@ -208,7 +208,7 @@ def test_the_limit_of_a_metric_against_control_effort_is_drawn_or_noted(limit, n
 def test_limits_of_a_logarithmic_axis_lie_inside_it(limit, drawn):
     """Regression: the lower end of a logarithmic axis was set to a negative value."""
     values = np.geomspace(0.02, 10.0, 300)
-    trade = Trade("Error (m)", {"tlc": values}, (limit,), "m")
+    trade = Spread("Error (m)", {"tlc": values}, (limit,), "m")
     figure = plot_error_against_usage({"tlc": values}, [trade], "e", {"tlc": "TLC"}, {"tlc": "b"})
     (axes, *_) = figure.axes
     assert axes.get_yscale() == "log" and sum(x.get_label() == "limit" for x in axes.lines) == drawn

@@ -7,9 +7,8 @@ from scipy import stats
 from scipy.stats import rankdata
 
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
-from abhv_mc.statistics.drivers import rank_drivers
+from abhv_mc.statistics.drivers import given_data_indices, rank_drivers
 from abhv_mc.statistics.failure_rules import bin_inputs, find_rules, hypergeometric_tail
-from abhv_mc.statistics.given_data import given_data_indices
 from abhv_mc.statistics.ranks import average_ranks, false_discovery
 
 IDLE, FLIGHTS = 30, 400
@@ -174,18 +173,24 @@ def _corner(inputs, chance, seed):
     return (inputs[:, 4] > 0.4) & (inputs[:, 9] < -0.2) & (draw < chance)
 
 
+def rules_for(inputs, failed):
+    """Return the rules for inputs [flight, input] that are named by their columns."""
+    names = [str(column) for column in range(inputs.shape[1])]
+    return find_rules(bin_inputs(names, lambda name: inputs[:, int(name)]), failed)
+
+
 @pytest.mark.thorough
 def test_a_corner_of_two_inputs_is_found_in_95_of_100_seeds():
     drivers = 0
     for seed in range(100):
         inputs = _inputs(seed)
-        rules = find_rules(
-            bin_inputs(inputs.T), _corner(inputs, 0.9, 3000 + seed), list(inputs.T).__getitem__
-        )
+        rules = rules_for(inputs, _corner(inputs, 0.9, 3000 + seed))
         best = {(c.parameter, c.above) for c in rules[0].conditions} if rules else set()
         pairs = {frozenset(c.parameter for c in rule.conditions) for rule in rules}
-        idle = any(not set(pair) <= {4, 9} for pair in pairs)
-        drivers += frozenset({4, 9}) in pairs and best <= {(4, True), (9, False)} and not idle
+        idle = any(not set(pair) <= {"4", "9"} for pair in pairs)
+        drivers += (
+            frozenset({"4", "9"}) in pairs and best <= {("4", True), ("9", False)} and not idle
+        )
     assert drivers >= 95
 
 
@@ -194,11 +199,11 @@ def test_both_ends_of_an_input_are_one_rule():
     for seed in range(10):
         inputs = np.random.default_rng(7000 + seed).normal(0.0, 12.0, (1000, IDLE))
         failed = np.abs(inputs[:, 6]) > np.sort(np.abs(inputs[:, 6]))[-22]
-        rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
+        rules = rules_for(inputs, failed)
         best = rules[0]
         assert best.either and [(c.parameter, c.above) for c in best.conditions] == [
-            (6, False),
-            (6, True),
+            ("6", False),
+            ("6", True),
         ]
         assert (best.failures_inside, best.failures, best.others_inside) == (21, 21, 0)
         assert not any(len(rule.conditions) == 1 for rule in rules)
@@ -209,9 +214,9 @@ def test_a_difference_of_two_inputs_is_one_rule():
         inputs = np.random.default_rng(7100 + seed).uniform(-1.0, 1.0, (1000, IDLE))
         margin = inputs[:, 3] - inputs[:, 8]
         failed = margin > np.sort(margin)[-101]
-        best = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)[0]
+        best = rules_for(inputs, failed)[0]
         (condition,) = best.conditions
-        assert (condition.parameter, condition.minus, condition.above) == (3, 8, True)
+        assert (condition.parameter, condition.minus, condition.above) == ("3", "8", True)
         assert best.failures_inside == best.failures == 100 and best.others_inside <= 3
 
 
@@ -220,11 +225,11 @@ def test_a_difference_rides_on_no_real_input():
     for seed in range(10):
         inputs = _inputs(7200 + seed)
         for failed in (inputs[:, 4] > 0.7, _corner(inputs, 0.9, 7300 + seed)):
-            rules = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)
+            rules = rules_for(inputs, failed)
             assert rules and not any(
                 c.minus is not None for rule in rules[:1] for c in rule.conditions
             )
-            assert {c.parameter for c in rules[0].conditions} <= {4, 9}
+            assert {c.parameter for c in rules[0].conditions} <= {"4", "9"}
 
 
 @pytest.mark.thorough
@@ -233,7 +238,7 @@ def test_no_rule_of_any_kind_where_failures_fall_at_random():
     for seed in range(60):
         inputs = _inputs(seed)
         failed = np.random.default_rng(7400 + seed).random(FLIGHTS) < 0.1
-        false_alarms += bool(find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__))
+        false_alarms += bool(rules_for(inputs, failed))
     assert false_alarms <= 5
 
 
@@ -241,7 +246,7 @@ def test_thresholds_of_discrete_inputs_keep_equal_values_together():
     draw = np.random.default_rng(95)
     inputs = np.column_stack([draw.integers(0, 3, 600).astype(float), draw.random(600)])
     failed = inputs[:, 0] == 0.0
-    best = find_rules(bin_inputs(inputs.T), failed, list(inputs.T).__getitem__)[0]
+    best = rules_for(inputs, failed)[0]
     (condition,) = best.conditions
     assert not condition.above and 0.0 <= condition.threshold < 1.0
     assert (best.failures_inside, best.others_inside) == (best.failures, 0)
@@ -254,9 +259,9 @@ def test_an_input_that_is_infinite_in_some_flights_has_rules_but_no_differences(
     failed = (np.isinf(inputs[:, 0]) if above else inputs[:, 0] < 0.5) & (
         np.arange(len(inputs)) % 3 > 0
     )
-    rules = find_rules(bin_inputs(inputs.T), failed, lambda k: inputs[:, k])
+    rules = rules_for(inputs, failed)
     best = rules[0].conditions[0]
-    assert best.parameter == 0 and best.above == above and np.isfinite(best.threshold)
+    assert best.parameter == "0" and best.above == above and np.isfinite(best.threshold)
     assert all(condition.minus is None for rule in rules for condition in rule.conditions)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.statistics.given_data import given_data_indices
+from abhv_mc.statistics.drivers import given_data_indices
 from abhv_mc.statistics.ranks import standard_ranks
 
 FLIGHTS = 1000

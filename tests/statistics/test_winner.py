@@ -11,12 +11,12 @@ from scipy import integrate
 from scipy.stats import binom
 
 from abhv_mc.statistics.evidence import log_coin_evidence
-from abhv_mc.statistics.paired import (
+from abhv_mc.statistics.winner import (
     compare_failures,
     compare_metric,
+    decide,
     pairing_gain,
 )
-from abhv_mc.statistics.winner import decide
 
 NONE = np.zeros(1000, dtype=bool)
 LOST = NONE[:300], NONE[:300]

@@ -18,7 +18,7 @@ def rules_of(results, failed):
     results = replace(results, flights={"lqr": replace(flights, metrics=metrics)})
     kinds = Models(results)[FAILURES].controllers["lqr"]
     (kind,) = (entry for entry in kinds if "Speed" in entry.kind)
-    return [rule.rule for rule in kind.rules]
+    return [rule.where for rule in kind.rules]
 
 
 def test_a_difference_of_inputs_is_said_as_directions_with_an_example(flown):
@@ -26,7 +26,7 @@ def test_a_difference_of_inputs_is_said_as_directions_with_an_example(flown):
     density = (results.samples["atmosphere.density"] - 1.0) / 0.10
     drag = (results.samples["aero.drag"] - 1.0) / 0.15
     rule = rules_of(results, density - drag > 1.2)[0]
-    assert re.search(r"\(0\s% [^)]*\).*\bdensity \w+ drag\b.*: high\b", rule)
+    assert re.search(r"\bdensity \w+ drag\b.*: high\b", rule)
     assert re.search(r"\([^)]*\bdensity \+[^)]*, drag \N{MINUS SIGN}", rule)
     both = rules_of(results, np.abs(density - drag) > 1.2)[0]
     assert "high or low" in both
@@ -35,5 +35,4 @@ def test_a_difference_of_inputs_is_said_as_directions_with_an_example(flown):
 def test_a_threshold_of_one_input_is_said_with_its_value(flown):
     results = flown(80)
     drag = results.samples["aero.drag"]
-    rule = rules_of(results, drag > 1.08)[0]
-    assert re.match(r"100\s% [^(]*\(0\s% [^)]*\)[^(]*\bdrag above \+\d", rule)
+    assert re.match(r"drag above \+\d", rules_of(results, drag > 1.08)[0])

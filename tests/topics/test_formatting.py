@@ -8,7 +8,7 @@ from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import bounds, estimate, percent, spoken_name
 from abhv_mc.topics.names import full_labels
-from abhv_mc.topics.section import Cell, Fold, Section, Table
+from abhv_mc.topics.section import Cell, Fold, Section, Table, grouped
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
 
@@ -70,28 +70,27 @@ def table(*groups):
     return Table("t", ("Requirement", "Controller", "Ended early", "Room", "Why"), groups)
 
 
-HEAD, DASH = Cell("altitude", rows=2, head=True), "\N{EM DASH}"
-GROUP = (
-    (HEAD, Cell("TLC", head=True), Cell("0"), Cell("1 %"), Cell("")),
+DASH = "\N{EM DASH}"
+ROWS = (
+    (Cell("TLC", head=True), Cell("0"), Cell("1 %"), Cell("")),
     (Cell("LQR", head=True), Cell("0"), Cell("2 %"), Cell(DASH)),
 )
+GROUP = grouped(ROWS, Cell("altitude", head=True))
 
 
-def test_rows_and_columns_that_a_cell_stands_for_are_repeated():
-    rows = table(GROUP, ((Cell("speed", head=True), Cell("none", columns=4)),)).plain_rows()
-    assert rows == [
+def test_a_cell_is_repeated_in_the_rows_that_it_spans():
+    assert table(GROUP).plain_rows() == [
         ["altitude", "TLC", "0", "1 %", ""],
         ["altitude", "LQR", "0", "2 %", DASH],
-        ["speed", *["none"] * 4],
     ]
+    assert [row[0].rows for row in GROUP] == [2, 0]
 
 
 def test_columns_that_are_empty_or_zero_throughout_are_not_drawn():
-    wide = table(GROUP, ((Cell("speed", head=True), Cell("none", columns=4)),))
-    (fold,) = Section("s", (Fold("f", (wide,)),)).without_idle().items
+    (fold,) = Section("s", (Fold("f", (table(GROUP),)),)).without_idle().items
     (item,) = fold.items
     assert item.heads == ("Requirement", "Controller", "Room")
-    lost = (*GROUP[1][:1], Cell("3"), *GROUP[1][2:])
+    lost = (*GROUP[1][:2], Cell("3"), *GROUP[1][3:])
     assert table((GROUP[0], lost)).without_idle().heads == (
         "Requirement",
         "Controller",
@@ -101,5 +100,4 @@ def test_columns_that_are_empty_or_zero_throughout_are_not_drawn():
     assert item.plain_rows() == [
         ["altitude", "TLC", "1 %"],
         ["altitude", "LQR", "2 %"],
-        ["speed", "none", "none"],
     ]

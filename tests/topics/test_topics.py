@@ -28,7 +28,7 @@ from abhv_mc.topics.failure_cases.figures import still_flying
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.figures import worst_channels
 from abhv_mc.topics.flights.model import ended_words, worst_flights
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import json_data
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.section import Cell, Table
@@ -97,7 +97,7 @@ def test_the_planted_driver_and_rule_are_found(failing_numbers):
     kinds = failing_numbers["failures"]["controllers"]["lqr"]
     early = next(kind for kind in kinds if kind["kind"] == "ended early")
     assert early["rules"][0]["conditions"][0]["parameter"] == "atmosphere.density"
-    assert re.search(r"\bdensity above \+\d", early["rules"][0]["rule"])
+    assert re.search(r"\bdensity above \+\d", early["rules"][0]["where"])
     speed = drivers["metrics"]["angle_of_attack_error_rms_deg"]["parameters"]
     assert {entry["parameter"] for entry in speed if entry["driver"]} >= {
         "atmosphere.density",

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from verification.independent import FT, World, fly_sphere, write_case
 from verification.shown import check
 
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import json_data
 from benchmarks.verification.__main__ import app
 from benchmarks.verification.check_rows import Row, all_ok, rows_record
 from benchmarks.verification.everything import verify_paper

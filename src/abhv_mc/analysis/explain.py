@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.analysis.shrink import BUDGET, Shrunk, shrink
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Indices, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.execution.executor import make_ready, open_flown, simulate
 from abhv_mc.flights.blocks import FlightBlock
@@ -42,19 +41,7 @@ class Failure:
             return "ended early"
         return f"missed {self.requirement.metric} {self.requirement.limits}"
 
-    @property
-    def sentence(self) -> str:
-        """Predicate of a sentence on the flight."""
-        if self.requirement is None:
-            return "terminated early"
-        return f"missed the requirement '{self.requirement.metric} {self.requirement.limits}'"
-
-    @property
-    def of_margin(self) -> bool:
-        """Return whether the missed requirement limits a stability margin."""
-        return self.requirement is not None and self.requirement.metric in MARGIN_NAMES
-
-    def severity(self, outcome: NDArray[np.int64], end_time: Floats, metrics: Floats) -> Floats:
+    def severity(self, outcome: Ints, end_time: Floats, metrics: Floats) -> Floats:
         """Return the severity of the failure of each flight [flight], or -inf without failure.
 
         `metrics` has shape [flight, metric].
@@ -167,7 +154,8 @@ def with_margins(
 
     Margins are computed if any failure is a missed requirement on a stability margin.
     """
-    if not any(failure.of_margin for failure in failures):
+    required = (failure.requirement for failure in failures)
+    if not any(item is not None and item.metric in MARGIN_NAMES for item in required):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
 
@@ -193,7 +181,7 @@ def smallest_sets(
         *np.split(samples, [len(names)], axis=1),
     )
 
-    def severity(owners: NDArray[np.intp], keep: Mask) -> Floats:
+    def severity(owners: Indices, keep: Mask) -> Floats:
         rows = np.column_stack(
             [np.where(keep, values[owners], nominal), seeds[owners]]
         )  # All flights use the noise of the original flight.
@@ -246,13 +234,11 @@ def find_failure(
     reason = f"met the requirement on '{requirement}'" if requirement else "did not fail"
     problem = f"flight {row.first} of controller '{row.controller}' {reason}"
     raise InputError(
-        root,
-        problem,
-        "a flight of this controller that terminated early or missed a requirement",
+        root, problem, "a flight of this controller that terminated early or missed a requirement"
     )
 
 
-def mildest_first(samples: SampleReader, values: Floats) -> NDArray[np.intp]:
+def mildest_first(samples: SampleReader, values: Floats) -> Indices:
     """Return the indices of the parameters, sorted from the least to the most unusual value."""
     drawn = samples.rows(0, min(samples.flights, _MOST_SAMPLES))[:, : values.size]
     # A failure that does not occur in most flights has an infinite median time.

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -21,8 +22,7 @@ from abhv_mc.io.documents import InputError
 MOST_CAUSES = 3  # maximum number of dispersions in an explanation; larger sets are not informative
 
 
-@dataclass(frozen=True)
-class Cause:
+class Cause(NamedTuple):
     """Set of inputs, with the signs of their deviations, that explains a group of failures."""
 
     inputs: tuple[int, ...]
@@ -139,11 +139,7 @@ def map_failures(
 
 
 def _map_controller(
-    folder: CampaignFolder,
-    campaign: Experiment,
-    controller: str,
-    failed: Sequence[int],
-    fly: Fly,
+    folder: CampaignFolder, campaign: Experiment, controller: str, failed: Sequence[int], fly: Fly
 ) -> ControllerFailures:
     flights = [int(flight) for flight in failed[:MOST_FLIGHTS]]
     rows = find_rows(folder, controller, flights)

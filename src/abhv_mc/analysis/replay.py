@@ -8,7 +8,6 @@ import numpy as np
 
 from abhv_mc.execution.executor import open_flown, simulate
 from abhv_mc.flights.blocks import FlightBlock
-from abhv_mc.flights.outcomes import OUTCOMES, Outcomes
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, relative_difference
 from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
@@ -33,14 +32,9 @@ class Replay:
     metrics: dict[str, float]
     differences: tuple[str, ...]  # differences between the results and the stored row
     sentence: str  # sentence that states how the flight ended
-    ends: Outcomes = OUTCOMES
+    outcome: str  # code of the flight's outcome
     channels: tuple[Signal, ...] = ()  # channels of the history, if the block contains one
     repeatability: Repeatability | None = None  # repeatability of a custom simulator
-
-    @property
-    def outcome(self) -> str:
-        """Code of the flight's outcome."""
-        return self.ends.codes[int(self.block.outcome[0])]
 
 
 def replay_flight(
@@ -88,7 +82,7 @@ def replay_flight(
         metrics=metrics,
         differences=tuple(differences),
         sentence=end,
-        ends=ends,
+        outcome=ends.codes[outcome],
         channels=experiment.channels,
         repeatability=repeatability,
     )

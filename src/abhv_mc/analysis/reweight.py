@@ -4,9 +4,9 @@ The weight of a flight is the ratio of its new to its old probability density.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,7 @@ _SLACK = (
 )
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """Changes to the distributions of some parameters of a campaign."""
 
     # entries of the campaign file before the change, by parameter
@@ -193,7 +192,7 @@ def _log_copula(copula: Copula, marginals: Sequence[Marginal], columns: Floats) 
     )
     normal = ndtri(np.clip(uniform, 2.0**-53, 1.0 - 2.0**-53))
     mixed = solve_triangular(copula.factor, normal.T, lower=True)
-    return np.asarray(0.5 * (np.sum(normal**2, axis=1) - np.sum(mixed**2, axis=0)))
+    return 0.5 * (np.sum(normal**2, axis=1) - np.sum(mixed**2, axis=0))
 
 
 def unseen_probability(campaign: Experiment, change: Change, samples: Floats) -> Unseen:

@@ -6,22 +6,20 @@ Hildebrandt, IEEE TSE 28(2), 2002). Many candidates are tested at a time.
 """
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Indices, Mask
 
 Sets = list[tuple[int, ...]]
 
 BUDGET = 4000  # maximum number of candidate sets tried, smallest sets first
 
 
-@dataclass(frozen=True)
-class Shrunk:
+class Shrunk(NamedTuple):
     """Sets of inputs that cause the failure, most severe failure first."""
 
     sets: tuple[tuple[int, ...], ...]
@@ -37,8 +35,8 @@ Shrinking = Generator[Sets, Floats, "Shrunk | None"]
 
 def shrink(
     count: int,
-    test: Callable[[NDArray[np.intp], Mask], Floats],
-    mildest_first: Sequence[NDArray[np.intp]],
+    test: Callable[[Indices, Mask], Floats],
+    mildest_first: Sequence[Indices],
     budget: int = BUDGET,
 ) -> list[Shrunk | None]:
     """Return, for each failure, the smallest sets of inputs that cause it.
@@ -53,12 +51,11 @@ def shrink(
     pending = {index: next(search) for index, search in enumerate(searches)}
     while pending:
         turn, pending = pending, {}
-        owners = np.repeat(
-            np.array(list(turn), dtype=np.intp), [len(sets) for sets in turn.values()]
-        )
-        severity = test(
-            owners, _masks([members for sets in turn.values() for members in sets], count)
-        )
+        owners = np.repeat(np.array([*turn]), [len(sets) for sets in turn.values()])
+        keep = np.zeros((len(owners), count), bool)
+        for row, members in zip(keep, chain(*turn.values()), strict=True):
+            row[[*members]] = True
+        severity = test(owners, keep)
         for index in turn:
             try:
                 pending[index] = searches[index].send(severity[owners == index])
@@ -67,7 +64,7 @@ def shrink(
     return results
 
 
-def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
+def _shrink(count: int, order: Indices, budget: int) -> Shrinking:
     tried, size = 0, 0
     while size <= count and tried + comb(count, size) <= budget:
         sets = list(combinations(range(count), size))
@@ -100,10 +97,3 @@ def _shrink(count: int, order: NDArray[np.intp], budget: int) -> Shrinking:
             fewer[int(np.flatnonzero(severity > -np.inf).max())]
         )  # The first set is known to fail, because it lacks only one removable input.
     return Shrunk((tuple(sorted(inputs)),), len(inputs) == size, tried)
-
-
-def _masks(sets: Sets, count: int) -> Mask:
-    keep = np.zeros((len(sets), count), dtype=np.bool_)
-    for row, members in zip(keep, sets, strict=True):
-        row[list(members)] = True
-    return keep

@@ -3,31 +3,29 @@
 A command is a function, or a ``typer.Typer`` if it has subcommands; related commands share a file.
 All command modules are imported at every start; modules that load slowly are therefore imported
 inside functions. ``_PANELS`` lists built-in commands as functions, and commands that packages add
-(:mod:`abhv_mc.cli.added_commands`) by name.
+by name.
+
+Packages register commands as entry points of the group ``abhv_mc.commands``. An entry point has the
+name of its command, such as ``explore``. The name of a subcommand follows the name of the group and
+a dot, as in ``list.vehicles``. The entry point refers to a function with annotations for typer, or to
+a ``typer.Typer``. A package is imported when one of its commands is run or listed. If the import
+fails, a warning is printed and the commands of the package are omitted.
 """
 
 import gc
 import os
 import sys
+from importlib.metadata import EntryPoint
 from inspect import cleandoc
-from typing import Any
+from typing import Any, ClassVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from abhv_mc.cli import (
-    placing,
-    proving,
-    querying,
-    replaying,
-    reporting,
-    running,
-    searching,
-    starting,
-)
-from abhv_mc.cli.added_commands import Commands
+from abhv_mc.cli import querying, replaying, reporting, running, searching, starting
 from abhv_mc.cli.errors import exit_code_of, flush_output, open_streams
-from abhv_mc.cli.printing import say
+from abhv_mc.cli.printing import announce_warnings, say
+from abhv_mc.entry_points import COMMANDS, find_entry_points
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.io.address import hide_key
 from abhv_mc.shipped import PACKAGES
@@ -97,15 +95,10 @@ _PANELS: dict[str, tuple[Any, ...]] = {  # Names stand for commands that package
     "Search": (searching.worst, searching.rare, "tune"),
     "Results": (
         *(reporting.show, "explore", replaying.explain, reporting.whatif),
-        *(placing.place, placing.identify, querying.query, querying.lists),
+        *(searching.place, searching.identify, querying.query, querying.lists),
     ),
     "Analyse": ("trim", "margins", "linearize"),
-    "Verify": (proving.verify,),
-}
-_HIDDEN: dict[str, Any] = {  # former names of commands, not listed by --help
-    "adopt": running.flights,
-    "samples": starting.samples,
-    "status": reporting.runs,
+    "Verify": (replaying.verify,),
 }
 _EXTENSIONS = "Extensions"  # heading for commands that packages add
 _PROGRAM = "abhv-mc"
@@ -121,28 +114,59 @@ _PANEL_OF = {_name(command): panel for panel, commands in _PANELS.items() for co
 
 
 class Group(_Short, TyperGroup):
-    """Group of commands, including those that packages add."""
+    """Group of commands, including those that packages add.
 
-    def __init__(self, *, name: str | None = None, commands: Any = None, **options: Any) -> None:
-        first = name == _PROGRAM
-        added: Any = Commands(
-            own=commands or {},
-            family="" if first else f"{name}.",
-            order=_PANEL_OF if first else (),
-            make=lambda name, command: _make_command(
-                name, command, _PANEL_OF.get(name, _EXTENSIONS) if first else None
-            ),
-        )
-        super().__init__(name=name, commands=added, **options)
+    ``commands`` also contains the entry points of commands that are not imported yet.
+    """
+
+    _unusable: ClassVar[set[str]] = set()  # packages that cannot be imported
+
+    def _find_added(self) -> None:
+        family = "" if self.name == _PROGRAM else f"{self.name}."
+        added = {
+            name.removeprefix(family): entry
+            for name, entry in find_entry_points(COMMANDS).items()
+            if name.startswith(family)
+        }
+        commands: Any = self.commands
+        for name, entry in added.items():
+            if "." not in name:
+                commands.setdefault(name, entry)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the command names in the order of the help."""
-        return list(self.commands)
+        self._find_added()
+        order = list(_PANEL_OF)
+        return sorted(
+            self.commands, key=lambda name: order.index(name) if name in order else len(order)
+        )
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command, or None if it is unknown or its package cannot be imported."""
+        if cmd_name not in self.commands:
+            self._find_added()
+        command: Any = self.commands.get(cmd_name)
+        if isinstance(command, EntryPoint):
+            command = self.commands[cmd_name] = self._load(cmd_name, command)
+        return command
+
+    def _load(self, name: str, entry: EntryPoint) -> Any:
+        package = entry.module.partition(".")[0]
+        try:
+            command = entry.load()
+        except Exception as error:
+            if package not in self._unusable:
+                self._unusable.add(package)
+                reason = f"{type(error).__name__}: {error}"
+                announce_warnings([f"the commands of {package} are not available ({reason})"])
+            return None
+        parent = typer.Typer(cls=TyperGroup)
+        panel = _PANEL_OF.get(name, _EXTENSIONS) if self.name == _PROGRAM else None
+        _add_command(parent, name, command, panel)
+        return typer.main.get_group(parent).commands[name]
 
 
-def _add_command(
-    parent: typer.Typer, name: str, command: Any, panel: str | None, hidden: bool = False
-) -> None:
+def _add_command(parent: typer.Typer, name: str, command: Any, panel: str | None) -> None:
     if isinstance(command, typer.Typer):
         for inner in command.registered_commands:
             inner.cls = Command
@@ -150,16 +174,7 @@ def _add_command(
     else:
         examples = _EXAMPLES.get(name) if panel else None
         epilog = "\n\n".join(("Examples:", *examples)) if examples else None
-        parent.command(name, cls=Command, rich_help_panel=panel, hidden=hidden, epilog=epilog)(
-            command
-        )
-
-
-def _make_command(name: str, command: Any, panel: str | None) -> Any:
-    """Make a command from a function that a package has registered."""
-    parent = typer.Typer(cls=TyperGroup)
-    _add_command(parent, name, command, panel)
-    return typer.main.get_group(parent).commands[name]
+        parent.command(name, cls=Command, rich_help_panel=panel, epilog=epilog)(command)
 
 
 _LIBRARIES = (
@@ -224,8 +239,6 @@ for _panel, _commands in _PANELS.items():
     for _command in _commands:
         if not isinstance(_command, str):
             _add_command(app, _name(_command), _command, _panel)
-for _hidden_name, _command in _HIDDEN.items():
-    _add_command(app, _hidden_name, _command, None, hidden=True)
 
 
 def main() -> None:

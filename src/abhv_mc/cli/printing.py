@@ -6,10 +6,11 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib.util import LazyLoader, find_spec, module_from_spec
+from itertools import zip_longest
 from pathlib import Path
-from textwrap import fill
+from textwrap import fill, wrap
 from typing import TYPE_CHECKING, Any, TextIO
 
 from abhv_mc.compiling import listen
@@ -23,19 +24,13 @@ if TYPE_CHECKING:
     from abhv_mc.topics.section import Section
     from abhv_mc.topics.section import Table as SectionTable
 
-
 _COLORS = {
     "PASS": 32,
     "FAIL": 31,
     "NOT SHOWN": 33,
     "warning:": 33,
 }  # ANSI colour codes of highlighted words
-_TIMES = "compiled.json"  # cache file with the compilation times of kernels on this machine, in s
-_KERNELS = {
-    "flight": "the flight",
-    "stability": "the stability margins",
-    "laws": "the reference",
-}
+_KERNELS = {"flight": "the flight", "stability": "the stability margins", "laws": "the reference"}
 _NARROWEST = 16  # minimum width of a wrapped text column
 _COLORED = re.compile(r"\b(?:PASS|FAIL|NOT SHOWN)\b|^warning:")
 
@@ -77,7 +72,7 @@ def show_result(result: Any, file: Path | None, print_text: Callable[[], None]) 
     If ``file`` is ``-``, only JSON is printed to standard output. Infinite and missing numbers are
     null.
     """
-    from abhv_mc.topics.json_data import json_data
+    from abhv_mc.topics.formatting import json_data
 
     if file != Path("-"):
         print_text()
@@ -110,130 +105,62 @@ def new_table(
 
 
 def print_table(table: "Table", keys: int = 1, **options: Any) -> None:
-    """Print a table; if it is too wide for the terminal, print its first column as headings.
+    """Print a table; if it is too wide for the terminal, wrap its texts, and split it if necessary.
 
-    A table that is still too wide is wrapped or split into several tables, each of which repeats
-    the first ``keys`` columns. Numbers are never truncated.
+    The resulting tables repeat the first ``keys`` columns. Numbers are never truncated.
     """
     import io
 
     from rich.console import Console
-    from rich.measure import Measurement
 
     if table.title:  # rich would wrap the title to the width of the columns
         say(table.title, **options)
         table.title = None
-    console = Console()
-    wide = console.options.update(width=1000)
-    width = Measurement.get(console, wide, table).maximum
-    terminal = shutil.get_terminal_size().columns
-    tables = [(table, width)]
-    if (sys.stdout.isatty() or "COLUMNS" in os.environ) and width > terminal:
-        lines = _lines_with_headings(table, terminal, keys)
-        if lines:
-            say(*lines, sep="\n", folds=False, **options)
-            return
-        tables = list(_fit_table(table, terminal, keys))
-    text = io.StringIO()
-    for piece, columns in tables:
-        Console(
-            width=columns,
-            file=text,
-            color_system=None,
-            markup=False,
-            emoji=False,
-            highlight=False,
-        ).print(piece)
-    say(text.getvalue(), end="", folds=False, **options)
+    stream, terminal = io.StringIO(), shutil.get_terminal_size().columns
+    plain: dict[str, Any] = dict.fromkeys(("markup", "emoji", "highlight"), False)
+    Console(width=10_000, file=stream, color_system=None, **plain).print(table)
+    lines = stream.getvalue().splitlines()
+    is_limited = sys.stdout.isatty() or "COLUMNS" in os.environ
+    if is_limited and max(map(len, lines), default=0) > terminal:
+        lines = list(_fit_table(table, terminal, keys))
+    say(*lines, sep="\n", folds=False, **options)
 
 
-def _lines_with_headings(table: "Table", terminal: int, keys: int) -> list[str]:
-    """Return the lines of a table whose first column is printed as headings above the rows.
-
-    The remaining columns are split into groups that fit the terminal; each group repeats the first
-    ``keys`` columns. The list is empty if the entries of the first column are short, or if a row
-    does not fit on a line.
-    """
-    columns = [[str(cell) for cell in column.cells] for column in table.columns]
-    longest = max(map(len, columns[0]), default=0) if columns else 0
-    if not (table.show_header and longest > _NARROWEST and len(columns) > 1):
-        return []
-    heads, widths = [], []
-    for column, texts in zip(table.columns, columns, strict=True):
-        widths.append(max(map(len, (*texts, *str(column.header).split()))))
-        heads.append(fill(str(column.header), max(widths[-1], 1)).split("\n"))
-    repeated = [*range(1, keys)]
-    pieces = [[*repeated]]
-    for k in range(keys, len(columns)):
-        if sum(widths[i] + 2 for i in [*pieces[-1], k]) > terminal and pieces[-1] != repeated:
-            pieces.append([*repeated])
-        pieces[-1].append(k)
-    is_cut = any("\n" in text for texts in columns for text in texts)
-    if is_cut or any(sum(widths[k] + 2 for k in piece) > terminal for piece in pieces):
-        return []
-
-    def line(texts: Iterable[str], piece: list[int]) -> str:
-        padded = (
-            f"{text:>{widths[k]}}"
-            if table.columns[k].justify == "right"
-            else f"{text:<{widths[k]}}"
-            for text, k in zip(texts, piece, strict=True)
-        )
-        return f"  {'  '.join(padded)}".rstrip()
-
-    lines: list[str] = []
-    for piece in pieces:
-        lines += filter(None, [str(table.columns[0].header)])
-        height = max(len(heads[k]) for k in piece)
-        shown = [[""] * (height - len(heads[k])) + heads[k] for k in piece]
-        lines += [line(texts, piece) for texts in zip(*shown, strict=True)]
-        for number, heading in enumerate(columns[0]):
-            lines += [fill(heading, terminal, subsequent_indent="  ")] if heading else []
-            lines.append(line((columns[k][number] for k in piece), piece))
-        lines.append("")
-    return lines
-
-
-def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[tuple["Table", int]]:
-    """Yield a wrapped table and its width, or several narrower tables if it is too wide.
-
-    Each of the narrower tables repeats the first ``keys`` columns.
-    """
-    from dataclasses import replace
-
-    widths = []
-    for column in table.columns:
-        cells = [line for cell in column.cells for line in str(cell).split("\n")]
-        natural = max(map(len, cells), default=0)
-        longest_word = max(map(len, str(column.header).split()), default=0)
-        column.no_wrap = column.justify == "right" or natural <= _NARROWEST
-        column.min_width = max(natural if column.no_wrap else _NARROWEST, longest_word)
-        if column.no_wrap:
-            lines = str(column.header).split("\n")
-            column.header = "\n".join(fill(line, column.min_width) for line in lines)
-        column.overflow = "fold"
-        widths.append(column.min_width + 3)  # with padding and divider
-    repeated, first = [*range(keys)], sum(widths[:keys]) + 1
-    groups, used, needed = [[*repeated]], first, terminal
-    for k, width in enumerate(widths[keys:], start=keys):
-        if used + width > terminal and len(groups[-1]) > keys:
-            groups.append([*repeated])
-            used = first
+def _fit_table(table: "Table", terminal: int, keys: int) -> Iterator[str]:
+    """Yield the lines of a table with wrapped texts, or of several narrower tables."""
+    columns = [
+        [str(column.header) * table.show_header, *map(str, column.cells)]
+        for column in table.columns
+    ]
+    widths, wrapped = [], []
+    for k, (head, *cells) in enumerate(columns):
+        width = max((len(line) for cell in cells for line in cell.split("\n")), default=0)
+        if table.columns[k].justify != "right" and width > _NARROWEST:
+            width = _NARROWEST
+            wrapped.append(k)
+        widths.append(max(width, *map(len, head.split()), 1))
+    for k in wrapped:
+        widths[k] += max(0, terminal - sum(widths) - 2 * len(widths)) // len(wrapped)
+    groups = [[*range(keys)]]
+    for k in range(keys, len(widths)):
+        if sum(widths[i] + 2 for i in (*groups[-1], k)) > terminal and len(groups[-1]) > keys:
+            groups.append([*range(keys)])
         groups[-1].append(k)
-        used += width
-        needed = max(needed, used)
-    if len(groups) == 1:
-        yield table, needed
-        return
     for group in groups:
-        columns = [table.columns[k] for k in group]
-        piece = new_table((), (), box=table.box)
-        piece.columns = [
-            replace(column, _index=index, _cells=list(column.cells))
-            for index, column in enumerate(columns)
-        ]
-        piece.rows = list(table.rows)
-        yield piece, needed
+        for row in zip(*(columns[k] for k in group), strict=True):
+            pieces = [
+                [piece for line in cell.split("\n") for piece in wrap(line, widths[k]) or [""]]
+                for k, cell in zip(group, row, strict=True)
+            ]
+            for texts in zip_longest(*pieces, fillvalue=""):
+                padded = (
+                    text.rjust(widths[k])
+                    if table.columns[k].justify == "right"
+                    else text.ljust(widths[k])
+                    for k, text in zip(group, texts, strict=True)
+                )
+                yield f"  {'  '.join(padded)}".rstrip()
+        yield ""
 
 
 def print_section_table(table: "SectionTable") -> None:
@@ -242,36 +169,22 @@ def print_section_table(table: "SectionTable") -> None:
     visible = [
         k
         for k in range(len(table.heads))
-        if not (rows and all(row[k].startswith("`abhv-mc ") or not row[k] for row in rows))
+        if not rows or any(row[k] and not row[k].startswith("`abhv-mc ") for row in rows)
     ]
     printed_table = new_table([table.heads[k] for k in visible], (), table.caption or table.title)
-    notes = []  # contents of cells that span several columns
-    lines = iter(rows)
-    for group in table.groups:
-        for number, cells in enumerate(group):
-            row = next(lines)
-            if any(cell.columns > 1 for cell in cells):
-                notes.append(": ".join(dict.fromkeys(row)))
-                continue
-            # A cell that spans several rows is printed only in the first of these rows.
-            spans = [cell.rows for cell in group[0]]
-            spans += [1] * (len(table.heads) - len(spans))
-            printed_table.add_row(
-                *("" if 0 < number < spans[k] else row[k].strip("`") for k in visible)
-            )
+    for row in (row for group in table.groups for row in group):
+        # A cell that spans several rows is printed only in the first of these rows.
+        printed_table.add_row(*(row[k].plain.strip("`") * bool(row[k].rows) for k in visible))
     is_grouped = any(group[0][0].rows > 1 for group in table.groups if group)
     print_table(printed_table, keys=1 + (is_grouped and len(visible) > 2))
-    say(*notes, sep="\n", end="\n" * bool(notes))
 
 
 def print_section(section: "Section") -> None:
     """Print the sentences and tables of a report section, without collapsed content."""
-    from abhv_mc.topics.section import Bullets, Records, Table
+    from abhv_mc.topics.section import Records, Table
 
     for item in section.items:
-        if isinstance(item, Bullets):
-            say(*item.sentences, sep="\n")
-        elif isinstance(item, Records):
+        if isinstance(item, Records):
             say(item, folds=False)
         elif isinstance(item, Table):
             print_section_table(item)
@@ -301,27 +214,10 @@ def _postpone_tools() -> None:
 @contextmanager
 def _tell(function: Any, by_other_process: bool) -> Iterator[None]:
     """Announce that a kernel is being compiled by this or another process."""
-    from abhv_mc.cache_root import cache_root
-
     group = function.__module__.removeprefix("abhv_mc_vehicle.kernel.").split(".")[0]
-    kernel = _KERNELS.get(group, "a kernel")
-    if by_other_process:
-        with Waiting(f"waiting for another process to compile {kernel}"):
-            yield
-        return
-    file = cache_root() / _TIMES
-    name = f"{function.__module__}.{function.__name__}"
-    try:
-        times = json.loads(file.read_text())
-        last_time = f"; {times[name]:.0f} s last time" if name in times else ""
-    except (OSError, ValueError):
-        times, last_time = {}, ""
-    with Waiting(
-        f"compiling {kernel} for this machine (once per kind of campaign{last_time})"
-    ) as waiting:
+    action = "waiting for another process to compile" if by_other_process else "compiling"
+    with Waiting(f"{action} {_KERNELS.get(group, 'a kernel')} for this machine"):
         yield
-    with suppress(OSError):
-        file.write_text(json.dumps(times | {name: round(waiting.seconds, 1)}))
 
 
 def announce_warnings(warnings: Iterable[str]) -> None:

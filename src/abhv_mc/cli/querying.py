@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import Json, folder_argument
-from abhv_mc.cli.outputs import output_file_or_stream, output_folder
+from abhv_mc.cli.options import Json, folder_argument, output_file_or_stream, output_folder
 from abhv_mc.cli.printing import new_table, print_table, say, show_result
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError, one_of
@@ -60,25 +59,25 @@ def schemas(
     json: Json = None,
 ) -> None:
     """List the kinds of files that have a JSON Schema, or print the schema of one kind."""
-    from functools import partial
-
     from abhv_mc.campaign.file.kinds import find_kinds
     from abhv_mc.campaign.file.schema import make_schema
     from abhv_mc.folder.manifest import manifest_schema
     from abhv_mc.report.numbers.report_numbers import report_schema
 
-    makers = {name: partial(make_schema, name) for name in find_kinds()} | {
-        "report": report_schema,
-        "manifest": manifest_schema,
-    }
+    results = {"report": report_schema, "manifest": manifest_schema}
+    names = (*find_kinds(), *results)
     if kind is None:
         show_records(
-            [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in makers], json
+            [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in names], json
         )
         return
-    if kind not in makers:
-        raise InputError("list schemas", f"unknown kind '{kind}'", one_of(makers, kind))
-    show_result(makers[kind](), json or Path("-"), lambda: None)
+    if kind not in names:
+        raise InputError("list schemas", f"unknown kind '{kind}'", one_of(names, kind))
+    show_result(
+        results[kind]() if kind in results else make_schema(kind),
+        json or Path("-"),
+        lambda: None,
+    )
 
 
 def show_records(records: list[dict[str, Any]], json: Path | None) -> None:

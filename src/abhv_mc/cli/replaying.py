@@ -1,4 +1,4 @@
-"""Commands ``replay`` and ``explain``, which re-run and explain single flights."""
+"""Commands ``replay`` and ``explain`` for single flights, and ``verify`` for results folders."""
 
 from math import isnan
 from pathlib import Path
@@ -7,12 +7,20 @@ from typing import Annotated
 import typer
 
 from abhv_mc.cli.errors import ExitCode
-from abhv_mc.cli.options import Controller, Folder, Json, TrustCode, metric_option
-from abhv_mc.cli.outputs import output, output_file
+from abhv_mc.cli.options import (
+    Controller,
+    Folder,
+    Json,
+    TrustCode,
+    metric_option,
+    output,
+    output_file,
+)
 from abhv_mc.cli.printing import announce_compiling, print_section_table, say, show_result
 from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import quoted
 
 
 def replay(
@@ -96,8 +104,7 @@ def explain(
         int | None, typer.Option(min=0, help="Number of the failed flight to explain.")
     ] = None,
     every: Annotated[
-        bool,
-        typer.Option("--all", help="Explain all failed flights (at most 50 per controller)."),
+        bool, typer.Option("--all", help="Explain all failed flights (at most 50 per controller).")
     ] = False,
     controller: Controller = None,
     requirement: Annotated[
@@ -136,7 +143,7 @@ def explain(
     from abhv_mc.folder.inputs import read_folder_campaign
     from abhv_mc.report.pages.single_flights import (
         explanation_numbers,
-        explanation_words,
+        explanation_records,
         make_explained_figure,
     )
 
@@ -145,13 +152,19 @@ def explain(
         lambda: explain_flight(folder, name, flight, requirement=requirement, trust_code=trust_code)
     )
     path = out or CampaignFolder(folder).explained / f"{name}-{flight}.png"
-    sentences, numbers = explanation_words(explanation), explanation_numbers(explanation)
-    if explanation.block.history.size:
+    numbers, has_history = explanation_numbers(explanation), explanation.block.history.size
+    if has_history:
         from abhv_mc.topics.figure_style import write_png
 
         write_png(make_explained_figure(explanation), path)
-        sentences, numbers = [*sentences, f"figure    {path}"], numbers | {"figure": str(path)}
-    show_result(numbers, json, lambda: say(*sentences, sep="\n"))
+        numbers["figure"] = str(path)
+
+    def print_text() -> None:
+        say(explanation_records(explanation), folds=False)
+        if has_history:
+            say(f"figure    {path}")
+
+    show_result(numbers, json, print_text)
 
 
 def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code: bool) -> None:
@@ -179,3 +192,41 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
         say(f"map       {path} ('abhv-mc report {folder}' adds this map to the report)")
 
     show_result(failure_map.controllers, json, print_text)
+
+
+verify = typer.Typer(
+    name="verify",
+    help="Check the files and numbers of a results folder.",
+    no_args_is_help=True,
+)
+
+
+@verify.command("campaign")
+def campaign(folder: Folder) -> None:
+    """Check the hashes of all files of a campaign and all numbers of its report.
+
+    The numbers are recomputed from the stored flights, which are not run again (use 'replay' to
+    re-run a flight). The exit code is 1 if any difference is found.
+    """
+    from abhv_mc.folder.manifest import read_manifest
+    from abhv_mc.folder.stores import open_store
+    from abhv_mc.report.pages.build import search_command
+    from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
+
+    with open_store(folder).reading() as source:
+        for difference in verify_campaign(source):
+            say(difference)
+            raise typer.Exit(1)
+        manifest = read_manifest(CampaignFolder(source).manifest)
+        skipped = skipped_topics(source)
+        has_report = (source / "report.json").is_file()
+    if manifest.search:
+        say(f"{folder}: all files are intact. To create the page of the search again, run:")
+        say(search_command(folder, manifest))
+        return
+    if not has_report:
+        say(f"{folder}: all files are intact. To create a report, run: abhv-mc report {folder}")
+        return
+    say(f"{folder}: all files are intact, and all numbers of the report follow from the flights")
+    if skipped:
+        say(f"topics not checked because their packages are not installed: {quoted(skipped)}")

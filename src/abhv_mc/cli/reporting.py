@@ -17,33 +17,22 @@ from abhv_mc.cli.options import (
     Requirements,
     controllers_option,
     folder_argument,
+    output,
+    output_file,
+    output_folder,
     parse_names,
 )
-from abhv_mc.cli.outputs import output, output_file, output_folder
-from abhv_mc.cli.printing import (
-    new_table,
-    print_section,
-    print_section_table,
-    print_table,
-    say,
-    show_result,
-    text_stream,
-)
-from abhv_mc.cli.running import (
-    describe_outcomes,
-    exit_by_verdicts,
-    print_requirements,
-    print_summary,
-)
+from abhv_mc.cli.printing import print_section, print_section_table, say, show_result, text_stream
+from abhv_mc.cli.running import exit_by_verdicts, print_state
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import grouped_digits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from abhv_mc.folder.stores import Status
     from abhv_mc.report.numbers.runs import CampaignRun
     from abhv_mc.report.numbers.whatif import Whatif
 
@@ -109,13 +98,7 @@ def report(
                 Path("reports") / read_manifest(CampaignFolder(source).manifest).name
             )
         page = build_report(
-            source,
-            baseline,
-            svg,
-            stage=Waiting,
-            out=out,
-            requirements=requirements,
-            junit=junit,
+            source, baseline, svg, stage=Waiting, out=out, requirements=requirements, junit=junit
         )
         say(page)
         if browser is not None:
@@ -148,7 +131,7 @@ def show(
     """
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.report.numbers.summary import summarize
-    from abhv_mc.topics.json_data import json_data
+    from abhv_mc.topics.formatting import json_data
     from abhv_mc.topics.registry import find_topic
     from abhv_mc.topics.topic import Models
 
@@ -169,7 +152,7 @@ def show(
             print_section_table(table)
         # A section without tables consists of text.
         for item in section.items if section and not tables else ():
-            say(getattr(item, "text", ""))
+            say(getattr(item, "text", item))
 
     show_result(json_data(model), json, print_text)
 
@@ -178,17 +161,14 @@ def compare(
     folder_a: Annotated[Path, folder_argument("Results folder of campaign A.", "DIR_A")],
     folder_b: Annotated[Path, folder_argument("Results folder of campaign B.", "DIR_B")],
     controllers: Annotated[
-        str | None,
-        controllers_option("Compare controller A of DIR_A with controller B of DIR_B."),
+        str | None, controllers_option("Compare controller A of DIR_A with controller B of DIR_B.")
     ] = None,
     fail_if_worse: Annotated[
         list[str] | None,
         typer.Option(
             metavar="METRIC=5%",
-            help=(
-                "Exit with code 1 unless B is shown to be no more than this percentage worse than "
-                "A in the metric; repeatable."
-            ),
+            help="Exit with code 1 unless B is shown to be no more than this percentage worse than "
+            "A in the metric; repeatable.",
         ),
     ] = None,
     fail_if_loses: Annotated[
@@ -213,7 +193,6 @@ def compare(
     than 5 %, its worst flight is twice as bad, more flights terminate early, or a requirement is
     missed more often.
     """
-    from abhv_mc.io.phrases import grouped_digits
     from abhv_mc.report.numbers.compare import Compared, parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
 
@@ -234,13 +213,9 @@ def compare(
     paired = result.paired if isinstance(result, Compared) else ()
     gates = [gate for pair in paired for gate in pair.not_worse.values()]
     newly_lost = [pair.newly_lost for pair in paired] if fail_if_loses else []
-    for pair, lost in zip(paired, newly_lost, strict=False):
-        name_a, name_b = pair.controllers
-        say(
-            f"flights that terminate early with controller '{name_b}' in {folder_b}, but not with "
-            f"controller '{name_a}' in {folder_a}: {grouped_digits(lost)}",
-            file=text_stream(json),
-        )
+    for pair in paired if fail_if_loses else ():
+        names = " -> ".join(pair.controllers)
+        say(f"newly terminated early, {names}: {pair.newly_lost}", file=text_stream(json))
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -271,9 +246,9 @@ def whatif(
 
 
 def _print_whatif(estimates: "Whatif") -> None:
-    from abhv_mc.io.phrases import grouped_digits
-    from abhv_mc.topics.formatting import bounds, estimate, percent, significant
+    from abhv_mc.topics.formatting import percent, significant
     from abhv_mc.topics.names import controller_label
+    from abhv_mc.topics.section import Cell, Table, interval_cell, make_row
 
     for name, after in estimates.after.items():
         before = estimates.before[name]
@@ -291,24 +266,22 @@ def _print_whatif(estimates: "Whatif") -> None:
             f"{controller_label(name)}: {grouped_digits(controller.flights)} flights, effective "
             f"number for the changed dispersions {worth}"
         )
-        table = new_table(("",), ("quantile", "stored", "changed"), title)
         required = dict.fromkeys(entry.metric for entry in controller.requirements)
-        for metric in required or estimates.asked:
-            for level, pair in controller.metrics.get(metric, {}).items():
-                label = estimates.words[metric]["label"] if level == "q50" else ""
-                cells = [
-                    f"{estimate(cell)} ({bounds(cell) or 'no bounds'})"
-                    for cell in (pair.before, pair.after)
-                ]
-                table.add_row(label, f"{level[1:]} %", *cells)
+        rows = [
+            (
+                *make_row(estimates.words[metric]["label"], f"{level[1:]} %"),
+                *map(interval_cell, (pair.before, pair.after)),
+            )
+            for metric in required or estimates.asked
+            for level, pair in controller.metrics.get(metric, {}).items()
+        ]
         for entry in controller.requirements:
-            shares = entry.failure_share.before, entry.failure_share.after
-            cells = [
-                f"{percent(cell.value)} ({percent(cell.low)} to {percent(cell.high)})"
-                for cell in shares
-            ]
-            table.add_row(f"Failed: {entry.words}", "", *cells)
-        print_table(table)
+            cells = (
+                Cell(percent(share.value), f"{percent(share.low)} to {percent(share.high)}")
+                for share in (entry.failure_share.before, entry.failure_share.after)
+            )
+            rows.append((*make_row(f"Failed: {entry.words}", ""), *cells))
+        print_section_table(Table(title, ("", "Quantile", "Stored", "Changed"), (tuple(rows),)))
 
 
 def runs(
@@ -337,7 +310,19 @@ def runs(
     with store.reading("*.json") as local:
         if CampaignFolder(local).manifest.is_file():
             status = replace(read_status(local, store), folder=str(address or folder))
-            show_result(status.as_entries(), json, lambda: _print_status(status, local))
+            manifest, repeatable = status.manifest, status.manifest.repeatable
+            facts = [
+                ("running", status.holder),
+                ("repeatable", repeatable and f"{repeatable}: {repeatable.sentence}"),
+                ("run time", f"{manifest.wall_time_s:.1f} s"),
+                ("disk", f"{status.bytes / 1e6:.1f} MB"),
+            ]
+            facts = [fact for fact in facts if fact[1]]
+            show_result(
+                status.as_entries(),
+                json,
+                lambda: print_state(local, manifest, status.folder, facts),
+            )
             return
         campaigns = find_runs(local, store)
         show_result(campaigns.runs, json, lambda: _print_runs(campaigns.runs, folder))
@@ -348,7 +333,6 @@ def runs(
 
 def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
     from abhv_mc.folder.manifest import COMPLETE
-    from abhv_mc.io.phrases import grouped_digits
     from abhv_mc.report.pages.runs_page import verdict_counts
 
     width = min(shutil.get_terminal_size().columns, _TEXT_WIDTH)
@@ -366,24 +350,3 @@ def _print_runs(runs: "Sequence[CampaignRun]", folder: Path) -> None:
             say(fill(text, width, initial_indent="  ", subsequent_indent="  "), folds=False)
     if not runs:
         say(f"no campaigns in {folder}")
-
-
-def _print_status(status: "Status", local: Path) -> None:
-    from abhv_mc.io.phrases import grouped_digits
-    from abhv_mc.topics.formatting import count_of
-
-    manifest = status.manifest
-    print_summary(local, manifest, status.folder)
-    progress = count_of(manifest.runs_done, manifest.runs_planned)
-    say(f"{manifest.name}: {manifest.state}, {progress} flights")
-    if status.holder:
-        say(f"  running      {status.holder}")
-    for name, count in manifest.controllers.items():
-        flights = grouped_digits(count.flights_done)
-        say(f"  {name:<12} {flights} flights: {describe_outcomes(count)}")
-    print_requirements(manifest)
-    if manifest.repeatable is not None:
-        say(f"  repeatable   {manifest.repeatable}: {manifest.repeatable.sentence}")
-    say(f"  digest       {manifest.digest}")
-    say(f"  run time     {manifest.wall_time_s:.1f} s")
-    say(f"  disk space   {status.bytes / 1e6:.1f} MB")

@@ -20,16 +20,20 @@ from abhv_mc.cli.options import (
     NoReport,
     Requirements,
     TrustCode,
+    campaign_folder,
+    output,
+    output_folder,
+    takes_options,
 )
-from abhv_mc.cli.outputs import campaign_folder, output, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
+    new_table,
+    print_table,
     say,
     show_result,
     text_stream,
 )
-from abhv_mc.cli.request_options import takes_options
 from abhv_mc.cli.starting import imports
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
@@ -41,7 +45,7 @@ from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     from abhv_mc.execution.runner import RunResult
-    from abhv_mc.folder.manifest import ControllerCount, Manifest
+    from abhv_mc.folder.manifest import Manifest
 
 _WIDTH = 80  # maximum line width, in columns
 
@@ -126,7 +130,7 @@ def finish(
     show_result(
         result.manifest.as_entries() | {"folder": folder_name},
         json,
-        lambda: _print_result(result, folder_name),
+        lambda: print_state(result.folder, result.manifest, folder_name),
     )
     if junit is not None:
         from abhv_mc.report.pages.matrix import make_junit, verdict_cases
@@ -150,87 +154,52 @@ def finish(
     exit_by_verdicts(((entry.controller, entry.label) for entry in entries), stream)
 
 
-def _print_result(result: "RunResult", folder_name: str) -> None:
-    manifest = result.manifest
-    print_summary(result.folder, manifest, folder_name)
-    say(f"folder    {folder_name}")
-    is_common = not manifest.complete and len(manifest.controllers) > 1
-    by_all = " simulated with every controller" if is_common else ""
-    done, planned = map(grouped_digits, (manifest.runs_done, manifest.runs_planned))
-    say(f"flights   {done} of {planned}{by_all}, {manifest.state}")
-    for name, count in manifest.controllers.items():
-        say(f"  {name:<12} {describe_outcomes(count)}")
-    print_requirements(manifest)
-    say(f"digest    {manifest.digest}")
+def print_state(
+    folder: Path, manifest: "Manifest", name: str, facts: Iterable[tuple[str, object]] = ()
+) -> None:
+    """Print the report's summary if it is current, and a campaign's progress, verdicts and facts.
 
-
-def print_summary(folder: Path, manifest: "Manifest", folder_name: str) -> None:
-    """Print the summary of the report if it includes all stored flights.
-
-    ``folder_name`` is the path or address given by the user.
+    ``name`` is the path or address of the folder given by the user.
     """
     from abhv_mc.report.numbers.summary import read_summary
 
     if (summary := read_summary(folder, manifest)) is not None:
-        say(summary.at(shlex.quote(folder_name)), folds=False)
+        say(summary.at(shlex.quote(name)), folds=False)
+    is_common = not manifest.complete and len(manifest.controllers) > 1
+    by_all = " simulated with every controller" if is_common else ""
+    done, planned = map(grouped_digits, (manifest.runs_done, manifest.runs_planned))
+    say(f"folder    {name}\nflights   {manifest.state}, {done} of {planned}{by_all}")
+    for controller, count in manifest.controllers.items():
+        outcomes = (f"{grouped_digits(n)} {outcome}" for outcome, n in count.outcomes.items())
+        say(f"  {controller:<12} {', '.join(outcomes) or 'none'}")
+    _print_requirements(manifest)
+    for label, fact in (("digest", manifest.digest), *facts):
+        say(f"{label:<9} {fact}")
 
 
-def describe_outcomes(count: "ControllerCount") -> str:
-    """Return the numbers of flights of one controller by outcome, as text."""
-    outcomes = count.outcomes.items()
-    return (
-        ", ".join(f"{grouped_digits(number)} {outcome}" for outcome, number in outcomes) or "none"
-    )
-
-
-def print_requirements(manifest: "Manifest") -> None:
-    """Print the verdicts by requirement and controller, followed by advice on the verdicts.
-
-    Lines have at most 80 columns.
-    """
+def _print_requirements(manifest: "Manifest") -> None:
+    """Print the verdicts by requirement and controller, and the reasons for verdicts."""
     entries = (*manifest.requirements, *manifest.requirements_shown)
     if not entries:
         return
-    binding_controllers = {entry.controller for entry in manifest.requirements}
-    flights = {entry.flights for entry in entries}
+    binding = {entry.controller for entry in manifest.requirements}
+    names = dict.fromkeys((entry.controller for entry in entries), "")
     cells: dict[str, dict[str, str]] = {}  # table cells by requirement and controller
-    advice: list[str] = []
+    reasons: Counter[str] = Counter()
     for entry in entries:
-        row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {})
-        count = "" if len(flights) == 1 else f" of {grouped_digits(entry.flights)}"
-        row[entry.controller] = f"{entry.label} {grouped_digits(entry.failures)}{count}"
-        not_run = f"{entry.failures_not_computed} of {entry.failures}"
-        advice += (
-            [f"{entry.verdict}: failures that failed to run: {not_run}"]
-            if entry.failures_not_computed
-            else [f"{entry.verdict}: {sentence}" for sentence in entry.words.split("; ")[1:]]
-        )
-    common_count = next(iter(flights)) if len(flights) == 1 else None
-    say(
-        "\nVerdict and number of failures"
-        + (f" in {grouped_digits(common_count)} flights" if common_count else ""),
-        end="",
-    )
-    say(" (* must meet its requirements)")
-    names = list(dict.fromkeys(entry.controller for entry in entries))
-    headings = {name: name + " *" * (name in binding_controllers) for name in names}
-    width = max(
-        map(len, (*headings.values(), *(cell for row in cells.values() for cell in row.values())))
-    )
-    per_line = max(1, (_WIDTH - 2) // (width + 2))
-    for i in range(0, len(names), per_line):
-        group = names[i : i + per_line]
-        say("  " + "  ".join(f"{headings[name]:<{width}}" for name in group).rstrip())
-        for requirement, row in cells.items():
-            say(requirement)
-            say("  " + "  ".join(f"{row.get(name, ''):<{width}}" for name in group).rstrip())
-    for sentence, number in Counter(advice).items():
-        verdicts = (
-            "verdict is" if len(entries) == 1 else f"verdicts {'is' if number == 1 else 'are'}"
-        )
-        text = f"{number} of {len(entries)} {verdicts} {sentence}"
+        counts = f"{grouped_digits(entry.failures)} of {grouped_digits(entry.flights)}"
+        row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {**names})
+        row[entry.controller] = f"{entry.label} {counts}"
+        reasons.update(f"{entry.verdict}: {text}" for text in entry.words.split("; ")[1:])
+    heads = (name + " *" * (name in binding) for name in names)
+    title = "\nVerdict and number of failures (* must meet its requirements)"
+    table = new_table(("", *heads), (), title)
+    for requirement, row in cells.items():
+        table.add_row(requirement, *row.values())
+    print_table(table)
+    for reason, number in reasons.items():
+        text = f"{number} of {len(entries)} verdicts {reason}"
         say(fill(text, _WIDTH, subsequent_indent="  ", break_on_hyphens=False))
-    say()
 
 
 def exit_by_verdicts(labels: Iterable[tuple[str, str]], stream: IO[str] | None = None) -> None:
@@ -258,10 +227,8 @@ def flights(
         list[Path],
         typer.Argument(
             metavar="TABLE...",
-            help=(
-                "One table of flights, or a table of inputs and a table of results (CSV, JSON "
-                "Lines, Parquet or Excel)."
-            ),
+            help="One table of flights, or a table of inputs and a table of results (CSV, JSON "
+            "Lines, Parquet or Excel).",
         ),
     ],
     campaign: Annotated[

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from abhv_mc.cli.options import CampaignFile, Json, Runs
-from abhv_mc.cli.outputs import output, output_file, output_folder
+from abhv_mc.cli.options import Json, Runs, output, output_file, output_folder
 from abhv_mc.cli.printing import (
     announce_compiling,
     announce_warnings,
@@ -22,6 +21,7 @@ from abhv_mc.shipped import find_input
 if TYPE_CHECKING:
     from abhv_mc.execution.estimate import Estimate
     from abhv_mc.report.numbers.pass_chances import PassChance, Planned
+    from abhv_mc.topics.section import Records
 
 
 imports = typer.Typer(
@@ -43,10 +43,8 @@ def validate(
         bool,
         typer.Option(
             "--dry-run",
-            help=(
-                "Run a few flights of each campaign, and print the time, disk space and number of "
-                "flights that the campaign needs."
-            ),
+            help="Run a few flights of each campaign, and print the time, disk space and number of "
+            "flights that the campaign needs.",
         ),
     ] = False,
     runs: Runs = None,
@@ -80,9 +78,7 @@ def validate(
     paths = [find_input(file, "campaign", "vehicle", "mission", "control") for file in files]
     if (samples or out) and len(paths) != 1:
         raise InputError(
-            "--samples" if samples else "--output",
-            f"found {len(paths)} files",
-            "only one campaign",
+            "--samples" if samples else "--output", f"found {len(paths)} files", "only one campaign"
         )
     for file in paths:
         try:
@@ -101,28 +97,15 @@ def validate(
     if errors:
         raise InputErrors(errors)
     if samples is not None:
-        say(_write_samples(paths[0], runs, samples), file=text_stream(json))
+        from abhv_mc.campaign.file.check import read_campaign
+        from abhv_mc.folder.samples import write_inputs
+
+        flights = grouped_digits(write_inputs(read_campaign(paths[0], runs), samples))
+        say(f"{samples}: inputs of {flights} flights", file=text_stream(json))
     if dry_run:
         _plan(paths, runs, out, json)
     elif json is not None:
         show_result({}, json, lambda: None)
-
-
-def samples(
-    campaign: CampaignFile,
-    out: Annotated[Path, output(output_file, "FILE.csv", "File to write.")],
-    runs: Runs = None,
-) -> None:
-    """Write the inputs of flights to a table, as 'validate --samples' does."""
-    say(_write_samples(campaign, runs, out))
-
-
-def _write_samples(campaign: Path, runs: int | None, out: Path) -> str:
-    from abhv_mc.campaign.file.check import read_campaign
-    from abhv_mc.folder.samples import write_inputs
-
-    flights = write_inputs(read_campaign(campaign, runs), out)
-    return f"{out}: inputs of {grouped_digits(flights)} flights"
 
 
 def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | None) -> None:
@@ -135,65 +118,78 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
     from abhv_mc.execution.estimate import estimate_campaign
     from abhv_mc.report.numbers.pass_chances import plan_campaign
 
-    plans: dict[str, Planned | None] = {}
-    hints: dict[str, str] = {}
-    costs: dict[str, Estimate] = {}
+    estimates: dict[str, tuple[Estimate, Planned | None, str]] = {}
     for file in paths:
-        if find_kind(file) != "campaign":
-            continue
-        checked = read_campaign(file, runs)
-        announce_compiling()
-        cost = estimate_campaign(checked)
-        announce_warnings(cost.warnings)
-        costs[str(file)] = cost
-        plans[str(file)] = plan_campaign(checked) if checked.model.requirements else None
-        hints[str(file)] = unknowns_hint(checked.names)
+        if find_kind(file) == "campaign":
+            checked = read_campaign(file, runs)
+            announce_compiling()
+            cost = estimate_campaign(checked)
+            announce_warnings(cost.warnings)
+            plan = plan_campaign(checked) if checked.model.requirements else None
+            estimates[str(file)] = cost, plan, unknowns_hint(checked.names)
 
     def print_text() -> None:
-        for file, cost in costs.items():
-            _print_cost(file, cost)
-            if planned := plans[file]:
-                _print_plan(planned)
-            say(*filter(None, [hints[file]]), sep="\n", end="\n" * bool(hints[file]))
+        for file, (cost, plan, hint) in estimates.items():
+            say(file)
+            say(_records(cost, plan, hint), folds=False)
+            if plan:
+                _print_plan(plan)
 
-    entries = {file: {**asdict(cost), "plan": plans[file]} for file, cost in costs.items()}
+    entries = {file: {**asdict(cost), "plan": plan} for file, (cost, plan, _) in estimates.items()}
     show_result(entries, json, print_text)
-    printed = {warning for cost in costs.values() for warning in cost.warnings}
-    problems = (warning for planned in plans.values() if planned for warning in planned.problems)
-    announce_warnings(warning for warning in problems if warning not in printed)
-    drawn = next((planned for planned in plans.values() if planned), None)
-    if out is not None and drawn is not None:
+    printed = {warning for cost, *_ in estimates.values() for warning in cost.warnings}
+    plans = [plan for _, plan, _ in estimates.values() if plan]
+    announce_warnings(
+        problem for plan in plans for problem in plan.problems if problem not in printed
+    )
+    if out is not None and plans:
         from abhv_mc.report.figures.searches import plot_planned
         from abhv_mc.topics.figure_style import write_png
 
-        write_png(plot_planned(drawn), out / "plan.png")
+        write_png(plot_planned(plans[0]), out / "plan.png")
         say(f"figure    {out / 'plan.png'}", file=text_stream(json))
 
 
-def _print_cost(file: str, cost: "Estimate") -> None:
-    say(file)
-    say(f"  flights {grouped_digits(cost.flights)} per {cost.kind} ({cost.controllers})")
-    if cost.searched:
-        say(
-            f"  search  {grouped_digits(cost.searched)} flights per {cost.kind} for the worst "
-            f"unknowns (fewer if --runs is below 256), {cost.search_s:.0f} s"
-        )
-    rate = f"{1e3 * cost.flight_s:.2f} ms per flight and core, blocks of {cost.batch}"
-    say(f"  time    {cost.flying_s:.0f} s, workers: {cost.workers} ({rate})")
+def _records(cost: "Estimate", plan: "Planned | None", hint: str) -> "Records":
+    """Return a campaign's cost, and the conditions of its verdicts, as records."""
+    from abhv_mc.topics.formatting import percent
+    from abhv_mc.topics.section import make_records
+
+    search = (
+        f"{grouped_digits(cost.searched)} flights per {cost.kind} for the worst unknowns (fewer if "
+        f"--runs is below 256), {cost.search_s:.0f} s"
+    )
     histories = f"histories ({cost.kept}) {cost.histories_bytes / 1e6:.1f}"
-    envelopes = f"envelopes during the run {cost.envelope_bytes / 1e6:.1f}"
-    say(f"  disk    {cost.disk_bytes / 1e6:.1f} MB at most:", end="")
-    say(f" flights table {cost.rows_bytes / 1e6:.1f}, {histories},\n          {envelopes}")
+    texts = [
+        ("Flights", f"{grouped_digits(cost.flights)} per {cost.kind} ({cost.controllers})"),
+        ("Search", search if cost.searched else ""),
+        (
+            "Time",
+            f"{cost.flying_s:.0f} s, workers: {cost.workers} ({1e3 * cost.flight_s:.2f} ms per "
+            f"flight and core, blocks of {cost.batch})",
+        ),
+        (
+            "Disk",
+            f"{cost.disk_bytes / 1e6:.1f} MB at most: flights table {cost.rows_bytes / 1e6:.1f}, "
+            f"{histories}, envelopes during the run {cost.envelope_bytes / 1e6:.1f}",
+        ),
+        ("Unknowns", hint),
+    ]
+    if plan:
+        points = f"at most {plan.most_points}, each with {grouped_digits(plan.runs)} flights; "
+        points += f"the chances are those of one point; search: {plan.search_flights} flights"
+        texts += [
+            ("Points of the unknowns", points if plan.most_points > 1 else ""),
+            ("Any false PASS", f"at most {percent(plan.family_risk, 2)}" * bool(plan.family_risk)),
+            ("Sampling", "" if plan.independent_flights else "no verdicts; chances for 'random'"),
+        ]
+    return make_records(texts)
 
 
 def _print_plan(planned: "Planned") -> None:
     from abhv_mc.topics.formatting import percent
 
-    share = 0.2
-    index = min(
-        range(len(planned.rates_over_allowed)),
-        key=lambda k: abs(planned.rates_over_allowed[k] - share),
-    )
+    index = abs(planned.rates_over_allowed - 0.2).argmin()
 
     def both(chance: "PassChance") -> str:
         return f"{percent(chance.at_some_flight[index], 1)} ({percent(chance.at_runs[index], 1)})"
@@ -217,13 +213,3 @@ def _print_plan(planned: "Planned") -> None:
             percent(end[index], 2) for end in vars(planned.together[0].at_some_flight).values()
         )
         say(f"All PASS by {grouped_digits(planned.runs)} *  {low} to {high}")
-    if planned.most_points > 1:
-        say(
-            f"Points of the unknowns  at most {planned.most_points}, each with "
-            f"{grouped_digits(planned.runs)} flights per controller; the chances are those of one "
-            f"point\nSearch for the points    {grouped_digits(planned.search_flights)} flights"
-        )
-    if planned.family_risk:
-        say(f"Any false PASS          at most {percent(planned.family_risk, 2)}")
-    if not planned.independent_flights:
-        say("Verdicts                none with this sampling; the chances are for 'random'")

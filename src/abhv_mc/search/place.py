@@ -1,7 +1,7 @@
 """Comparison of test flights with simulated flights under the same conditions."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
@@ -149,7 +149,7 @@ def place_flights(
                 covers=covers,
             )
         )
-    edges = np.array([replace(band, factor=factor).edges for band in bands])
+    edges = np.array([band._replace(factor=factor).edges for band in bands])
     return Placement(
         controller=programme.controller,
         simulated=sets,

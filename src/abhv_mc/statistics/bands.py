@@ -19,4 +19,4 @@ def band_quantiles(values: Singles) -> Floats:
         np.take_along_axis(ordered, np.minimum(floor + i, last), axis=0) for i in range(2)
     )
     lower = lower.astype(np.float64)
-    return np.asarray(lower + (upper - lower) * (ranks - floor))
+    return lower + (upper - lower) * (ranks - floor)

@@ -5,6 +5,7 @@ Verification", NASA/TP-2010-216447; Clopper & Pearson 1934; McNemar 1947 in its 
 functions assume independent flights.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -41,10 +42,7 @@ def first_where(low: int, holds: Callable[[int], bool]) -> int:
     high = max(low, 1)
     while not holds(high):
         low, high = high + 1, 2 * high
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if holds(middle) else (middle + 1, high)
-    return low
+    return low + bisect_left(range(low, high), True, key=holds)
 
 
 @lru_cache(maxsize=4096)

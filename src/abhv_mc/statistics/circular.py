@@ -22,7 +22,7 @@ def unwrap(values: Floats, period: float) -> Floats:
 def move_near(values: Floats, mean: Floats, period: float) -> Floats:
     """Return values moved to within half a turn of ``mean``; NaN where ``mean`` is NaN."""
     # Without "+ 0.0", turns of -0.0 would change the sign of zeros.
-    return np.asarray(values - period * (np.round((values - mean) / period) + 0.0))
+    return values - period * (np.round((values - mean) / period) + 0.0)
 
 
 def align_flights(values: Floats, period: float, count: int | None = None) -> Floats:

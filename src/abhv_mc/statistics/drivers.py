@@ -1,4 +1,4 @@
-"""Standardized rank regression, which identifies the inputs that drive an output.
+"""Standardized rank regression and Sobol indices, which identify inputs that drive an output.
 
 The coefficients come from the correlation matrix of the ranks (Saltelli et al., "Sensitivity
 Analysis in Practice", 2004; Iman & Conover 1979). Their intervals are bootstrapped. The ranks are
@@ -6,38 +6,175 @@ recomputed for each resample, because the coefficients depend on them. An input 
 coefficient is large and significant at a controlled false-discovery rate over all inputs and
 outputs. Effects are not linear in ranks if many outputs are equal, so monotonic curves replace the
 terms of inputs whose monotonic curve fits at least as well (isotonic regression).
+
+First-order indices are estimated by ranks (Gamboa, Gremaud, Klein & Lagnoux, "Global sensitivity
+analysis: a novel generation of mighty estimators based on rank statistics", Bernoulli 28, 2022): if
+an input determines the output, flights with neighbouring values of the input have similar outputs.
+The interaction of two inputs is the variance between the cells of a two-dimensional grid that its
+rows and columns do not explain. The total index is the first-order index plus the indices of the
+input's significant pairs. If few flights contain most of the variance, as after rare early
+terminations, the p-values of significant pairs are counted in permutations, because the asymptotic
+distribution does not apply.
 """
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import betainc, ndtri
+from scipy.special import betainc, chdtrc, ndtr, ndtri
 
-from abhv_mc.array_types import Floats
-from abhv_mc.statistics.given_data import FALSE_DISCOVERY_RATE, LEAST_SHARE
+from abhv_mc.array_types import Floats, Indices, Mask
 from abhv_mc.statistics.ranks import discoveries, split_partners, standard_ranks
+
+FALSE_DISCOVERY_RATE = 0.005
+LEAST_SHARE = 0.1  # smallest share of the variance at which an input is reported
+FEWEST_FLIGHTS = 200
+_CELL = 12  # approximate number of flights in each cell of a pair's grid
+_MOST_CELLS = 8  # maximum number of grid cells along each input
+_PARTNERS = 0.3  # rank correlation above which two inputs cannot be distinguished
+# effective number of flights, by their shares of the variance, below which scores are permuted
+_SMALL_GROUP = 300.0
+_PERMUTATIONS = 5000
+_EXCEEDANCES = 10  # number of exceedances at which permutations stop (Besag & Clifford 1991)
+
+
+class GivenDataIndices(NamedTuple):
+    """Shares [input, output] of unit variance; NaN for a constant output."""
+
+    first: Floats  # share due to the input alone
+    total: Floats  # share due to the input alone and in pairs
+    # whether each input drives the output, at FALSE_DISCOVERY_RATE over all tests
+    found: Mask
+    # index of the second input in the strongest pair; -1 if pairs add nothing
+    partner: Indices
+
+
+def given_data_indices(inputs: Floats, scores: Floats) -> GivenDataIndices | None:
+    """Return the Sobol indices of `inputs` for `scores`; None if there are too few flights.
+
+    `inputs` has shape [flight, input]. `scores` [flight, output] are standardized ranks or their
+    residuals, with zero mean; their variance is the sum of all shares. At least FEWEST_FLIGHTS
+    flights are needed. The shares of constant inputs are zero.
+    """
+    flights, count = inputs.shape
+    if flights < FEWEST_FLIGHTS or not count or not scores.shape[1]:
+        return None
+    spread = scores.std(axis=0)
+    moving = spread > 1e-6
+    y = np.where(moving, scores / np.where(moving, spread, 1.0), 0.0)
+    order = np.argsort(inputs, axis=0, kind="stable")
+    ranks = np.argsort(order, axis=0)
+    varying = np.ptp(inputs, axis=0) > 0.0
+    first, p_alone = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
+    for j in np.flatnonzero(varying).tolist():
+        along = y[order[:, j]]
+        products = along * np.roll(along, -1, axis=0)
+        first[j] = products.mean(axis=0)
+        # For unrelated scores, the mean is -1/(n-1) and the variance 1/n (Wald & Wolfowitz 1943),
+        # or more if few flights contain most of the variance.
+        deviation = np.sqrt(np.maximum(np.mean(products**2, axis=0), 1.0) / flights)
+        p_alone[j] = 1.0 - ndtr((first[j] + 1.0 / (flights - 1)) / deviation)
+    together = np.abs(np.corrcoef(ranks.T)) if count > 1 else np.ones((1, 1))
+    np.fill_diagonal(together, 0.0)
+    added, partner, p_pair = _pairs(ranks, y, varying, together)
+    p_value = np.where(
+        moving & varying[:, None], np.minimum(2.0 * np.minimum(p_alone, p_pair), 1.0), np.nan
+    )
+    first = np.where(moving, np.maximum(first, 0.0), np.nan) * spread**2
+    total = np.minimum(first + added * spread**2, spread**2)
+    is_driver = discoveries(p_value, FALSE_DISCOVERY_RATE)
+    with np.errstate(invalid="ignore"):
+        is_driver &= total > LEAST_SHARE
+    split_partners(is_driver, total, together, _PARTNERS, _PARTNERS)
+    return GivenDataIndices(first, total, is_driver, np.where(moving, partner, -1))
+
+
+def _interactions(sums: Floats, size: Floats) -> tuple[Floats, Floats]:
+    """Return the variation between cells that rows and columns do not explain, and within cells.
+
+    `sums` [..., cell, cell] and `size` contain the sum of the scores and the number of flights.
+    """
+    by_row, by_column = sums.sum(axis=-1) / size.sum(axis=-1), sums.sum(axis=-2) / size.sum(axis=-2)
+    interaction = sums / size - by_row[..., :, None] - by_column[..., None, :]
+    inside = size - sums**2 / size
+    least = 1e-9 * size.sum(axis=(-2, -1))
+    return np.sum(size * interaction**2, axis=(-2, -1)), np.maximum(
+        inside.sum(axis=(-2, -1)), least
+    )
+
+
+def _pairs(
+    ranks: Indices, y: Floats, varying: Mask, together: Floats
+) -> tuple[Floats, Indices, Floats]:
+    """Return variance shares [input, output] due to pairs, best partners and p-values."""
+    flights, count = ranks.shape
+    added, p_value = np.zeros((count, y.shape[1])), np.ones((count, y.shape[1]))
+    partner, strongest = np.full(added.shape, -1), np.zeros(added.shape)
+    cells = int(np.clip(np.sqrt(flights / _CELL), 2, _MOST_CELLS))
+    bins = ranks * cells // flights
+    # A grid separates the effects of two inputs only if the inputs are nearly independent.
+    usable = np.flatnonzero(varying)
+    pairs = [
+        (i, j) for n, i in enumerate(usable) for j in usable[n + 1 :] if together[i, j] < _PARTNERS
+    ]
+    if not pairs:
+        return added, partner, p_value
+    marks = np.zeros((flights, count * cells))
+    np.put_along_axis(marks, np.arange(count) * cells + bins, 1.0, axis=1)
+    numbers = (marks.T @ marks).reshape(count, cells, count, cells)
+    first, second = np.array(pairs).T
+    size = np.maximum(numbers[first, :, second, :], 1e-9)  # flights in each cell [pair, cell, cell]
+    freedom = (cells - 1) ** 2
+    for column in range(y.shape[1]):
+        sums = (marks.T @ (marks * y[:, [column]])).reshape(count, cells, count, cells)[
+            first, :, second, :
+        ]
+        square, remainder = _interactions(sums, size)
+        variance = remainder / (flights - cells**2)
+        share = np.maximum(square - freedom * variance, 0.0) / flights
+        p_values = chdtrc(freedom, square / variance)
+        is_small = np.mean(y[:, column] ** 4) * _SMALL_GROUP > flights
+        for k in np.flatnonzero(is_small & (p_values <= FALSE_DISCOVERY_RATE)).tolist():
+            cell = bins[:, first[k]] * cells + bins[:, second[k]]
+            draw, tried, exceedances = np.random.default_rng(0), 0, 0
+            while tried < _PERMUTATIONS and exceedances < _EXCEEDANCES:
+                permuted: Any = np.bincount(cell, draw.permutation(y[:, column]), cells**2)
+                ratio = np.divide(*_interactions(permuted.reshape(cells, cells), size[k]))
+                exceedances += ratio >= square[k] / remainder[k] - 1e-12
+                tried += 1
+            if exceedances:  # Otherwise, the asymptotic p-value is smaller than can be counted.
+                p_values[k] = exceedances / tried
+        p_values = np.minimum(p_values * (count - 1), 1.0)  # Each input is in count - 1 pairs.
+        real = p_values <= FALSE_DISCOVERY_RATE
+        for input_index, partner_index in ((first, second), (second, first)):
+            np.add.at(added[:, column], input_index[real], share[real])
+            np.minimum.at(p_value[:, column], input_index, p_values)
+            for k in np.flatnonzero(real).tolist():
+                if share[k] > strongest[input_index[k], column]:
+                    strongest[input_index[k], column], partner[input_index[k], column] = (
+                        share[k],
+                        partner_index[k],
+                    )
+    return added, partner, p_value
+
 
 LEAST_COEFFICIENT = 0.2  # smallest absolute coefficient of a driver
 _FEWEST_SPARE = 10  # minimum excess of the number of flights over the number of inputs
-_PARTNERS = 0.3  # minimum rank correlation with a driver at which an input counts as related to it
 _TWINS = 0.9  # rank correlation above which a regression cannot distinguish two inputs
 _RESAMPLES = 300
 # maximum number of resampled flights; standard errors are scaled to the number of all flights
 _MOST_RESAMPLED = 1000
 
 
-@dataclass(frozen=True)
-class RankDrivers:
+class RankDrivers(NamedTuple):
     """Rank regression coefficients [input, output]; NaN if the output is constant."""
 
     srrc: Floats
     srrc_low: Floats
     srrc_high: Floats
     p_value: Floats  # p-values of the hypothesis that the coefficient is zero
-    found: NDArray[np.bool_]  # whether each input is a driver
+    found: Mask  # whether each input is a driver
     # index of the driver with which an input is correlated; -1 for none
-    moves_with: NDArray[np.intp]
+    moves_with: Indices
     explained: Floats  # R^2 of the rank regression, by output
     # residuals of the standardized ranks, after monotonic curves [flight, output]
     residuals: Floats
@@ -62,12 +199,12 @@ def rank_drivers(
     values = np.concatenate([inputs, outputs], axis=1)
     ranks = standard_ranks(values)
     x, y = ranks[:, :count], ranks[:, count:]
-    moving = np.asarray(y.any(axis=0), dtype=np.bool_)
+    moving = y.any(axis=0)
     correlation = x.T @ ranks / flights
     inside, across = correlation[:, :count].copy(), correlation[:, count:]
     steady = np.flatnonzero(np.diag(inside) <= 1e-9)
     inside[steady, steady] = 1.0
-    inverse = np.asarray(np.linalg.pinv(inside, hermitian=True), dtype=np.float64)
+    inverse: Floats = np.linalg.pinv(inside, hermitian=True)
     slopes = inverse @ across
     explained = np.where(moving, np.clip(np.sum(across * slopes, axis=0), 0.0, 1.0), np.nan)
     srrc = np.where(moving, slopes, np.nan)
@@ -77,9 +214,7 @@ def rank_drivers(
     own = srrc**2 / np.diag(inverse)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(own > 0.0, (1.0 - explained) / (1.0 - explained + own), 1.0)
-    p_value = np.asarray(
-        betainc(freedom / 2.0, 0.5, np.where(moving, left, np.nan)), dtype=np.float64
-    )
+    p_value: Floats = betainc(freedom / 2.0, 0.5, np.where(moving, left, np.nan))
     is_significant = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
         is_driver = is_significant & (np.abs(srrc) > LEAST_COEFFICIENT)
@@ -149,4 +284,4 @@ def _standard_errors(values: Floats, slopes: Floats, inverse: Floats) -> Floats:
         total += step
         squares += step**2
     variance = (squares - total**2 / _RESAMPLES) / (_RESAMPLES - 1)
-    return np.asarray(np.sqrt(variance * used / len(values)), dtype=np.float64)
+    return np.sqrt(variance * used / len(values))

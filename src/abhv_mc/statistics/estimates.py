@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Indices, Mask
 from abhv_mc.bounds import Bounds
 from abhv_mc.statistics.binomial import clopper_pearson, quantile_upper_rank
 
@@ -79,7 +78,7 @@ def spread(values: Floats) -> float:
     return float(high - low) or 1.0
 
 
-def worst_first(lost_at: Floats, beyond: Floats) -> NDArray[np.intp]:
+def worst_first(lost_at: Floats, beyond: Floats) -> Indices:
     """Return the flight indices, worst first.
 
     Early terminations come first, sorted by their time `lost_at` [flight], which is infinite for
@@ -130,10 +129,9 @@ def quantiles(
 
 
 def pair_differences(a: Floats, b: Floats) -> Floats:
-    """Return `a - b` [pair]; 0 if both are infinite."""
-    both = np.isinf(a) & np.isinf(b)
+    """Return `a - b` [pair]; 0 if both are the same infinity, as for early terminations."""
     with np.errstate(invalid="ignore"):
-        return np.where(both, 0.0, a - b)
+        return np.where(np.isinf(a) & (a == b), 0.0, a - b)
 
 
 def looks(flights: int, number: int = 12, first: int = 20) -> list[int]:

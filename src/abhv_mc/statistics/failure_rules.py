@@ -10,19 +10,18 @@ number of candidates (Bonferroni); the Benjamini-Hochberg procedure is applied t
 pairs.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.statistics.ranks import false_discovery
 
-K = TypeVar("K", int, str)
 FALSE_DISCOVERY_RATE = 0.05
 FEWEST_FAILURES = 5
 _QUANTILES = (0.01, 0.02, 0.05, *(n / 10.0 for n in range(1, 10)), 0.95, 0.98, 0.99)
@@ -42,20 +41,20 @@ _NEAR = 0.05  # largest shift of a threshold from its quantile, as a share of th
 
 
 @dataclass(frozen=True)
-class Condition(Generic[K]):
+class Condition:
     """Bound on an input, or on the difference of two standardized inputs."""
 
-    parameter: K  # column or name of the first input
+    parameter: str
     above: bool
     threshold: float
-    minus: K | None = None  # column or name of the subtracted input
+    minus: str | None = None  # subtracted input
 
 
 @dataclass(frozen=True)
-class Rule(Generic[K]):
+class Rule:
     """Region of the inputs in which failures are more frequent."""
 
-    conditions: tuple[Condition[K], ...]
+    conditions: tuple[Condition, ...]
     failures_inside: int
     failures: int
     others_inside: int
@@ -65,70 +64,63 @@ class Rule(Generic[K]):
     either: bool = False  # whether one condition is enough; otherwise all must hold
 
 
-@dataclass(frozen=True)
-class BinnedInputs:
+class BinnedInputs(NamedTuple):
     """Inputs sorted into bins between quantiles."""
 
+    names: tuple[str, ...]
+    column: Callable[[str], Floats]  # function that returns the values [flight] of an input
     edges: Floats  # thresholds of each input [threshold, input]
     bins: NDArray[np.uint8]  # number of thresholds below each value [flight, input]
 
 
-def bin_inputs(inputs: Iterable[Floats]) -> BinnedInputs:
-    """Sort `inputs`, each [flight], into bins, with one input in memory at a time."""
+def bin_inputs(names: Sequence[str], column: Callable[[str], Floats]) -> BinnedInputs:
+    """Sort inputs into bins, with one input in memory at a time.
+
+    `column` returns the values [flight] of an input.
+    """
     edges, bins = [], []
-    for values in inputs:
+    for values in map(column, names):
         # Interpolation between a number and infinity is impossible.
         method: Literal["linear", "lower"] = "linear" if np.all(np.isfinite(values)) else "lower"
         edges.append(np.quantile(values, _QUANTILES, method=method))
         bins.append(np.searchsorted(edges[-1], values, side="left").astype(np.uint8))
-    return BinnedInputs(np.stack(edges, axis=1), np.stack(bins, axis=1))
+    return BinnedInputs(tuple(names), column, np.stack(edges, axis=1), np.stack(bins, axis=1))
 
 
-def find_rules(
-    inputs: BinnedInputs, failed: NDArray[np.bool_], column: Callable[[int], Floats]
-) -> list[Rule[int]]:
-    """Return the rules for the `failed` flights [flight], most significant first.
-
-    `column` returns the values [flight] of an input.
-    """
+def find_rules(inputs: BinnedInputs, failed: Mask) -> list[Rule]:
+    """Return the rules for the `failed` flights [flight], most significant first."""
     edges, bins = inputs.edges, inputs.bins
-    flights, count = bins.shape
-    failures = int(failed.sum())
+    flights, failures = failed.size, int(failed.sum())
     if failures < FEWEST_FAILURES or flights - failures < FEWEST_FAILURES:
         return []
     candidates = []
-    for j in range(count):
-        candidates += _drop_ends(_along((j,), bins[:, j], failed, edges[:, j]))
-    candidates += _best_corners(_COARSE[bins], failed, edges[_DECILES])
-    candidates += _differences(candidates, failed, column, count * (count - 1) // 2)
+    for j, name in enumerate(inputs.names):
+        candidates += _drop_ends(_along((name,), bins[:, j], failed, edges[:, j]))
+    candidates += _best_corners(inputs, failed)
+    candidates += _differences(candidates, failed, inputs)
     p_values = _p_values(candidates)
-    q_values = false_discovery(p_values)
-    rules = [
-        _rule(candidate, flights, failures, float(p_values[k]), float(q_values[k]))
-        for k, candidate in enumerate(candidates)
-        if q_values[k] <= FALSE_DISCOVERY_RATE
-    ]
+    rules = []
+    for candidate, p_value, q_value in zip(
+        candidates, p_values.tolist(), false_discovery(p_values).tolist(), strict=True
+    ):
+        if q_value <= FALSE_DISCOVERY_RATE:
+            # All tables of a candidate have the same numbers of flights and failures in the region.
+            inside, bad = map(int, candidate.tables[0][:2])
+            rules.append(
+                Rule(
+                    conditions=candidate.conditions,
+                    failures_inside=bad,
+                    failures=failures,
+                    others_inside=inside - bad,
+                    others=flights - failures,
+                    p_value=p_value,
+                    q_value=q_value,
+                    either=candidate.either,
+                )
+            )
     # Among rules with equal p-values, the rule with fewer conditions comes first.
     rules.sort(key=lambda rule: (rule.p_value, len(rule.conditions)))
-    return [_sharpen(rule, failed, column) for rule in rules[:_MOST_RULES]]
-
-
-def _rule(
-    candidate: "_Candidate", flights: int, failures: int, p_value: float, q_value: float
-) -> Rule[int]:
-    # All tables of a candidate have the same numbers of flights and failures in the region.
-    inside, bad = map(int, candidate.tables[0][:2])
-    others = flights - failures
-    return Rule(
-        conditions=candidate.conditions,
-        failures_inside=bad,
-        failures=failures,
-        others_inside=inside - bad,
-        others=others,
-        p_value=p_value,
-        q_value=q_value,
-        either=candidate.either,
-    )
+    return [_sharpen(rule, failed, inputs.column) for rule in rules[:_MOST_RULES]]
 
 
 def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
@@ -140,17 +132,15 @@ def _drop_ends(candidates: list["_Candidate"]) -> list["_Candidate"]:
 
 
 def _differences(
-    candidates: list["_Candidate"],
-    failed: NDArray[np.bool_],
-    column: Callable[[int], Floats],
-    pairs: int,
+    candidates: list["_Candidate"], failed: Mask, inputs: BinnedInputs
 ) -> list["_Candidate"]:
     """Return half-lines of differences that are more significant than rules for the inputs.
 
     Only differences between the inputs most related to failures are tested.
     """
-    flights, failures = failed.size, int(failed.sum())
-    best: dict[frozenset[int], float] = {}
+    flights, failures, names = failed.size, int(failed.sum()), inputs.names
+    pairs = len(names) * (len(names) - 1) // 2
+    best: dict[frozenset[str], float] = {}
     # A rule for a difference must be more significant than the whole corner, not only than one of
     # its conditions.
     complete = [
@@ -160,15 +150,17 @@ def _differences(
     for candidate, p_value in zip(candidates, _p_values(complete).tolist(), strict=True):
         key = frozenset(condition.parameter for condition in candidate.conditions)
         best[key] = min(best.get(key, 1.0), p_value)
-    alone = sorted((p_value, min(key)) for key, p_value in best.items() if len(key) == 1)
+    alone = sorted(
+        (p_value, names.index(min(key))) for key, p_value in best.items() if len(key) == 1
+    )
     standard = {}
     for _, j in alone[:_DIFFERED]:
-        values = column(j)
+        values = inputs.column(names[j])
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
             standard[j] = _standardise(values)
     differences = []
-    for first, second in combinations(sorted(standard), 2):
-        values = standard[first] - standard[second]
+    for i, j in combinations(sorted(standard), 2):
+        first, second, values = names[i], names[j], standard[i] - standard[j]
         edges = np.quantile(values, _QUANTILES)
         bins = np.searchsorted(edges, values, side="left").astype(np.uint8)
         tried = _drop_ends(_along((first, second), bins, failed, edges, pairs))
@@ -183,7 +175,7 @@ def _differences(
     return differences
 
 
-def _sides(histogram: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
+def _sides(histogram: Ints, axis: int) -> Ints:
     """Return counts at or below each threshold, then counts above it, along an axis of bins."""
     below = np.cumsum(histogram, axis=axis)
     total = np.take(below, [-1], axis=axis)
@@ -219,9 +211,7 @@ def hypergeometric_tail(bad: int, flights: int, failures: int, inside: int) -> f
 
 def _p_values(candidates: list["_Candidate"]) -> Floats:
     """Return each candidate's largest p-value over its tables, times the number of trials."""
-    rows = np.array(
-        [table for candidate in candidates for table in candidate.tables], dtype=np.int64
-    )
+    rows = np.array([table for candidate in candidates for table in candidate.tables])
     tails = [
         hypergeometric_tail(bad, flights, failures, inside)
         for inside, bad, flights, failures in rows.tolist()
@@ -234,26 +224,25 @@ def _p_values(candidates: list["_Candidate"]) -> Floats:
     return np.minimum(largest * np.array([candidate.tried for candidate in candidates]), 1.0)
 
 
-@dataclass(frozen=True)
-class _Candidate:
+class _Candidate(NamedTuple):
     """Best region of one or two inputs, with its counts of flights and reference counts."""
 
-    conditions: tuple[Condition[int], ...]
+    conditions: tuple[Condition, ...]
     # tables of counts: flights in the region, failures in the region, all flights, all failures
     tables: tuple[tuple[int, int, int, int], ...]
     tried: int
     either: bool = False
 
 
-def _condition(inputs: tuple[int, ...], side: int, edges: Floats) -> Condition[int]:
+def _condition(inputs: tuple[str, ...], side: int, edges: Floats) -> Condition:
     lines = len(edges)
     return Condition(inputs[0], side >= lines, float(edges[side % lines]), *inputs[1:])
 
 
 def _along(
-    inputs: tuple[int, ...],
+    inputs: tuple[str, ...],
     bins: NDArray[np.uint8],
-    failed: NDArray[np.bool_],
+    failed: Mask,
     edges: Floats,
     differences: int = 1,
 ) -> list[_Candidate]:
@@ -299,7 +288,7 @@ def _along(
     return candidates
 
 
-def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _joint_counts(bins: NDArray[np.uint8]) -> Ints:
     """Return the numbers of flights [input, bin, input, bin] in each pair of bins."""
     flights, count = bins.shape
     cells = len(_DECILES) + 1
@@ -307,24 +296,21 @@ def _joint_counts(bins: NDArray[np.uint8]) -> NDArray[np.int64]:
     for start in range(0, flights, _CHUNK):
         chunk = bins[start : start + _CHUNK]
         marks = np.zeros(
-            (chunk.shape[0], count * cells), dtype=np.float32
+            (chunk.shape[0], count * cells), np.float32
         )  # Sums of up to _CHUNK flights stay exact in single precision.
         marks[np.arange(chunk.shape[0])[:, None], np.arange(count) * cells + chunk] = 1.0
         total += marks.T @ marks
     return total.reshape(count, cells, count, cells).astype(np.int64)
 
 
-def _best_corners(
-    bins: NDArray[np.uint8], failed: NDArray[np.bool_], edges: Floats
-) -> list[_Candidate]:
-    """Return the best corner of each pair of inputs (columns of `bins` and `edges`)."""
-    first, second = np.triu_indices(bins.shape[1], 1)
+def _best_corners(inputs: BinnedInputs, failed: Mask) -> list[_Candidate]:
+    """Return the best corner of each pair of inputs, with thresholds at the deciles."""
+    bins, edges, names = _COARSE[inputs.bins], inputs.edges[_DECILES], inputs.names
+    first, second = np.triu_indices(len(names), 1)
     if not first.size:
         return []
 
-    def sides(
-        counts: NDArray[np.int64],
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    def sides(counts: Ints) -> tuple[Ints, Ints, Ints]:
         """Return counts of flights that meet both conditions [pair, side, side] or a single one.
 
         The counts for a single condition have the shapes [pair, side, 1] and [pair, 1, side].
@@ -348,23 +334,21 @@ def _best_corners(
             (n, bad_n, in_second[k, 0, b], bad_second[k, 0, b]),
         )
         conditions = (
-            _condition((int(first[k]),), a, edges[:, first[k]]),
-            _condition((int(second[k]),), b, edges[:, second[k]]),
+            _condition((names[first[k]],), a, edges[:, first[k]]),
+            _condition((names[second[k]],), b, edges[:, second[k]]),
         )
         candidates.append(_Candidate(conditions, tables, tried))
     return candidates
 
 
-def _sharpen(
-    rule: Rule[int], failed: NDArray[np.bool_], column: Callable[[int], Floats]
-) -> Rule[int]:
+def _sharpen(rule: Rule, failed: Mask, column: Callable[[str], Floats]) -> Rule:
     """Move each threshold of a half-line rule to the value at which failures begin.
 
     The p-value still applies to the quantiles, which were selected before this step.
     """
     if len(rule.conditions) > 1 and not rule.either:
         return rule
-    conditions, inside = [], np.zeros(failed.size, dtype=np.bool_)
+    conditions, inside = [], np.zeros(failed.size, bool)
     for condition in rule.conditions:
         values = _values(condition, column)
         order = np.argsort(
@@ -393,13 +377,12 @@ def _sharpen(
     )
 
 
-def rule_mask(rule: Rule[int], column: Callable[[int], Floats]) -> NDArray[np.bool_]:
-    """Return a mask [flight] of a rule's region; `column` returns the values of an input."""
-    masks = [_meets(condition, _values(condition, column)) for condition in rule.conditions]
-    return np.logical_or.reduce(masks) if rule.either else np.logical_and.reduce(masks)
+def condition_mask(condition: Condition, column: Callable[[str], Floats]) -> Mask:
+    """Return a mask [flight] of the flights that meet a condition."""
+    return _meets(condition, _values(condition, column))
 
 
-def _values(condition: Condition[int], column: Callable[[int], Floats]) -> Floats:
+def _values(condition: Condition, column: Callable[[str], Floats]) -> Floats:
     if condition.minus is None:
         return column(condition.parameter)
     return _standardise(column(condition.parameter)) - _standardise(column(condition.minus))
@@ -410,5 +393,5 @@ def _standardise(values: Floats) -> Floats:
     return (values - np.mean(values)) / np.std(values)
 
 
-def _meets(condition: Condition[int], values: Floats) -> NDArray[np.bool_]:
+def _meets(condition: Condition, values: Floats) -> Mask:
     return values > condition.threshold if condition.above else values <= condition.threshold

@@ -61,13 +61,11 @@ def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
     note = f"PASS on its own, but not jointly (chance of any false PASS at most {100.0 * risk:g} %"
     note += f" among {counted(len(verdicts), 'verdict')})"
     for verdict, is_rejected in zip(verdicts, rejected, strict=True):
-        share = min(verdict.consumer_risk, risk / len(verdicts))
+        judged = verdict
         if verdict.status == "PASS" and not is_rejected:
-            joint_verdicts.append(
-                replace(verdict, status="NOT SHOWN", note=note, consumer_risk=share)
-            )
-        else:
-            joint_verdicts.append(
-                replace(verdict, consumer_risk=share) if verdict.status == "NOT SHOWN" else verdict
-            )
+            judged = replace(verdict, status="NOT SHOWN", note=note)
+        if judged.status == "NOT SHOWN":
+            share = min(verdict.consumer_risk, risk / len(verdicts))
+            judged = replace(judged, consumer_risk=share)
+        joint_verdicts.append(judged)
     return joint_verdicts

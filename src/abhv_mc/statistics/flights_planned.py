@@ -5,10 +5,9 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betainc, gammaln, xlog1py, xlogy
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.statistics.evidence import flights_to_fail, flights_to_pass, most_failures
 
 PLANNED_FAILURES = (0, 1, 2, 3)
@@ -24,7 +23,7 @@ def pass_chance(runs: int, probability: float, risk: float, rates: Floats) -> Fl
         return np.zeros_like(rates)
     if most >= runs:
         return np.ones_like(rates)
-    return np.asarray(betainc(runs - most, most + 1.0, 1.0 - rates), dtype=np.float64)
+    return betainc(runs - most, most + 1.0, 1.0 - rates)
 
 
 def ever_chance(
@@ -39,9 +38,7 @@ def ever_chance(
     return np.array([_reach(failures, flights, float(rate), status == "PASS") for rate in rates])
 
 
-def _boundary(
-    runs: int, probability: float, risk: float, status: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _boundary(runs: int, probability: float, risk: float, status: str) -> tuple[Ints, Ints]:
     """Return numbers of failures, each with the number of flights that decides the verdict.
 
     The verdict is decided at the smallest number of flights for a PASS, or at the largest number of
@@ -60,7 +57,7 @@ def _boundary(
             np.unique(np.round(np.geomspace(1, failures[-1] + 1, _MOST_LOOKS)).astype(np.int64)) - 1
         )
     settle = flights_to_pass if passes else flights_to_fail
-    flights = np.array([settle(int(k), probability, risk) for k in failures], dtype=np.int64)
+    flights = np.array([settle(int(k), probability, risk) for k in failures])
     if passes:
         return failures, flights
     last_flights = np.minimum(flights, runs)
@@ -84,9 +81,7 @@ def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
     return low, np.exp(logarithm + xlogy(count, rate) + xlog1py(flights - count, -rate))
 
 
-def _reach(
-    failures: NDArray[np.int64], flights: NDArray[np.int64], rate: float, low: bool
-) -> float:
+def _reach(failures: Ints, flights: Ints, rate: float, low: bool) -> float:
     """Return the chance that the number of failures crosses the boundary at any of `flights`.
 
     If `low`, the boundary is crossed by at most `failures` failures, otherwise by at least

@@ -30,10 +30,8 @@ class Gate:
     within_low: float  # one-sided lower bound on the share of pairs within the margin
     # levels at which the quantile of `b` is significantly beyond the quantile of a + margin |a|
     worse_tails: tuple[float, ...]
-    worst_doubled: (
-        # whether b's worst completed flight is worse than a's by more than the size of a's value
-        bool
-    )
+    # whether b's worst completed flight is worse than a's by more than the size of a's value
+    worst_doubled: bool
     loses_more: bool
     misses_more: tuple[int, ...]  # indices of requirements that `b` violates more often
     at: str = ""  # values of the unknowns at the worst point, as text

@@ -5,7 +5,7 @@ deviation. Nuisance parameters keep a standard normal prior; listed parameters h
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,7 @@ _MEMBER = 0.3  # smallest component of a parameter of a group that is not separa
 Simulate = Callable[[Floats], Floats]
 
 
-@dataclass(frozen=True)
-class Estimates:
+class Estimates(NamedTuple):
     """Estimated coordinates of the parameters in each flight."""
 
     points: Floats  # [flight, column]

@@ -8,8 +8,8 @@ leave-one-out scores
 "Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
 
-from dataclasses import dataclass
 from math import ceil, inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +33,11 @@ def rank_p_values(pool: Floats) -> Floats:
     """Return the two-sided p-value of each rank [flight, column] within its column."""
     from scipy.stats import rankdata
 
-    at_most = rankdata(pool, "max", axis=0)
-    at_least = len(pool) + 1 - rankdata(pool, "min", axis=0)
-    return np.asarray(np.minimum(2.0 * np.minimum(at_most, at_least) / len(pool), 1.0))
+    at_most, least = (rankdata(pool, method, axis=0) for method in ("max", "min"))
+    return np.minimum(2.0 * np.minimum(at_most, len(pool) + 1.0 - least) / len(pool), 1.0)
 
 
-@dataclass(frozen=True)
-class SetTest:
+class SetTest(NamedTuple):
     """P-values of a set of test flights among simulated sets of flights."""
 
     columns: Floats  # [flight, column] two-sided p-value of each value, for a single test
@@ -117,8 +115,7 @@ def _largest(values: Floats) -> Floats:
     return np.abs((values - values.mean(axis=0)) / spread).max(axis=1, initial=0.0)
 
 
-@dataclass(frozen=True)
-class Band:
+class Band(NamedTuple):
     """Simultaneous band that contains a whole new history with probability `confidence`.
 
     A spread is the distance from the median to the 2.5 or 97.5 % quantile of the flights at a time:
@@ -197,8 +194,8 @@ class _Quantiles:
         return deviation
 
     def _order(self, place: Indices) -> Floats:
-        place = np.minimum(place, len(self.values) - 1)[None]
-        return np.asarray(np.take_along_axis(self.ordered, place, axis=0)[0], dtype=np.float64)
+        place = np.minimum(place, len(self.values) - 1)[np.newaxis]
+        return np.take_along_axis(self.ordered, place, axis=0)[0]
 
 
 _SHIFTS = 41  # number of shifts that are tried

@@ -9,11 +9,10 @@ drawn jointly, as normal scores with the correlation of the exceedances of the t
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtr, bdtrik, ndtr, ndtri
 
-from abhv_mc.array_types import Floats
-from abhv_mc.statistics.estimates import SEED, Interval, sorted_quantile
+from abhv_mc.array_types import Floats, Indices
+from abhv_mc.statistics.estimates import SEED, Interval, pair_differences, sorted_quantile
 
 _FEWEST_DRAWS, _MOST_DRAWS = 2_000, 60_000
 _PER_TAIL = 50  # minimum number of draws beyond each bound of an interval
@@ -31,12 +30,10 @@ def _scores(draws: int) -> tuple[Floats, Floats]:
 def _places(flights: int, probability: float) -> tuple[int, Floats]:
     """Return the lowest relevant count of flights below the quantile, and all normal scores."""
     low, high = (int(np.ceil(bdtrik(tail, flights, probability))) for tail in (1e-9, 1.0 - 1e-9))
-    return low, np.asarray(
-        ndtri(bdtr(np.arange(low, high + 1), flights, probability)), dtype=np.float64
-    )
+    return low, ndtri(bdtr(np.arange(low, high + 1), flights, probability))
 
 
-def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp]:
+def _counts(scores: Floats, flights: int, probability: float) -> Indices:
     """Convert normal scores to counts of flights below the quantile."""
     first, thresholds = _places(flights, probability)
     return np.minimum(first + np.searchsorted(thresholds, scores), flights)
@@ -45,7 +42,7 @@ def _counts(scores: Floats, flights: int, probability: float) -> NDArray[np.intp
 @lru_cache(maxsize=256)  # Most comparisons of a campaign have one of a few correlations.
 def _drawn_counts(
     flights: int, probability: float, draws: int, correlation: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[Indices, Indices, Indices]:
     """Return the different pairs of correlated counts, and how often each pair is drawn."""
     first, second = _scores(draws)
     scores = correlation * first + np.sqrt(1.0 - correlation**2) * second
@@ -130,22 +127,16 @@ def quantile_differences(
             continue
         shared = _together(a, b, high_a, high_b, probability)
         below_a, below_b, drawn = _drawn_counts(a.size, probability, draws, shared)
-        low = _minus(padded_a[below_a], padded_b[below_b + 1])
-        high = _minus(padded_a[below_a + 1], padded_b[below_b])
+        low = pair_differences(padded_a[below_a], padded_b[below_b + 1])
+        high = pair_differences(padded_a[below_a + 1], padded_b[below_b])
         rank = int(tail * draws)
         ends = _drawn_value(low, drawn, rank), _drawn_value(high, drawn, draws - 1 - rank)
         intervals.append(Interval(high_a - high_b, *ends))
     return intervals
 
 
-def _drawn_value(values: Floats, drawn: NDArray[np.intp], rank: int) -> float:
+def _drawn_value(values: Floats, drawn: Indices, rank: int) -> float:
     """Return the value with a rank among values that are repeated ``drawn`` times."""
     order = np.argsort(values)
     index = np.searchsorted(np.cumsum(drawn[order]), rank, side="right")
     return float(values[order[index]])
-
-
-def _minus(a: Floats, b: Floats) -> Floats:
-    """Return `a - b`; 0 if both flights terminated early."""
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isinf(a) & (a == b), 0.0, a - b)

@@ -1,9 +1,8 @@
 """Ranks and false-discovery control without the slow import of scipy.stats (0.5 s)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Indices, Mask
 
 
 def average_ranks(values: Floats) -> Floats:
@@ -35,7 +34,7 @@ def false_discovery(p_values: Floats) -> Floats:
 
 def discoveries(p_values: Floats, rate: float) -> Mask:
     """Return a mask of the discoveries at a false-discovery `rate`; NaN marks untested cases."""
-    is_discovery = np.zeros(p_values.shape, dtype=np.bool_)
+    is_discovery = np.zeros(p_values.shape, bool)
     is_test = np.isfinite(p_values)
     is_discovery[is_test] = false_discovery(p_values[is_test]) <= rate
     return is_discovery
@@ -43,7 +42,7 @@ def discoveries(p_values: Floats, rate: float) -> Mask:
 
 def split_partners(
     is_driver: Mask, size: Floats, together: Floats, partners: float, twins: float
-) -> NDArray[np.intp]:
+) -> Indices:
     """Return the driver [input, output] to which each input is related; -1 for none.
 
     `together` [input, input] is the similarity of two inputs, zero on the diagonal. An input is
@@ -51,7 +50,7 @@ def split_partners(
     at least `twins`, which a regression cannot distinguish, only the input with the largest `size`
     stays in `is_driver` [input, output], which is modified in place.
     """
-    moves_with = np.full(is_driver.shape, -1, dtype=np.intp)
+    moves_with = np.full(is_driver.shape, -1)
     for column in range(is_driver.shape[1]):
         named: list[int] = []
         for row in np.argsort(-np.nan_to_num(size[:, column]), kind="stable").tolist():

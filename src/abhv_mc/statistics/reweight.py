@@ -7,15 +7,15 @@ the counted flights vary more); the bound on the bad side uses the effective num
 flights.
 """
 
+from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import betainc, betaincinv
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.estimates import Interval
 
 # gap as a multiple of 1/flights; 95 % of the exponentially distributed gaps are narrower
@@ -29,8 +29,7 @@ def effective_size(weights: Floats) -> float:
     return float(np.sum(weights)) ** 2 / squares if squares > 0.0 else 0.0
 
 
-@dataclass(frozen=True)
-class Unseen:
+class Unseen(NamedTuple):
     """Probability, under the new distributions, of values that no flight represents."""
 
     # largest probability, over the parameters, of a value that no flight represents
@@ -71,7 +70,7 @@ def join_unseen(pairs: Sequence[tuple[float, float]]) -> Unseen:
     )
 
 
-def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> float:
+def _effective_at(flags: Mask, share: float, weights: Floats) -> float:
     """Return the effective number of flights for estimating a share.
 
     The number follows from the ratio of the binomial variance to the weighted variance.
@@ -82,12 +81,6 @@ def _effective_at(flags: NDArray[np.bool_], share: float, weights: Floats) -> fl
     return min(
         share * (1.0 - share) * float(np.sum(weights)) ** 2 / spread, effective_size(weights)
     )
-
-
-def _low_end(share: float, flights: float, tail: float) -> float:
-    """Return the lower Clopper-Pearson bound for an effective number of flights."""
-    inside, outside = share * flights, (1.0 - share) * flights
-    return 0.0 if inside <= 0.0 else float(betaincinv(inside, outside + 1.0, tail))
 
 
 def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
@@ -106,7 +99,7 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
 
 
 def weighted_share(
-    flags: NDArray[np.bool_], weights: Floats, unseen: float = 0.0, confidence: float = 0.95
+    flags: Mask, weights: Floats, unseen: float = 0.0, confidence: float = 0.95
 ) -> Interval:
     """Return the weighted share of the flights for which `flags` is true, with its interval.
 
@@ -115,7 +108,8 @@ def weighted_share(
     tail, parts = (1.0 - confidence) / 2.0, weights / weights.sum()
     counted = parts[flags]
     share = float(counted.sum())
-    low = _low_end(share, _effective_at(flags, share, weights), tail)
+    number = _effective_at(flags, share, weights)
+    low = float(betaincinv(share * number, (1.0 - share) * number + 1.0, tail)) if share else 0.0
     high = _high_end(counted, float((counted if counted.size else parts).max()), tail)
     return Interval(share, low, min(high + unseen, 1.0))
 
@@ -165,13 +159,11 @@ def _high_quantile(ascending: Floats, parts: Floats, allowed: float, tail: float
             <= allowed * _UP
         )
 
-    low, high = 0, parts.size  # bounds on the number of flights at or below the quantile
-    if not enough(high):
+    most = parts.size  # largest number of flights at or below the quantile
+    if not enough(most):
         return np.inf
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle + 1, high)
-    return float(ascending[max(low - 1, 0)])
+    count = bisect_left(range(most), True, key=enough)
+    return float(ascending[max(count - 1, 0)])
 
 
 def _between(ascending: Floats, start: Floats, probability: float) -> float:

@@ -17,6 +17,7 @@ Goldstein & Gordon, Ann. Probab. 17, 1989).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import bdtr, bdtrc, chdtr, chdtrc, ndtr, ndtri, pdtrc
@@ -60,7 +61,7 @@ class Column:
         return ~near
 
     def _is_at(self, atom: float) -> Mask:
-        return np.asarray(np.abs(self.values - atom) <= self.half_step)
+        return np.abs(self.values - atom) <= self.half_step
 
     def count_atom(self, k: int) -> tuple[int, float]:
         """Return the number of rows at an atom, and the probability of its rounding interval."""
@@ -79,8 +80,7 @@ class Level:
     probability: float
 
 
-@dataclass(frozen=True)
-class PairCorrelation:
+class PairCorrelation(NamedTuple):
     """Pair of columns whose rank correlation contradicts the stated correlation."""
 
     columns: tuple[int, int]
@@ -88,8 +88,7 @@ class PairCorrelation:
     stated: float
 
 
-@dataclass(frozen=True)
-class EqualRows:
+class EqualRows(NamedTuple):
     """Pairs of equal rows that are more frequent than rounding explains."""
 
     pairs: int
@@ -97,8 +96,7 @@ class EqualRows:
     example: tuple[int, int]  # indices of two equal rows
 
 
-@dataclass(frozen=True)
-class TableFindings:
+class TableFindings(NamedTuple):
     """Contradictions between a table and the claim that its rows are independent draws."""
 
     too_far: tuple[int, ...]  # columns that deviate too much from their distributions
@@ -136,7 +134,7 @@ def half_steps(values: Floats) -> Floats:
     single = values.astype(np.float32)
     if np.all(np.abs(single - values) <= _SINGLE * size):
         result = np.maximum(result, np.spacing(np.abs(single)))
-    return np.asarray(np.maximum(0.5 * result, _SLACK * size))
+    return np.maximum(0.5 * result, _SLACK * size)
 
 
 def check_table(

@@ -12,9 +12,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Ints
 from abhv_mc.statistics.verdicts import Status, Verdict
 
 SEARCH_FLIGHTS = 256  # maximum number of search flights per point
@@ -37,7 +36,7 @@ class Trial(NamedTuple):
     """Results of the search flights at points, by requirement; larger values are worse."""
 
     severity: Floats  # severity quantile that ranks the points [point, requirement]
-    failures: NDArray[np.int64]  # number of failures [point, requirement]
+    failures: Ints  # number of failures [point, requirement]
     largest: Floats  # severity of the worst flight [point, requirement]
 
 

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, inf, log
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import betaln, gammaln
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.statistics.evidence import (
     flights_to_pass,
     log_fail_evidence,
@@ -120,8 +120,7 @@ def _exp(logarithm: float) -> float:
     return inf if logarithm > 700.0 else exp(logarithm)
 
 
-@dataclass(frozen=True)
-class Extension:
+class Extension(NamedTuple):
     """Number of flights at which all verdicts are likely to be PASS."""
 
     flights: int  # total number of flights
@@ -188,42 +187,32 @@ def tolerance_limit(
 
 
 def verdict_words(verdict: Verdict, flies: bool = True) -> str:
-    """Return a verdict as text, such as 'NOT SHOWN: 1 failure in 1000 flights'."""
-    counts = (
-        f"{verdict.status}: {counted(verdict.failures, 'failure')} in "
-        f"{counted(verdict.flights, 'flight')}"
+    """Return a verdict as text, such as 'PASS: 1 of 2200 flights failed', with notes and advice."""
+    failed, lost = grouped_digits(verdict.failures), grouped_digits(verdict.uncomputed)
+    texts = (
+        f"{verdict.status}: {failed} of {grouped_digits(verdict.flights)} flights failed",
+        f"{lost} of these not computed (failures for a PASS, successes for a FAIL)"
+        if verdict.uncomputed
+        else "",
+        verdict.note,
+        advice_words(verdict, flies) if verdict.status == "NOT SHOWN" else "",
     )
-    if verdict.uncomputed:
-        counts += (
-            f", {grouped_digits(verdict.uncomputed)} of them not computed (counted as failures "
-            "for a PASS, as successes for a FAIL)"
-        )
-    phrases = [counts, verdict.note]
-    if verdict.status == "NOT SHOWN":
-        phrases.append(advice_words(verdict, flies))
-    return "; ".join(phrase for phrase in phrases if phrase)
+    return "; ".join(filter(None, texts))
 
 
 def advice_words(verdict: Verdict, flies: bool = True) -> str:
-    """Return the recommended number of flights and the chance of PASS as text."""
+    """Return the number of flights that a PASS needs, and its chance with this number, as text."""
     if UNSEARCHED in verdict.note:
         return ""
-    least = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
+    number = flights_to_pass(verdict.failures, verdict.probability, verdict.consumer_risk)
+    option = ""
     if extension := advise([verdict]):
-        flights = counted(extension.flights, "flight")
-        action = f"with {flights} (--runs {extension.flights})"
-        action = action if flies else f"with a table of {flights}"
-        return f"{action}, the chance of PASS is {about(extension.chance)}"
-    if verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
-        return "more flights failed than the requirement allows"
-    chance = about(predict_pass(verdict, least))
-    most = MOST_TIMES * verdict.flights
-    return (
-        f"at least {counted(least, 'flight')} are needed (the chance of PASS is then {chance})"
-        if least > most
-        else f"a PASS is unlikely with at most {counted(most, 'flight')} (the chance of PASS with "
-        f"{counted(least, 'flight')}, the fewest that permit one, is {chance})"
-    )
+        number = extension.flights
+        option = f" (--runs {number})" if flies else " (a larger table)"
+    elif verdict.failures >= (1.0 - verdict.probability) * verdict.flights > 0.0:
+        return "more failures than the requirement allows"
+    chance = about(predict_pass(verdict, number))
+    return f"{grouped_digits(number)} flights needed{option}, chance of PASS {chance}"
 
 
 def about(chance: float) -> str:

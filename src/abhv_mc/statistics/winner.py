@@ -1,4 +1,4 @@
-"""Comparison of two controllers in one metric on the same flights.
+"""Comparison of two controllers on the same flights, in one metric and in failures.
 
 The winner has the smaller value in most of the flights that differ, is not significantly worse in
 the tails, and does not have significantly more early terminations. The majority is tested by a mean
@@ -10,15 +10,83 @@ a family of their own.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.statistics.estimates import pair_differences
+from abhv_mc.statistics.binomial import mcnemar_exact
+from abhv_mc.statistics.estimates import Interval, pair_differences, quantile
 from abhv_mc.statistics.evidence import log_coin_evidence
-from abhv_mc.statistics.paired import compare_failures
 from abhv_mc.statistics.quantile_pairs import quantile_difference
+
+
+@dataclass(frozen=True)
+class PairedMetric:
+    """Comparison of one metric of `a` and `b` on the same flights; differences are `a - b`.
+
+    Values are severities: larger values are worse.
+    """
+
+    a_better: int
+    b_better: int
+    ties: int
+    median_difference: Interval  # median of the paired differences, with its exact interval
+    # factor by which an unpaired comparison of means would need more flights
+    pairing_gain: float | None
+
+
+def compare_metric(a: Floats, b: Floats) -> PairedMetric:
+    """Compare severities [pair] on the same flights; +infinity marks an early termination."""
+    difference = pair_differences(a, b)
+    a_better, b_better = int(np.sum(difference < 0.0)), int(np.sum(difference > 0.0))
+    return PairedMetric(
+        a_better=a_better,
+        b_better=b_better,
+        ties=a.size - a_better - b_better,
+        median_difference=quantile(difference, 0.5),
+        pairing_gain=pairing_gain(a, b),
+    )
+
+
+def pairing_gain(a: Floats, b: Floats) -> float | None:
+    """Return the ratio of the variances of an unpaired and a paired mean difference.
+
+    The result is None for fewer than three finite pairs or for identical differences.
+    """
+    finite = np.isfinite(a) & np.isfinite(b)
+    if finite.sum() < 3:
+        return None
+    unpaired = float(np.var(a[finite]) + np.var(b[finite]))
+    paired = float(np.var(a[finite] - b[finite]))
+    return unpaired / paired if paired > 1e-24 * max(unpaired, 1e-300) else None
+
+
+@dataclass(frozen=True)
+class PairedFailures:
+    """Paired comparison of the failures of `a` and `b` (McNemar's exact test)."""
+
+    both: int
+    only_a: int
+    only_b: int
+    neither: int
+    p_value: float
+
+
+def compare_failures(a: Mask, b: Mask) -> PairedFailures:
+    """Count the pairs in which both controllers fail, and those in which only one fails."""
+    only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
+    return PairedFailures(
+        int(np.sum(a & b)), only_a, only_b, int(np.sum(~a & ~b)), mcnemar_exact(only_a, only_b)
+    )
+
+
+def median_ratio(a: Floats, b: Floats) -> Interval | None:
+    """Return the median of `a / b` with its exact interval; None if there are too few pairs."""
+    usable = np.isfinite(a) & np.isfinite(b) & (a > 0.0) & (b > 0.0)
+    with np.errstate(over="ignore"):  # Division by a tiny value may overflow.
+        return quantile(a[usable] / b[usable], 0.5) if usable.sum() >= 3 else None
+
 
 Side = Literal["a", "b", ""]
 
@@ -26,8 +94,7 @@ RISK = 0.05  # risk of naming any winner in a campaign without differences
 TAILS = (0.95, 0.9973)  # quantile levels at which a winner must not be worse
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """Result of comparing `a` and `b` in one metric on the same flights."""
 
     # controller with the smaller value in most of the flights that differ; '' if not significant
@@ -79,13 +146,10 @@ def agree(decisions: Sequence[Decision]) -> Decision:
     sides = {decision.closer for decision in decisions}
     if len(sides) > 1:
         return Decision("")
-    worse, uncompared = (
-        tuple(sorted({level for decision in decisions for level in levels(decision)}))
-        for levels in (lambda decision: decision.worse, lambda decision: decision.uncompared)
-    )
-    return Decision(
-        sides.pop(), worse, uncompared, any(decision.loses_more for decision in decisions)
-    )
+    worse = {level for decision in decisions for level in decision.worse}
+    uncompared = {level for decision in decisions for level in decision.uncompared}
+    loses_more = any(decision.loses_more for decision in decisions)
+    return Decision(sides.pop(), tuple(sorted(worse)), tuple(sorted(uncompared)), loses_more)
 
 
 def worse_tails(

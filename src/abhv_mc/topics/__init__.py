@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from abhv_mc.topics.names import Names
     from abhv_mc.topics.registry import register
     from abhv_mc.topics.section import (
-        Bullets,
         Cell,
         FigureText,
         Fold,
@@ -36,7 +35,7 @@ _HOMES = {
 }
 
 __all__ = [
-    "Bullets", "Cell", "FigureText", "FlownCampaign", "Fold", "Heading", "Names", "Picture",
+    "Cell", "FigureText", "FlownCampaign", "Fold", "Heading", "Names", "Picture",
     "Section", "Table", "Text", "Topic", "register",
 ]  # fmt: skip
 

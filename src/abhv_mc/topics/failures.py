@@ -1,36 +1,33 @@
 """Failure analysis: the failure map, and failure rules on one or two dispersed parameters."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, read_map
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.failure_rules import (
     FALSE_DISCOVERY_RATE,
     FEWEST_FAILURES,
-    Condition,
     Rule,
     bin_inputs,
+    condition_mask,
     find_rules,
-    rule_mask,
 )
 from abhv_mc.topics.formatting import count_of, percent, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Bullets, Cell, Heading, Item, Row, Section, Table, Text
+from abhv_mc.topics.section import Cell, Heading, Row, Section, Table, Text, grouped
 from abhv_mc.topics.topic import Topic
 
 
 @dataclass(frozen=True, kw_only=True)
-class FailureRule(Rule[str]):
+class FailureRule(Rule):
     """Region of the dispersed parameters in which the failure rate is increased."""
 
     where: str  # description of the region
-    rule: str  # description of the region with the shares of failed and other flights in it
 
 
 @dataclass(frozen=True)
@@ -48,9 +45,8 @@ class Failures:
     """Failure modes of each controller; empty without dispersions."""
 
     controllers: Mapping[str, tuple[FailureKind, ...]]
-    map: Mapping[str, ControllerFailures] | None = (
-        None  # failure map of each controller; None if not computed from these flights
-    )
+    # failure map of each controller; None if not computed from these flights
+    map: Mapping[str, ControllerFailures] | None = None
     false_discovery_rate: float = FALSE_DISCOVERY_RATE
     fewest_failures: int = FEWEST_FAILURES  # minimum number of failures needed for a rule
 
@@ -66,98 +62,56 @@ def compute_failures(results: FlownCampaign) -> Failures:
 
 
 def _kinds(results: FlownCampaign, controller: str) -> tuple[FailureKind, ...]:
-    names, flown = list(results.dispersed), results.flights[controller].flight
-    kinds, parameters = failure_kinds(results, controller), results.campaign.parameters
+    kinds, flown = failure_kinds(results, controller), results.flights[controller].flight
     if not kinds:
         return ()
-
-    def column(index: int) -> Floats:
-        return np.asarray(results.samples[names[index]][flown], dtype=np.float64)
-
-    binned = bin_inputs(results.samples[name][flown] for name in names)
+    inputs = bin_inputs(
+        results.dispersed, lambda name: np.asarray(results.samples[name][flown], dtype=np.float64)
+    )
     return tuple(
         FailureKind(
             kind,
-            int(failed.size),
-            int(failed.sum()),
+            failed.size,
+            failed.sum(),
             tuple(
-                _rule(rule, names, parameters, failed, column)
-                for rule in find_rules(binned, failed, column)
-            )
-            if binned
-            else (),
+                FailureRule(**vars(rule), where=_region(rule, results, failed, inputs.column))
+                for rule in find_rules(inputs, failed)
+            ),
         )
         for kind, failed in kinds
     )
 
 
-def _rule(
-    rule: Rule[int],
-    names: list[str],
-    parameters: Parameters,
-    failed: Mask,
-    column: Callable[[int], Floats],
-) -> FailureRule:
-    inside, outside = rule.failures_inside / rule.failures, rule.others_inside / rule.others
-    if rule.conditions[0].minus is None:
-        description = _parameter_words(rule, names, parameters)
-    else:
-        description = _difference_words(rule, names, parameters, failed, column)
-    conditions = tuple(
-        Condition(
-            names[c.parameter], c.above, c.threshold, None if c.minus is None else names[c.minus]
-        )
-        for c in rule.conditions
-    )
-    text = f"{percent(inside, 2)} of failures ({percent(outside, 2)} of other flights):"
-    named = {**vars(rule), "conditions": conditions}
-    return FailureRule(**named, where=description, rule=f"{text} {description}")
-
-
-def _parameter_words(rule: Rule[int], names: list[str], parameters: Parameters) -> str:
+def _region(
+    rule: Rule, results: FlownCampaign, failed: Mask, column: Callable[[str], Floats]
+) -> str:
     """Describe the conditions of a rule.
 
     Examples are 'wind north above 25 m/s and lift at most -5 %' and, for two thresholds, 'density
-    at most -7 % or above +7 %'.
+    at most -7 % or above +7 %'. The difference of two inputs is described with their medians over
+    the failures on one side: 'density minus drag, each relative to its range: low (such as density
+    -7 %, drag +9 %)'.
     """
 
-    def side(condition: Condition[int]) -> str:
-        value = shown_value(names[condition.parameter], condition.threshold, parameters)
-        return f"{'above' if condition.above else 'at most'} {value}"
+    def shown(name: str, value: float) -> str:
+        return shown_value(name, value, results.campaign.parameters)
 
-    first, *further = rule.conditions
-    description = f"{spoken_name(names[first.parameter])} {side(first)}"
-    for condition in further:
-        word = "or" if rule.either else f"and {spoken_name(names[condition.parameter])}"
-        description += f" {word} {side(condition)}"
-    return description
-
-
-def _difference_words(
-    rule: Rule[int],
-    names: list[str],
-    parameters: Parameters,
-    failed: Mask,
-    column: Callable[[int], Floats],
-) -> str:
-    """Describe how far apart two inputs are, with their medians over the failures on one side.
-
-    An example is 'density minus drag, each relative to its range: low (such as density -7 %, drag
-    +9 %)'.
-    """
-    condition = rule.conditions[0]
-    inputs = condition.parameter, condition.minus or 0
-    side = failed & rule_mask(replace(rule, conditions=(condition,)), column)
-    texts = [
-        f"{spoken_name(names[i])} "
-        f"{shown_value(names[i], float(np.median(column(i)[side])), parameters)}"
-        for i in inputs
-        if side.any()
+    first = rule.conditions[0]
+    if first.minus is not None:
+        side = failed & condition_mask(first, column)
+        pair = first.parameter, first.minus
+        medians = [f"{spoken_name(x)} {shown(x, float(np.median(column(x)[side])))}" for x in pair]
+        level = "high or low" if rule.either else "high" if first.above else "low"
+        difference = " minus ".join(map(spoken_name, pair))
+        return f"{difference}, each relative to its range: {level} (such as {', '.join(medians)})"
+    sides = [
+        f"{'above' if c.above else 'at most'} {shown(c.parameter, c.threshold)}"
+        for c in rule.conditions
     ]
-    difference = " minus ".join(spoken_name(names[i]) for i in inputs)
-    level = "high or low" if rule.either else "high" if condition.above else "low"
-    example = f" (such as {', '.join(texts)})" if texts else ""
-    return f"{difference}, each relative to its range: {level}{example}"
+    if rule.either:
+        return f"{spoken_name(first.parameter)} {' or '.join(sides)}"
+    names = (spoken_name(c.parameter) for c in rule.conditions)
+    return " and ".join(map(" ".join, zip(names, sides, strict=True)))
 
 
 TITLE = "Failure analysis"
@@ -168,67 +122,60 @@ def failure_section(failures: Failures, names: Names) -> Section:
     """Return the section with the failure map, or with rules if there is no map."""
     if failures.map is None:
         return _rules_section(failures, names)
-    text = Text(
+    commands = ", ".join(
+        f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
+        for name in failures.map
+    )
+    text = (
         "The table lists the smallest sets of at most three dispersions with which a flight still "
         "fails if all other dispersions are nominal. A flight with several such sets is counted "
         "with the set that explains most flights. Values are given as median (smallest to "
-        "largest). Re-run a flight with "
-        + ", ".join(
-            f"`abhv-mc replay {names.folder} --controller {name} --flight NUMBER`"
-            for name in failures.map
-        )
+        f"largest). Re-run a flight with {commands}"
     )
-    items = Heading("Dispersions that cause the failures"), text, map_table(failures.map, names)
-    return Section(TITLE, items)
+    heading = Heading("Dispersions that cause the failures")
+    return Section(TITLE, (heading, Text(text), map_table(failures.map, names)))
 
 
 def map_table(failure_maps: Mapping[str, ControllerFailures], names: Names) -> Table:
     """Return a table of each controller's failure groups and unexplained failures."""
-    heads = (
-        names.campaign.kind.capitalize(),
-        "Failed",
-        "Dispersions",
-        "Values",
-        "Flights",
-        "Example",
-    )
+    heads = (names.kind, "Failed", "Dispersions", "Values", "Flights",
+             "Example")  # fmt: skip
     groups = tuple(
-        _map_group(name, failure_map, names)
+        grouped(list(_map_rows(name, failure_map, names)), Cell(names.label(name), head=True))
         for name, failure_map in failure_maps.items()
         if failure_map.failed
     )
     return Table("Map of failures", heads, groups, numbers=False)
 
 
-def _map_group(controller: str, failure_map: ControllerFailures, names: Names) -> tuple[Row, ...]:
-    label, total = names.label(controller), failure_map.looked_at
-    required = {f"missed {item.metric} {item.limits}": item for item in names.requirements}
-    rows: list[Row] = []
+def _map_rows(controller: str, failure_map: ControllerFailures, names: Names) -> Iterator[Row]:
+    """Yield a row for each failure group, and the counts of failures outside all groups."""
+    total = failure_map.looked_at
+    required = {
+        f"missed {item.metric} {item.limits}": f"missed: {requirement_words(item, names.metrics)}"
+        for item in names.requirements
+    }
     for group in failure_map.groups:
-        item = required.get(group.failure)
-        requirement_text = requirement_words(item, names.metrics) if item else ""
         sides = [
             f"{spoken_name(dispersion.parameter)} {'high' if dispersion.high else 'low'}"
             for dispersion in group.dispersions
         ]
-        flights = (
-            f"{count_of(len(group.flights), total)} ({percent(len(group.flights) / total, 2)})"
-        )
-        cells = (
-            Cell(
-                f"missed {requirement_text[:1].lower()}{requirement_text[1:]}"
-                if requirement_text
-                else group.failure
-            ),
+        count = len(group.flights)
+        yield (
+            Cell(required.get(group.failure, group.failure)),
             Cell(", ".join(sides), head=True),
             Cell("; ".join(_typical(dispersion, names) for dispersion in group.dispersions)),
-            Cell(flights),
+            Cell(f"{count_of(count, total)} ({percent(count / total, 2)})"),
             Cell(str(group.flights[0]), flight=(controller, group.flights[0])),
         )
-        rows.append(
-            cells if rows else (Cell(label, rows=len(failure_map.groups), head=True), *cells)
-        )
-    return (*rows, (Cell(label, head=True), Cell(_rest(failure_map), columns=5)))
+    counts = {
+        "not explained by any tested set": count_of(len(failure_map.unexplained), total),
+        "failed without dispersions": str(len(failure_map.nominal) or ""),
+        "analysed": count_of(total, failure_map.failed) if failure_map.failed > total else "",
+    }
+    for label, text in counts.items():
+        if text:
+            yield (Cell(""), Cell(label, head=True), Cell(""), Cell(text), Cell(""))
 
 
 def _typical(dispersion: Dispersed, names: Names) -> str:
@@ -240,47 +187,47 @@ def _typical(dispersion: Dispersed, names: Names) -> str:
     return f"{middle} ({low} to {high})" if low != high else middle
 
 
-def _rest(failure_map: ControllerFailures) -> str:
-    """Return the counts of failures outside all groups."""
-    total = failure_map.looked_at
-    counts = {
-        "not explained by any tested set": count_of(len(failure_map.unexplained), total),
-        "failed without dispersions": str(len(failure_map.nominal) or ""),
-        "analysed": count_of(total, failure_map.failed) if failure_map.failed > total else "",
-    }
-    return "; ".join(f"{label}: {count}" for label, count in counts.items() if count)
-
-
 def _rules_section(failures: Failures, names: Names) -> Section:
     """Return the section on failure modes and their rules, most frequent mode first."""
-    items: list[Item] = []
     ranked = sorted(
         failures.controllers.items(), key=lambda entry: -sum(kind.failures for kind in entry[1])
     )
-    for name, kinds in ranked:
-        if kinds:
-            lines = tuple(_rule_line(kind, failures.fewest_failures) for kind in kinds)
-            items += [Heading(names.label(name)), Bullets(lines)]
-    if not items:
+    groups = tuple(
+        grouped(
+            [row for kind in kinds for row in _rule_rows(kind, failures.fewest_failures)],
+            Cell(names.label(name), head=True),
+        )
+        for name, kinds in ranked
+        if kinds
+    )
+    if not groups:
         return Section(TITLE, (Text("No flight failed."),))
+    heads = (names.kind, "Failure", "Failed", "Region", "Of failures",
+             "Of other flights")  # fmt: skip
+    caption = (
+        "Regions in which failures are more frequent, with one or two parameters and thresholds "
+        "at deciles of the samples, significant in an exact test at a false-discovery rate of "
+        f"{percent(failures.false_discovery_rate, 1)}"
+    )
     command = (
         f"`abhv-mc explain {names.folder} --all` finds the smallest sets of dispersions with which "
         "the flights still fail; this page then shows them."
     )
-    rate = percent(failures.false_discovery_rate, 1)
-    note = (
-        "Each rule has one or two parameters with thresholds at deciles of the samples, and is "
-        f"significant in an exact test at a false-discovery rate of {rate}"
-    )
-    return Section(
-        TITLE, (*items, *([Text(command)] if names.campaign.can_rerun else []), Text(f"{note}."))
-    )
+    table = Table("Failure modes", heads, groups, caption, numbers=False)
+    return Section(TITLE, (table, *[Text(command)] * names.campaign.can_rerun))
 
 
-def _rule_line(kind: FailureKind, fewest: int) -> str:
-    rules = "; ".join(rule.rule for rule in kind.rules[:_LISTED]) or "no significant rule"
+def _rule_rows(kind: FailureKind, fewest: int) -> tuple[Row, ...]:
     few = f" (fewer than {fewest} flights)" if kind.failures < fewest else ""
-    return f"{kind.kind}, {count_of(kind.failures, kind.flights)}: {rules}{few}"
+    rows = [
+        (
+            Cell(rule.where),
+            Cell(percent(rule.failures_inside / rule.failures, 2)),
+            Cell(percent(rule.others_inside / rule.others, 2)),
+        )
+        for rule in kind.rules[:_LISTED]
+    ] or [(Cell(f"no significant rule{few}"), Cell(""), Cell(""))]
+    return grouped(rows, Cell(kind.kind), Cell(count_of(kind.failures, kind.flights)))
 
 
 FAILURES = Topic("failures", Failures, compute_failures, failure_section)

@@ -11,12 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.folder.histories import MOST_MEDIAN
 from abhv_mc.topics.figure_style import (
-    GRID,
     INK,
     LIMIT,
     REFERENCE,
@@ -63,7 +61,7 @@ class EnvelopePanel:
     limits: Sequence[tuple[Floats, Floats]] = ()
 
     @property
-    def excluded(self) -> tuple[Floats, NDArray[np.bool_]] | None:
+    def excluded(self) -> tuple[Floats, Mask] | None:
         """Times, and a mask of times at which no limit applies; None if a limit always applies."""
         if not self.limits:
             return None
@@ -247,27 +245,22 @@ def _draw_inset(axes: Axes, row: EnvelopeRow) -> None:
         middle = np.nanmedian(panel.bands["q50"])
         most = np.fmax.reduce([np.abs(band - middle) for band in panel.bands.values()])
         peaks.append((float(np.nanmax(most)), float(panel.x[np.nanargmax(most)])))
-    start, end = row.panels[0].x[0], row.panels[0].x[-1]
+    start, end = row.panels[0].x[[0, -1]]
     if end - start < 4.0 * _SHOWN:
         return
     center = float(np.clip(max(peaks)[1], start + _SHOWN, end - _SHOWN))
     low, high = axes.get_ylim()
     axes.set_yticks([tick for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high])
     axes.set_ylim(low, high + 0.75 * (high - low))
-    span, across = (center - _SHOWN, center + _SHOWN), axes.get_xaxis_transform()
-    axes.fill_between(span, 0.0, _INSET[1], transform=across, **_ENLARGED)
     # Grid lines of the panel that cross the inset would be mistaken for grid lines of the inset.
     axes.grid(visible=False, axis="x")
-    left, right = axes.get_xlim()
-    ticks = [tick for tick in axes.get_xticks() if left < tick < right]
-    axes.vlines(ticks, 0.0, _INSET[1], transform=across, color=GRID, linewidth=0.5, zorder=0.5)
+    axes.axvspan(center - _SHOWN, center + _SHOWN, 0.0, _INSET[1], **_ENLARGED)
     inset = axes.inset_axes(_INSET)
     inset.spines[:].set(visible=True, linewidth=0.4)
     _overlay(inset, row)
-    inset.set_xlim(*span)
+    inset.set_xlim(center - _SHOWN, center + _SHOWN)
     _set_y_limits(inset, row)
-    inset.set_xticks([float(np.ceil(center - _SHOWN)), float(np.floor(center + _SHOWN))])
-    inset.locator_params(axis="y", nbins=2)
+    inset.locator_params(nbins=2)
     inset.tick_params(length=2, pad=1)
 
 

@@ -251,7 +251,7 @@ def _make_room(figure: Figure, below: float) -> None:
             axes.set_position((left, (bottom * old + lifts[row]) / new, width, height * old / new))
 
 
-def controller_colors(names: Sequence[str]) -> dict[str, str]:
+def controller_colors(names: Iterable[str]) -> dict[str, str]:
     """Return a colour for each controller, chosen by its position in the campaign."""
     return {name: CYCLE[i % len(CYCLE)] for i, name in enumerate(names)}
 
@@ -342,7 +342,7 @@ def log_if_wide(axes: Axes, way: Literal["x", "y"], values: Sequence[Floats]) ->
     low, high = float(np.quantile(finite, 0.02)), float(finite.max())
     if high <= 20.0 * low:
         return False
-    axis = axes.xaxis if way == "x" else axes.yaxis
+    axis = getattr(axes, f"{way}axis")
     axes.set(**{f"{way}scale": "log"})
     subs = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0, 3.0) if high < 500.0 * low else (1.0,)
     axis.set_major_locator(LogLocator(base=10.0, subs=subs, numticks=12))
@@ -355,17 +355,16 @@ def draw_limits(
     axes: Axes, way: Literal["x", "y"], limits: Sequence[float], unit: str
 ) -> list[str]:
     """Draw the limits near the range of an axis; return notes on the limits not drawn."""
-    notes = []
+    notes, scale = [], getattr(axes, f"{way}axis").get_transform()
     for limit in limits:
-        ends = axes.get_xlim() if way == "x" else axes.get_ylim()
-        scale = (axes.xaxis if way == "x" else axes.yaxis).get_transform()
+        ends = getattr(axes, f"get_{way}lim")()
         # Distances are compared on the scale of the axis, which may be logarithmic.
-        low, high, place = scale.transform(np.array([*ends, limit]))
-        if low - 0.5 * (high - low) <= place <= high + 0.5 * (high - low):
+        low, high, position = scale.transform(np.array([*ends, limit]))
+        if low - 0.5 * (high - low) <= position <= high + 0.5 * (high - low):
             (axes.axvline if way == "x" else axes.axhline)(limit, label="limit", **LIMIT)
             room = 0.03 * (high - low)
-            wide = np.array([min(low, place - room), max(high, place + room)])
-            (axes.set_xlim if way == "x" else axes.set_ylim)(*scale.inverted().transform(wide))
+            wide = np.array([min(low, position - room), max(high, position + room)])
+            axes.set(**{f"{way}lim": scale.inverted().transform(wide)})
         else:
             sides = ("left", "right") if way == "x" else ("down", "up")
             words = ["limit", f"{limit:g}", unit, "further", sides[int(limit > ends[1])]]

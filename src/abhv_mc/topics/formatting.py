@@ -1,6 +1,11 @@
-"""Formatting of numbers to the precision of Monte Carlo estimates, and of parameters."""
+"""Formatting of numbers to the precision of Monte Carlo estimates, of parameters, and as JSON."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
 
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.io.phrases import THIN, grouped_digits
@@ -9,18 +14,10 @@ from abhv_mc.statistics.estimates import Interval
 MINUS = "\N{MINUS SIGN}"
 
 
-def _decimals(error: float) -> int:
-    """Return the number of decimals for one digit of an error, or two if the first is a 1."""
-    magnitude = math.floor(math.log10(error))
-    return -magnitude + (1 if error / 10.0**magnitude < 2.0 else 0)
-
-
 def fixed(value: float, decimals: int) -> str:
     """Format a number with a true minus sign; `decimals` of -1 rounds to tens."""
     text = grouped_digits(round(value, decimals), max(decimals, 0))
-    return (
-        text.replace("-", MINUS) if float(round(value, decimals)) != 0.0 else text.replace("-", "")
-    )
+    return text.replace("-", MINUS if round(value, decimals) else "")
 
 
 def significant(value: float | None, digits: int = 3) -> str:
@@ -55,7 +52,10 @@ def _places(interval: Interval) -> int | None:
         return None
     largest = max(map(abs, (value, *ends)))
     leading = -math.floor(math.log10(largest)) if largest else 0
-    decimals = min(max(_decimals(error), leading), leading + 3)
+    # one digit of the error, or two if the first is a 1
+    magnitude = math.floor(math.log10(error))
+    own = -magnitude + (error / 10.0**magnitude < 2.0)
+    decimals = min(max(own, leading), leading + 3)
     # A nonzero bound should not be printed as zero.
     return decimals + any(end and round(end, decimals) == 0.0 for end in ends)
 
@@ -182,3 +182,29 @@ def spoken_name(name: str) -> str:
 def parameter_doc(name: str, parameters: Parameters) -> str:
     """Return the description of a parameter."""
     return parameters[name].doc if name in parameters else ""
+
+
+def json_data(value: Any) -> Any:
+    """Return a value as JSON data; infinite and missing numbers become None."""
+    if value is None or isinstance(value, str | int):
+        return value
+    if type(value) is float:
+        return value if math.isfinite(value) else None
+    if is_dataclass(value) and not isinstance(value, type):
+        return {item.name: json_data(getattr(value, item.name)) for item in fields(value)}
+    if hasattr(value, "_asdict"):  # named tuple
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(key): json_data(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_data(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return json_data(value.tolist())
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def level_name(level: float) -> str:
+    """Return the name of a quantile level, such as 'q95' for 0.95."""
+    return f"q{100.0 * level:g}"

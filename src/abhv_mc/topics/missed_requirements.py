@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from abhv_mc.array_types import Mask
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flights.metrics import Metric
@@ -14,7 +12,7 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 EARLY = "ended early"
 
 
-def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> NDArray[np.bool_]:
+def requirement_failures(flights: ControllerFlights, requirement: Requirement) -> Mask:
     """Return a mask [flight] of the flights that fail to meet a requirement.
 
     Early terminations count as failures unless the requirement judges their measured values.
@@ -23,9 +21,7 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
     return requirement.limits.failures(values, early & requirement.early_is_failure)
 
 
-def failed_anyhow(
-    flights: ControllerFlights, requirements: tuple[Requirement, ...]
-) -> NDArray[np.bool_]:
+def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> Mask:
     """Return a mask [flight] of flights that terminate early or miss a requirement."""
     failed = flights.failed.copy()
     for item in requirements:
@@ -43,7 +39,7 @@ def limit_words(metric: Metric, limits: Bounds) -> str:
     return f"{metric.label} {metric.with_unit(limits.symbols)}"
 
 
-def failure_kinds(results: FlownCampaign, controller: str) -> list[tuple[str, NDArray[np.bool_]]]:
+def failure_kinds(results: FlownCampaign, controller: str) -> list[tuple[str, Mask]]:
     """Return each failure mode that occurred, with a mask [flight] of its flights."""
     early = results.flights[controller].failed
     kinds = [(EARLY, early)]

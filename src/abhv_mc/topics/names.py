@@ -43,6 +43,11 @@ class Names:
     campaign: Experiment
     results: FlownCampaign = field(repr=False)
 
+    @property
+    def kind(self) -> str:
+        """Heading of columns of controllers, such as 'Controller'."""
+        return self.campaign.kind.capitalize()
+
     def label(self, controller: str) -> str:
         """Return a controller's printed name."""
         return self.controllers.get(controller, controller)
@@ -50,17 +55,15 @@ class Names:
 
 def names_of(results: FlownCampaign, page: Path | None = None) -> Names:
     """Return a campaign's names; the results folder is relative to folder ``page``, if given."""
-    labels, campaign = full_labels(results.folder, results.controllers), results.campaign
-    target = results.folder
+    campaign, target = results.campaign, results.folder
     if page is not None:
         target = Path(os.path.relpath(target.absolute(), page.absolute()))
-    folder = shlex.quote(target.as_posix())
     return Names(
-        controllers=labels,
+        controllers=full_labels(results.folder, results.controllers),
         metrics=campaign.metrics,
         asked=results.asked,
         requirements=campaign.requirements,
-        folder=folder,
+        folder=shlex.quote(target.as_posix()),
         campaign=campaign,
         results=results,
     )

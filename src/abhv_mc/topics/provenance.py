@@ -1,4 +1,4 @@
-"""Provenance of results: campaign, program, machine, digests and hashes."""
+"""Provenance of results (program, machine, hashes), and their credibility by NASA-STD-7009."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -7,10 +7,10 @@ import numpy as np
 
 from abhv_mc.campaign.sampling.marginals import find_atoms
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.topics.credibility import credibility_fold
-from abhv_mc.topics.formatting import significant
+from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.topics.formatting import count_of, percent, significant
 from abhv_mc.topics.names import Names, full_labels
-from abhv_mc.topics.section import Cell, Fold, Section, Table, Text
+from abhv_mc.topics.section import Fold, Section, Table, Text, make_row
 from abhv_mc.topics.topic import Topic
 
 
@@ -51,21 +51,6 @@ _TOLD_ELSEWHERE = (
 )  # fmt: skip
 
 
-def _rows(manifest: Mapping[str, object]) -> Iterator[tuple[str, str]]:
-    """Yield the flattened entries of the manifest as pairs of label and value."""
-    for key, value in manifest.items():
-        if key in _TOLD_ELSEWHERE:
-            continue
-        label = key.replace("_", " ")
-        if isinstance(value, dict):
-            yield from (
-                (f"{label}: {inner.replace('_', ' ')}", _words(item))
-                for inner, item in value.items()
-            )
-        else:
-            yield label, _words(value)
-
-
 def _words(value: object) -> str:
     if isinstance(value, float):
         return significant(value, 4)
@@ -76,41 +61,89 @@ def _words(value: object) -> str:
     return "\N{EM DASH}" if value is None else str(value)
 
 
-def _categories(names: Names) -> Iterator[tuple[str, str]]:
-    """Yield how many values of each parameter of categories were drawn."""
-    campaign = names.campaign
-    for name, drawn in names.results.samples.items():
-        if name in campaign.parameters and campaign.parameters[name].is_category:
-            values = find_atoms(campaign.marginals[name]) if name in campaign.marginals else drawn
-            yield name, f"{len(np.unique(drawn))} of {len(np.unique(values))} drawn"
+_CREDIBILITY = (
+    "The table lists the evidence in this folder for the credibility factors of NASA-STD-7009. The "
+    "user must assess it and add further evidence."
+)
+
+
+def credibility_fold(names: Names) -> Fold:
+    """Return the table of the eight credibility factors."""
+    rows = tuple(make_row(*factor) for factor in _factors(names))
+    title = "Credibility (NASA-STD-7009)"
+    heads = ("Factor", "Evidence in this folder")
+    return Fold(title, (Text(_CREDIBILITY), Table(title, heads, (rows,), numbers=False)))
+
+
+def _factors(names: Names) -> Iterator[tuple[str, str]]:
+    campaign, manifest = names.campaign, names.results.manifest
+    version = manifest.versions.get("abhv_mc", "")
+    verified = f"abhv-mc {version} computed the statistics; the simulator is the user's."
+    if not campaign.can_rerun:
+        verified = f"abhv-mc {version} computed the statistics; the flights come from a table."
+    elif campaign.simulator.mission:
+        verified = f"abhv-mc {version}. `make verify` in a checkout compares with published data."
+    if manifest.repeatable is not None:
+        verified += f" {manifest.repeatable.sentence}"
+    yield "Verification", verified
+    yield (
+        "Validation",
+        f"None. `abhv-mc place FLIGHT.csv {names.folder}` compares test flights with these.",
+    )
+    unknowns = campaign.unknowns
+    yield (
+        "Input pedigree",
+        f"Dispersed inputs: {len(names.results.dispersed)}; unknowns: {len(unknowns.names)}, "
+        f"points: {len(unknowns.points)}; input files with SHA-256: {len(manifest.inputs)}. "
+        "Sources of the distributions are not recorded.",
+    )
+    required = names.requirements
+    sampled = f"Flights: {grouped_digits(manifest.runs_done)} ({campaign.sampling})"
+    risks = sorted({item.consumer_risk for item in required})
+    if required and campaign.judged:
+        risk = ", ".join(percent(risk, 2) for risk in risks)
+        sampled += f"; consumer's risk: {risk}, valid for repeated checks"
+    yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."
+    yield (
+        "Results robustness",
+        "This report lists the drivers of each error. `abhv-mc worst` searches for worst cases, "
+        "and `abhv-mc rare` for rare failures.",
+    )
+    started = f"Run {manifest.started}. " if manifest.started else ""
+    yield "Use history", f"{started}Earlier uses are not recorded."
+    traced = sum(bool(item.traced) for item in required)
+    management = f"Commit {manifest.commit or 'not known'}; campaign {manifest.campaign_hash[:12]}"
+    if required:
+        management += f"; requirements traced to a source: {count_of(traced, len(required))}"
+    yield "M&S management", f"{management}. The manifest contains the SHA-256 of every file."
+    yield "People qualifications", "Not recorded."
 
 
 def _section(_found: Provenance, names: Names) -> Section:
-    rerun, manifest = "", names.results.manifest
-    if names.campaign.can_rerun:
-        rerun = (
-            f"Reproduce this campaign with `abhv-mc run {names.folder}/campaign.yaml -o "
-            "ANOTHER_FOLDER`; "
-        )
-        rerun += "the digest must match. "
+    rerun = (
+        f"Reproduce this campaign with `abhv-mc run {names.folder}/campaign.yaml -o "
+        "ANOTHER_FOLDER`; the digest must match. "
+    ) * names.campaign.can_rerun
     text = (
         f"{rerun}Remake this page with `abhv-mc report {names.folder}`. Check its numbers against "
         f"the data with `abhv-mc verify campaign {names.folder}`. `report.json` next to this page "
         "has every number unrounded and the SHA-256 of every source file."
     )
-    rows = [*_rows(manifest.as_entries()), *_categories(names)]
-    manifest_rows = tuple((Cell(key, head=True), Cell(value)) for key, value in rows)
-    return Section(
-        "Reproducibility",
-        (
-            Text(text),
-            credibility_fold(names),
-            Fold(
-                "Provenance",
-                (Table("Provenance", ("Item", "Value"), (manifest_rows,), numbers=False),),
-            ),
-        ),
-    )
+    campaign, rows = names.campaign, []
+    for key, value in names.results.manifest.as_entries().items():
+        if key not in _TOLD_ELSEWHERE:
+            inner = value if isinstance(value, dict) else {"": value}
+            for name, item in inner.items():
+                label = f"{key}: {name}".removesuffix(": ").replace("_", " ")
+                rows.append((label, _words(item)))
+    for name, drawn in names.results.samples.items():
+        if name in campaign.parameters and campaign.parameters[name].is_category:
+            values = find_atoms(campaign.marginals[name]) if name in campaign.marginals else drawn
+            rows.append((name, f"{len(np.unique(drawn))} of {len(np.unique(values))} drawn"))
+    group = tuple(make_row(*row) for row in rows)
+    table = Table("Provenance", ("Item", "Value"), (group,), numbers=False)
+    items = Text(text), credibility_fold(names), Fold(table.title, (table,))
+    return Section("Reproducibility", items)
 
 
 PROVENANCE = Topic("provenance", Provenance, compute_provenance, _section)

@@ -5,7 +5,8 @@ Text between backticks is literal, such as a command, a file name or a key.
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import compress
 from math import isfinite
 from textwrap import wrap
 from typing import TypeAlias
@@ -23,37 +24,46 @@ class Cell:
 
     text: str
     note: str = ""  # small text next to the value, such as an interval
-    rows: int = 1  # number of rows that the cell spans; the rows below the first omit the cell
-    columns: int = 1
+    rows: int = 1  # number of rows that the cell spans; 0 for its repetitions in these rows
     head: bool = False  # whether the cell is a row header
     verdict: bool = False  # whether the cell is a verdict: PASS, FAIL, NOT SHOWN or ESTIMATE
-    flight: tuple[str, int] | None = (
-        None  # controller and number of the flight that a click on the cell shows
-    )
+    # controller and number of the flight that a click on the cell shows
+    flight: tuple[str, int] | None = None
     hint: str = ""  # tooltip
     best: bool = False  # whether the cell is bold on a page, and marked by * in text
+
+    @property
+    def plain(self) -> str:
+        """Text with the note in parentheses."""
+        return f"{self.text}{'*' * self.best}{f' ({self.note})' if self.note else ''}"
 
 
 def interval_cell(interval: Interval) -> Cell:
     """Return an estimate with its interval, or 'not reached' if it is infinite."""
-    return (
-        Cell(estimate(interval), bounds(interval))
-        if isfinite(interval.value)
-        else Cell("not reached")
-    )
+    if not isfinite(interval.value):
+        return Cell("not reached")
+    return Cell(estimate(interval), bounds(interval))
 
 
 Row: TypeAlias = tuple[Cell, ...]
 
 
+def make_row(head: str, *texts: str) -> Row:
+    """Return a row of a header cell and further cells of text."""
+    return (Cell(head, head=True), *map(Cell, texts))
+
+
 def grouped(rows: Sequence[Row], *heads: Cell) -> tuple[Row, ...]:
     """Return the rows, preceded by header cells that span all rows."""
-    return ((*(replace(head, rows=len(rows)) for head in heads), *rows[0]), *rows[1:])
+    return tuple(
+        (*(replace(head, rows=0 if k else len(rows)) for head in heads), *row)
+        for k, row in enumerate(rows)
+    )
 
 
 @dataclass(frozen=True)
 class Table:
-    """Table whose rows form groups; a cell may span several rows of a group."""
+    """Table whose rows form groups; the first cells of a group may span its rows."""
 
     title: str
     heads: tuple[str, ...]
@@ -62,98 +72,41 @@ class Table:
     numbers: bool = True  # whether most cells are numbers
 
     def plain_rows(self) -> list[list[str]]:
-        """Return all cells as text, each repeated in the rows and columns that it spans."""
-        rows: list[list[str]] = []
-        for group in self.groups:
-            lines = [[""] * len(self.heads) for _ in group]
-            for r, located_cells in enumerate(_places(group)):
-                for column, cell in located_cells:
-                    text = cell.text + "*" * cell.best
-                    text += f" ({cell.note})" if cell.note else ""
-                    for line in lines[r : r + cell.rows]:
-                        line[column : column + cell.columns] = [text] * cell.columns
-            rows += lines
-        return rows
+        """Return all cells as text, each repeated in the rows that it spans."""
+        return [[cell.plain for cell in row] for group in self.groups for row in group]
 
     def without_constant(self) -> "Table":
         """Return the table with its constant columns moved to the caption.
 
         Row headers are kept, and a table with a single row is unchanged.
         """
-        (rows,) = self.groups
-        texts = {column: {row[column].text for row in rows} for column in range(len(self.heads))}
-        constant = {
-            column: column_texts.pop()
-            for column, column_texts in texts.items()
-            if len(rows) > 1 and len(column_texts) == 1 and not rows[0][column].head
-        }
-        constants = [
-            f"{self.heads[column]}: {text}"
-            for column, text in constant.items()
-            if text not in _IDLE
+        columns = self._columns()
+        varies = [
+            len(cells) == 1 or cells[0].head or len({cell.text for cell in cells}) > 1
+            for cells in columns
         ]
-        caption = f"{self.caption or self.title}. In all rows: {'; '.join(constants)}"
-        return replace(
-            self,
-            heads=tuple(head for column, head in enumerate(self.heads) if column not in constant),
-            groups=(
-                tuple(
-                    tuple(cell for column, cell in enumerate(row) if column not in constant)
-                    for row in rows
-                ),
-            ),
-            caption=caption if constants else self.caption,
-        )
+        texts = [
+            f"{head}: {cells[0].text}"
+            for head, cells, is_varying in zip(self.heads, columns, varies, strict=True)
+            if not is_varying and cells[0].text not in _IDLE
+        ]
+        caption = f"{self.caption or self.title}. In all rows: {'; '.join(texts)}"
+        return replace(self._select(varies), caption=caption if texts else self.caption)
 
     def without_idle(self) -> "Table":
         """Return the table without columns whose cells are all empty or zero."""
-        placed = [_places(group) for group in self.groups]
-        used_columns = {
-            column
-            for located_rows in placed
-            for row in located_rows
-            for column, cell in row
-            if cell.head or cell.note or (cell.columns == 1 and cell.text not in _IDLE)
-        }
-        if len(used_columns) == len(self.heads) or not self.groups:
-            return self
-        groups = tuple(
-            tuple(
-                tuple(
-                    replace(cell, columns=width)
-                    for column, cell in row
-                    if (
-                        width := len(
-                            used_columns.intersection(range(column, column + cell.columns))
-                        )
-                    )
-                )
-                for row in located_rows
-            )
-            for located_rows in placed
-        )
-        return replace(
-            self,
-            heads=tuple(head for column, head in enumerate(self.heads) if column in used_columns),
-            groups=groups,
-        )
+        is_used = [
+            any(cell.head or cell.note or cell.text not in _IDLE for cell in cells)
+            for cells in self._columns()
+        ]
+        return self._select(is_used) if self.groups else self
 
+    def _columns(self) -> list[Row]:
+        return list(zip(*(row for group in self.groups for row in group), strict=True))
 
-def _places(group: tuple[Row, ...]) -> list[list[tuple[int, Cell]]]:
-    """Return each row's cells with their column numbers, allowing for cells that span rows."""
-    rows: list[list[tuple[int, Cell]]] = []
-    below: dict[int, int] = {}  # column -> number of further rows covered by a spanning cell
-    for row in group:
-        position, located = 0, []
-        for cell in row:
-            while below.get(position, 0):
-                position += 1
-            located.append((position, cell))
-            below |= dict.fromkeys(range(position, position + cell.columns), cell.rows)
-            position += cell.columns
-        below = {column: left - 1 for column, left in below.items()}
-        rows.append(located)
-    return rows
+    def _select(self, is_used: Sequence[bool]) -> "Table":
+        groups = (tuple(tuple(compress(row, is_used)) for row in group) for group in self.groups)
+        return replace(self, heads=tuple(compress(self.heads, is_used)), groups=tuple(groups))
 
 
 @dataclass(frozen=True)
@@ -197,18 +150,12 @@ class Records:
 
     def at(self, folder: str) -> "Records":
         """Return the records with the results ``folder`` in place of DIR in commands."""
-        return Records(
-            tuple(
-                Record(
-                    record.label,
-                    tuple(
-                        replace(entry, text=re.sub(r"\bDIR\b", lambda _: folder, entry.text))
-                        for entry in record.entries
-                    ),
-                )
-                for record in self.records
-            )
-        )
+        records = []
+        for record in self.records:
+            texts = (re.sub(r"\bDIR\b", lambda _: folder, entry.text) for entry in record.entries)
+            entries = map(Entry, (entry.names for entry in record.entries), texts)
+            records.append(Record(record.label, tuple(entries)))
+        return Records(tuple(records))
 
     def __repr__(self) -> str:
         """Return the records as text of at most 80 columns, with unbroken commands."""
@@ -236,20 +183,12 @@ def make_records(texts: Iterable[tuple[str, str]]) -> Records:
 
 
 @dataclass(frozen=True)
-class Bullets:
-    """List of sentences, one per line."""
-
-    sentences: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class FigureText:
-    """File name, title, caption and alternative text of a figure."""
+    """File name, title and caption of a figure."""
 
     name: str  # file name without suffix
     title: str
     caption: str
-    alt: str = "The caption and the tables describe this figure."  # description for screen readers
 
 
 @dataclass(frozen=True)
@@ -281,7 +220,7 @@ class Fold:
     items: "tuple[Item, ...]"
 
 
-Item: TypeAlias = Text | Records | Bullets | Table | Picture | Widget | Heading | Fold
+Item: TypeAlias = Text | Records | Table | Picture | Widget | Heading | Fold
 
 
 @dataclass(frozen=True)
@@ -289,7 +228,7 @@ class Section:
     """Section of a topic, with its heading."""
 
     title: str
-    items: tuple[Item, ...] = field(default=())
+    items: tuple[Item, ...] = ()
     part: bool = False  # whether the section belongs under the previous section's heading
 
     def without_idle(self) -> "Section":

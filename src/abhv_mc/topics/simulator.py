@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.topics.formatting import fixed
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Bullets, Cell, Item, Row, Section, Table, Text
+from abhv_mc.topics.section import Item, Section, Table, make_records, make_row
 from abhv_mc.topics.topic import Topic
 
 _SHOWN = 20  # maximum number of reasons listed per system
@@ -70,45 +70,35 @@ def compute_simulator(results: FlownCampaign) -> SimulatorFacts:
 def _section(facts: SimulatorFacts, names: Names) -> Section | None:
     if names.campaign.simulator.capabilities.is_repeatable and not facts.reasons:
         return None
-    items: list[Item] = []
-    if facts.repeatable is not None:
-        items.append(Text(Repeatability(facts.repeatable).sentence))
-    if facts.events:
-        rows = tuple(
-            (
-                Cell(names.label(name), head=True),
-                Cell(_EVENTS.get(event, event)),
-                Cell(fixed(count, 0)),
-            )
-            for name, events in facts.events.items()
-            for event, count in events.items()
-        )
-        columns = (names.campaign.kind.capitalize(), "Event", "Count")
-        items.append(Table("Events of the simulator's processes", columns, (rows,), numbers=False))
-    if facts.notes:
-        items.append(Bullets(tuple(f"{note[:1].upper()}{note[1:]}." for note in facts.notes)))
-    if facts.files:
-        items.append(
-            Text(f"Files of the simulator, whose hashes are stored: {', '.join(facts.files)}")
-        )
-    if facts.reasons:
-        groups = tuple(
-            tuple(_row(names.label(name), reason) for reason in reasons[:_SHOWN])
-            for name, reasons in facts.reasons.items()
-        )
-        heads = (names.campaign.kind.capitalize(), "Reason", "Flights", "First flight")
-        title = "Flights that failed to run, by reason"
-        items.append(Table(title, heads, groups, numbers=False))
-    return Section("Simulator", tuple(items)) if items else None
-
-
-def _row(label: str, reason: FailureReason) -> Row:
-    return (
-        Cell(label, head=True),
-        Cell(reason.reason),
-        Cell(fixed(reason.flights, 0)),
-        Cell(str(reason.first)),
+    events = tuple(
+        make_row(names.label(name), _EVENTS.get(event, event), grouped_digits(count))
+        for name, events in facts.events.items()
+        for event, count in events.items()
     )
+    reasons = tuple(
+        tuple(
+            make_row(names.label(name), item.reason, grouped_digits(item.flights), str(item.first))
+            for item in listed[:_SHOWN]
+        )
+        for name, listed in facts.reasons.items()
+    )
+    tables = (
+        Table("Events of the simulator's processes", (names.kind, "Event", "Count"), (events,),
+              numbers=False),
+        Table("Flights that failed to run, by reason",
+              (names.kind, "Reason", "Flights", "First flight"), reasons, numbers=False),
+    )  # fmt: skip
+    repeatable = facts.repeatable
+    records = make_records(
+        [
+            ("Repeatable", Repeatability(repeatable).sentence if repeatable else ""),
+            *(("Note", note) for note in facts.notes),
+            ("Files with stored hashes", ", ".join(facts.files)),
+        ]
+    )
+    items: list[Item] = [records] if records.records else []
+    items += [table for table in tables if any(table.groups)]
+    return Section("Simulator", tuple(items)) if items else None
 
 
 SIMULATOR = Topic("simulator", SimulatorFacts, compute_simulator, _section)

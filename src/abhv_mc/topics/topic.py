@@ -40,8 +40,7 @@ class Topic(Generic[M]):
     """Report topic whose ``compute`` returns a model, a frozen dataclass of numbers.
 
     The section and figures are made from the model and :class:`Names`, which also gives
-    access to the campaign and its results. A field with ``metadata={DRAWN: True}``
-    (:mod:`abhv_mc.topics.json_data`) is used only for figures and omitted from JSON.
+    access to the campaign and its results.
     """
 
     # name of the topic in report.json, in `abhv-mc show NAME DIR` and in the results
@@ -75,15 +74,15 @@ class Models:
     @cached_property
     def users(self) -> tuple["Topic[Any]", ...]:
         """Custom topics that do not fail for this campaign; failures are reported on stderr."""
-        return tuple(topic for topic in user_topics() if self._can_be_made(topic))
-
-    def _can_be_made(self, topic: Topic[Any]) -> bool:
-        try:
-            self.section(topic)
-        except Exception:
-            _tell_failure(topic.name)
-            return False
-        return True
+        topics = []
+        for topic in user_topics():
+            try:
+                self.section(topic)
+            except Exception:
+                _tell_failure(topic.name)
+            else:
+                topics.append(topic)
+        return tuple(topics)
 
     def section(self, topic: Topic[Any]) -> Section | None:
         """Return a topic's section."""

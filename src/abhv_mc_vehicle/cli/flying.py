@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from abhv_mc.cli.options import Json, parse_option
-from abhv_mc.cli.outputs import output, output_folder
+from abhv_mc.cli.options import Json, output, output_folder, parse_option
 from abhv_mc.cli.printing import (
     announce_warnings,
     new_table,

@@ -10,10 +10,12 @@ from abhv_mc.cli.options import (
     Json,
     TrustCode,
     controller_option,
+    output,
+    output_file,
+    output_folder,
     parse_names,
     parse_option,
 )
-from abhv_mc.cli.outputs import output, output_file, output_folder
 from abhv_mc.cli.printing import (
     announce_warnings,
     new_table,
@@ -262,7 +264,7 @@ def _find_flown(
 
 
 def _print_rows(title: str, rows: list[dict[str, Any]], stability: "Stability") -> None:
-    from abhv_mc.topics.margins.model import loop_name
+    from abhv_mc.topics.margins import loop_name
     from abhv_mc_vehicle.stability.analysis import NO_SLOPES
 
     if not stability.poles[0].size:

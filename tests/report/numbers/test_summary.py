@@ -15,8 +15,7 @@ from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.report.numbers.summary import read_summary, summarize
 from abhv_mc.topics.comparison.model import make_standings
-from abhv_mc.topics.formatting import percent
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import json_data, percent
 from abhv_mc.topics.topic import Models
 
 REQUIRED = (

@@ -105,7 +105,7 @@ def find_slips(campaign: Experiment) -> list[str]:
 def _requirements(campaign: Experiment) -> Iterator[InputError]:
     document, entries = campaign.document, campaign.requirements
     for i, entry in enumerate(entries):
-        low, high = entry.limits
+        low, high = entry.limits.low, entry.limits.high
         if not campaign.metrics[entry.metric].never_negative:
             continue
         if high is not None and high <= 0.0:

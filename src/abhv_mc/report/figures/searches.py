@@ -232,13 +232,8 @@ def plot_flights(
             axes.plot(times, curve, label=name, **style)
             recorded = np.flatnonzero(np.isfinite(curve))
             if recorded.size and recorded[-1] < times.size - 1:
-                axes.plot(
-                    times[recorded[-1]],
-                    curve[recorded[-1]],
-                    "x",
-                    color=style["color"],
-                    markersize=5,
-                )
+                end = times[recorded[-1]], curve[recorded[-1]]
+                axes.plot(*end, "x", color=style["color"], markersize=5)
         axes.set_ylabel(label)
         pad_if_flat(axes)
     for limit in limits:
@@ -265,26 +260,12 @@ def plot_planned(planned: Planned) -> Figure:
     )
     for axes, entry in zip(grid.flat, entries, strict=False):
         for chance, color in zip(entry.pass_chance, _PLANNED, strict=True):
-            axes.plot(
-                rates,
-                chance.at_some_flight,
-                color=color,
-                label=f"at some flight up to {chance.runs}",
-            )
-            axes.plot(
-                rates,
-                chance.at_runs,
-                color=color,
-                linestyle=(0, (5, 1.5)),
-                label=f"at {chance.runs}",
-            )
-        axes.axhline(
-            entry.risk_used,
-            color=INK,
-            linewidth=0.8,
-            linestyle=(0, (1, 1)),
-            label="consumer's risk",
-        )
+            label = f"at some flight up to {chance.runs}"
+            axes.plot(rates, chance.at_some_flight, color=color, label=label)
+            dashed = {"linestyle": (0, (5, 1.5)), "label": f"at {chance.runs}"}
+            axes.plot(rates, chance.at_runs, color=color, **dashed)
+        dotted = {"linewidth": 0.8, "linestyle": (0, (1, 1)), "label": "consumer's risk"}
+        axes.axhline(entry.risk_used, color=INK, **dotted)
         title_panel(axes, f"{entry.words} in {100.0 * entry.probability:g} %")
     if len(entries) > 1:
         axes = grid.flat[len(entries)]

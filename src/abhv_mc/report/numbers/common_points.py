@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from abhv_mc.array_types import Indices, Ints
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.input_error import InputError
@@ -47,7 +47,7 @@ def restrict_to_common_points(
     return _restrict(a, pairs[:, 0]), _restrict(b, pairs[:, 1])
 
 
-def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign:
+def _restrict(results: FlownCampaign, points: Indices) -> FlownCampaign:
     """Return the results with only the flights at the given points, in the given order."""
     total = len(results.campaign.unknowns.points)
     if np.array_equal(points, np.arange(total)):
@@ -55,7 +55,7 @@ def _restrict(results: FlownCampaign, points: NDArray[np.intp]) -> FlownCampaign
     order = np.full(total, -1)
     order[points] = np.arange(len(points))
 
-    def renumber(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    def renumber(numbers: Ints) -> tuple[Ints, Indices]:
         """Return new flight numbers in ascending order, and the row of each number."""
         position = order[numbers % total]
         rows = np.flatnonzero(position >= 0)

@@ -17,7 +17,7 @@ from abhv_mc.io.phrases import counted, grouped_digits, quoted
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.common_points import restrict_to_common_points
 from abhv_mc.statistics.gate import RISK, Gate, judge_change
-from abhv_mc.statistics.paired import PairedFailures
+from abhv_mc.statistics.winner import PairedFailures
 from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
 from abhv_mc.topics.formatting import percent, significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
@@ -59,12 +59,10 @@ def require_same_samples(
     ``samples_a`` belongs to ``folder`` and ``samples_b`` to ``path``; the message names both.
     """
     expected = f"the samples of {folder}"
-    for name in samples_a:
-        if name not in samples_b:
-            raise InputError(path, f"the samples have no column '{name}'", expected)
-    for name in samples_b:
-        if name not in samples_a:
-            raise InputError(path, f"the samples have the additional column '{name}'", expected)
+    for name in {**samples_a, **samples_b}:
+        if name not in samples_b or name not in samples_a:
+            kind = "additional" if name in samples_b else "no"
+            raise InputError(path, f"the samples have {kind} column '{name}'", expected)
     for name, values in samples_a.items():
         values_b = samples_b[name]
         count = min(values.size, values_b.size)
@@ -186,7 +184,7 @@ def compare_results(
                     **vars(pair),
                     controllers=(name_a, name_b),
                     any_failure=compare_any_failures(*flights, requirements),
-                    newly_lost=int(newly_lost.sum()),
+                    newly_lost=newly_lost.sum(),
                     not_worse=gates,
                 )
             )

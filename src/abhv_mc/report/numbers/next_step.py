@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.phrases import grouped_digits
@@ -18,8 +18,7 @@ _MOST_LONGER = 100
 _ASSUMPTION = "chance for the present failure counts (Jeffreys prior), failure rates independent"
 
 
-@dataclass(frozen=True)
-class NextStep:
+class NextStep(NamedTuple):
     """Recommended next step."""
 
     why: str

@@ -118,7 +118,11 @@ def plan_campaign(campaign: Experiment) -> Planned:
                 ),
             )
         )
-    points, flights = _points(campaign)
+    unknowns, points, flights = len(campaign.unknowns.names), len(campaign.unknowns.points), 0
+    if unknowns and model.points is None:
+        points = most_points(unknowns, verdicts)
+        flights = search_flights(unknowns, len(model.requirements), runs)
+        flights *= len(campaign.controllers)
     return Planned(
         name=model.name,
         runs=runs,
@@ -140,13 +144,3 @@ def plan_campaign(campaign: Experiment) -> Planned:
         most_points=points,
         search_flights=flights,
     )
-
-
-def _points(campaign: Experiment) -> tuple[int, int]:
-    """Return the largest numbers of points of the unknowns and of flights that search for them."""
-    unknowns, requirements = len(campaign.unknowns.names), len(campaign.requirements)
-    if not unknowns or campaign.model.points is not None:
-        return len(campaign.unknowns.points), 0
-    controllers = len(campaign.controllers)
-    search_runs = controllers * search_flights(unknowns, requirements, campaign.runs_at_point)
-    return most_points(unknowns, controllers * requirements), search_runs

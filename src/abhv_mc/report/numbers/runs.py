@@ -12,8 +12,7 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.stores import read_status
 from abhv_mc.interfaces import Store
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.stored_numbers import read_current_numbers
-from abhv_mc.report.numbers.summary import parse_summary
+from abhv_mc.report.numbers.summary import parse_summary, read_current_numbers
 
 COMPARISON_FILE = "comparison.json"  # file with the numbers of a comparison, next to its page
 _MANIFEST = "manifest.json"

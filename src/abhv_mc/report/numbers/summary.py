@@ -1,14 +1,17 @@
-"""Summary of a campaign as labelled records, and the records on statistical confidence."""
+"""Summary of a campaign as labelled records, stored numbers, and statistical confidence."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from abhv_mc.flights.metrics import GAIN_MARGIN, PHASE_MARGIN
-from abhv_mc.folder.manifest import Manifest
+from abhv_mc.folder.manifest import Manifest, hash_entries
 from abhv_mc.folder.merge import suggest_merge
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.report.numbers.next_step import find_next_step
-from abhv_mc.report.numbers.stored_numbers import read_current_numbers
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import label_status
 from abhv_mc.statistics.winner import RISK
@@ -17,18 +20,10 @@ from abhv_mc.topics.comparison.model import make_standings
 from abhv_mc.topics.drivers import DRIVERS, driver_text
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.model import ended_words
-from abhv_mc.topics.formatting import (
-    count_of,
-    fixed,
-    percent,
-    shown_value,
-    significant,
-    spoken_name,
-)
-from abhv_mc.topics.margins import MARGINS, missing_margins
-from abhv_mc.topics.margins.model import corners_unstable, least_margins
+from abhv_mc.topics.formatting import count_of, percent, shown_value, significant, spoken_name
+from abhv_mc.topics.margins import MARGINS, corners_unstable, least_margins, missing_margins
 from abhv_mc.topics.metrics import METRICS
-from abhv_mc.topics.section import Entry, Record, Records
+from abhv_mc.topics.section import Entry, Record, Records, make_records
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 
@@ -38,8 +33,12 @@ _DETAILED = 4  # largest number of controllers for which missed requirements are
 
 def summarize(models: Models) -> Records:
     """Return the summary of a campaign; DIR in its commands is the results folder."""
-    known = f"{fixed(models.results.changed_after, 0)} flights known: "
+    known = f"{grouped_digits(models.results.changed_after)} flights known: "
     changes = tuple(Entry((), f"{known}{item}") for item in models.results.requirement_changes)
+    next_step = ""
+    if step := find_next_step(models):
+        next_step = f"`{step.command}`: " * bool(step.command) + step.why
+        next_step += f" ({step.assumption})" * bool(step.assumption)
     records = (
         *_answers(models),
         *_verdict_records(models),
@@ -49,37 +48,26 @@ def summarize(models: Models) -> Records:
         Record("Changed after results", changes),
         Record("Risk", tuple(_risk_entries(models))),
         Record("Missing", tuple(_missing_entries(models))),
-        Record("Next", tuple(_next_entries(models))),
+        Record("Next", (Entry((), next_step),) if step else ()),
     )
     labels = list(_labels(models).values())
+
+    def shorten(entry: Entry) -> Entry:
+        """Return an entry on most of many controllers with the names of exceptions instead."""
+        exceptions = [label for label in labels if label not in entry.names]
+        if len(entry.names) <= max(_DETAILED, len(exceptions)):
+            return entry
+        names = f"all but {', '.join(exceptions)}" if exceptions else "all"
+        return Entry((names,), entry.text)
+
     return Records(
-        tuple(
-            Record(record.label, tuple(_shorten(entry, labels) for entry in record.entries))
-            for record in records
-            if record.entries
-        )
+        tuple(Record(x.label, tuple(map(shorten, x.entries))) for x in records if x.entries)
     )
-
-
-def _shorten(entry: Entry, labels: Sequence[str]) -> Entry:
-    """Return an entry on most of many controllers with the names of the exceptions instead."""
-    exceptions = [label for label in labels if label not in entry.names]
-    if len(entry.names) <= max(_DETAILED, len(exceptions)):
-        return entry
-    return Entry((f"all but {', '.join(exceptions)}" if exceptions else "all",), entry.text)
 
 
 def parse_summary(entry: Any) -> Records:
     """Return the summary stored as `summary` in a `report.json`."""
-    return Records(
-        tuple(
-            Record(
-                record["label"],
-                tuple(Entry(tuple(item["names"]), item["text"]) for item in record["entries"]),
-            )
-            for record in entry["records"]
-        )
-    )
+    return TypeAdapter(Records).validate_python(entry)
 
 
 def read_summary(folder: Path, manifest: Manifest) -> Records | None:
@@ -141,10 +129,7 @@ def _verdict_records(models: Models) -> Iterator[Record]:
         return
     meeting: dict[int, list[str]] = {}
     shortfalls: dict[str, dict[str, str]] = {
-        "FAIL": {},
-        "NOT SHOWN": {},
-        "ESTIMATE": {},
-        _LATER: {},
+        status: {} for status in ("FAIL", "NOT SHOWN", "ESTIMATE", _LATER)
     }
     for name, label in labels.items():
         own = verdicts.verdicts_of(name)
@@ -182,7 +167,7 @@ def _verdict_records(models: Models) -> Iterator[Record]:
     if estimates := _grouped(shortfalls["ESTIMATE"]):
         reason = (Entry((), models.names.campaign.dependence),)
         yield Record("Estimates, no verdicts", (*estimates, *reason))
-    yield Record("Flights needed", (Entry((), fixed(max(needed), 0)),) if needed else ())
+    yield Record("Flights needed", (Entry((), grouped_digits(max(needed))),) if needed else ())
 
 
 def _comparison_records(models: Models) -> Iterator[Record]:
@@ -206,13 +191,8 @@ def _comparison_records(models: Models) -> Iterator[Record]:
             better.setdefault(standing.winner, []).append(phrase + detail)
         else:
             not_beaten.setdefault(standing.not_beaten, []).append(phrase)
-    yield Record(
-        "Better in",
-        tuple(
-            Entry((names.label(name),), ", ".join(phrases))
-            for name, phrases in sorted(better.items())
-        ),
-    )
+    winners = (Entry((names.label(x),), ", ".join(better[x])) for x in sorted(better))
+    yield Record("Better in", tuple(winners))
     entries = []
     for controllers, phrases in sorted(not_beaten.items()):
         text = ", ".join(phrases)
@@ -282,21 +262,13 @@ def _least_margins(models: Models, *, only_poor: bool) -> dict[str, str]:
     return texts
 
 
-def _next_entries(models: Models) -> Iterator[Entry]:
-    if step := find_next_step(models):
-        command = f"`{step.command}`: " if step.command else ""
-        yield Entry((), f"{command}{step.why}{f' ({step.assumption})' * bool(step.assumption)}")
-
-
 def _risk_entries(models: Models) -> Iterator[Entry]:
     """Yield the consumer's risk of a PASS and the number of PASS verdicts that hold jointly."""
-    verdicts = models[VERDICTS]
-    joint = verdicts.held_together
+    joint = models[VERDICTS].held_together
     passed = joint.stand + len(joint.dropped) if joint else 0
     if joint and passed:
-        risk = max(entry.asked.consumer_risk for entry in verdicts.requirements)
         jointly = count_of(joint.stand, passed)
-        yield Entry((), f"{percent(risk, 2)} for each PASS; {jointly} PASS hold jointly")
+        yield Entry((), f"{_consumer_risk(models)} for each PASS; {jointly} PASS hold jointly")
 
 
 def _missing_entries(models: Models) -> Iterator[Entry]:
@@ -326,43 +298,65 @@ def warnings_of(models: Models) -> list[str]:
 
 def confidence_records(models: Models, warnings: Sequence[str] = ()) -> Records:
     """Return the basis of intervals and verdicts, with ``warnings`` as notes."""
-    campaign, requirements = models.results.campaign, models[VERDICTS].requirements
+    campaign, unknowns = models.results.campaign, models.results.campaign.unknowns
     numbers = sorted({counts.flown for counts in models[FLIGHTS].counts.values()})
-    flights = f"{', '.join(fixed(number, 0) for number in numbers)} of each {campaign.kind}"
-    basis = [Entry((), flights)]
-    records = [Record("Flights", tuple(basis))]
-    unknowns = campaign.unknowns
+    texts = [("Flights", f"{', '.join(map(grouped_digits, numbers))} of each {campaign.kind}")]
     if unknowns.names:
-        shared, count = unknowns.shared, len(unknowns.points)
-        judged = count if shared is None else shared
-        text = f"{fixed(campaign.runs_at_point, 0)} flights at each of {count} values; "
+        count = len(unknowns.points)
+        judged = count if unknowns.shared is None else unknowns.shared
+        text = f"{grouped_digits(campaign.runs_at_point)} flights at each of {count} values; "
         text += f"each verdict covers {count_of(judged, count)} values"
         text += ", and those with the most failures of its requirement" * (judged < count)
-        records.append(Record("Unknowns", (Entry((), text), Entry((), _BETWEEN))))
-    if not campaign.independent:
-        records.append(Record("Estimates", (Entry((), campaign.dependence),)))
+        texts += [("Unknowns", text), ("Unknowns", _BETWEEN)]
+    if campaign.independent:
+        risk = percent(RISK, 2)
+        text = f"{risk} for any wrong winner, {risk} for any wrong order of early terminations"
+        texts += [
+            ("Intervals", "95 % confidence at a single check"),
+            ("Risk of the comparison", text * campaign.judged),
+        ]
     else:
-        records.append(Record("Intervals", (Entry((), "95 % confidence at a single check"),)))
-        if campaign.judged:
-            text = f"{percent(RISK, 2)} for any wrong winner, {percent(RISK, 2)} for any wrong "
-            text += "order of early terminations"
-            records.append(Record("Risk of the comparison", (Entry((), text),)))
+        texts.append(("Estimates", campaign.dependence))
     if models[VERDICTS].held_together:
-        risk = percent(max(entry.asked.consumer_risk for entry in requirements), 2)
-        text = f"{risk} for a system that just misses a requirement, at any number of checks"
-        records.append(Record("Risk of a PASS", (Entry((), text),)))
+        text = "for a system that just misses a requirement, at any number of checks"
+        texts.append(("Risk of a PASS", f"{_consumer_risk(models)} {text}"))
     if campaign.model.stop:
-        text = f"every verdict PASS or FAIL, or {fixed(campaign.runs, 0)} flights"
-        records.append(Record("Stops at", (Entry((), text),)))
+        text = f"every verdict PASS or FAIL, or {grouped_digits(campaign.runs)} flights"
+        texts.append(("Stops at", text))
     siblings, command = suggest_merge(models.results.folder, models.results.manifest)
     if siblings:
-        records.append(Record("Other seeds", (Entry((), siblings), Entry((), f"`{command}`"))))
-    notes = dict.fromkeys((*warnings_of(models), *warnings))
-    records.append(Record("Note", tuple(Entry((), note) for note in notes)))
-    return Records(tuple(record for record in records if record.entries))
+        texts += [("Other seeds", siblings), ("Other seeds", f"`{command}`")]
+    texts += [("Note", note) for note in dict.fromkeys((*warnings_of(models), *warnings))]
+    return make_records(texts)
+
+
+def _consumer_risk(models: Models) -> str:
+    """Return the largest consumer's risk of the requirements."""
+    requirements = models[VERDICTS].requirements
+    return percent(max(entry.asked.consumer_risk for entry in requirements), 2)
 
 
 _BETWEEN = (
     "quantiles, envelopes and differences combine all values; a winner wins at every value; "
     "nothing is proven for values in between"
 )
+
+
+HASH = "hash"  # entry of `report.json` with the hash of all other entries
+
+
+def read_numbers(folder: Path) -> dict[str, Any] | None:
+    """Read a folder's `report.json` without its hash; None if missing or damaged."""
+    try:
+        content: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
+        return content if content.pop(HASH) == hash_entries(content) else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def read_current_numbers(folder: Path, manifest: Manifest) -> dict[str, Any] | None:
+    """Read a folder's `report.json`; None if missing, damaged or outdated."""
+    content = read_numbers(folder) or {}
+    state = manifest.digest, manifest.state, len(manifest.requirement_sets)
+    stored = *map(content.get, ("digest", "state")), content.get("requirement_sets", 0)
+    return content if stored == state else None

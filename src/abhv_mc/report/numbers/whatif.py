@@ -18,8 +18,8 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import InputError
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
-from abhv_mc.statistics.reweight import Unseen, effective_size, weighted_quantile, weighted_share
-from abhv_mc.topics.json_data import level_name
+from abhv_mc.statistics.reweight import effective_size, weighted_quantile, weighted_share
+from abhv_mc.topics.formatting import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 
 FEWEST_EFFECTIVE = 100.0  # minimum effective number of flights
@@ -89,7 +89,17 @@ def make_whatif(
         rows = samples[flights.flight]
         weights = weigh_flights(campaign, change, rows)
         effective, unseen = effective_size(weights), unseen_probability(campaign, change, rows)
-        _check_coverage(root, effective, unseen, flights)
+        total, most = flights.flight.size, max(unseen.single, unseen.joint)
+        if most > MOST_UNSEEN:
+            problem = (
+                f"{100.0 * most:.2g} % of the changed distribution lies outside the range of the "
+                f"{total} flights"
+            )
+            raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign")
+        if effective < (least := max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)):
+            problem = f"the effective number of flights is {effective:.0f} of {total}"
+            remedy = "use a smaller change, more flights, or a new campaign"
+            raise InputError(root, problem, f"at least {least:g} ({remedy})")
         metrics = {
             metric: _reweight_quantiles(flights, metric, weights, unseen.joint)
             for metric in results.metrics
@@ -98,7 +108,6 @@ def make_whatif(
             _reweight_requirement(flights, item, weights, unseen.joint)
             for item in results.campaign.requirements
         )
-        total = int(flights.flight.size)
         controllers[name] = WhatifController(total, effective, unseen.joint, reweighted, metrics)
     results.refuse_changes()
     labels = {name: results.campaign.metrics[name].as_texts() for name in results.metrics}
@@ -106,29 +115,11 @@ def make_whatif(
     return Whatif(change.before, change.after, stopped, results.compared, labels, controllers)
 
 
-def _check_coverage(
-    root: Path, effective: float, unseen: Unseen, flights: ControllerFlights
-) -> None:
-    total = flights.flight.size
-    most = max(unseen.single, unseen.joint)
-    if most > MOST_UNSEEN:
-        problem = (
-            f"{100.0 * most:.2g} % of the changed distribution lies outside the range of the "
-            f"{total} flights"
-        )
-        raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign")
-    least = max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)
-    if effective < least:
-        problem = f"the effective number of flights is {effective:.0f} of {total}"
-        remedy = "use a smaller change, more flights, or a new campaign"
-        raise InputError(root, problem, f"at least {least:g} ({remedy})")
-
-
 def _reweight_requirement(
     flights: ControllerFlights, item: Requirement, weights: Floats, unseen: float
 ) -> WhatifRequirement:
     failed = requirement_failures(flights, item)
-    count = int(failed.sum())
+    count = failed.sum()
     before = Interval(count / failed.size, *clopper_pearson(count, failed.size))
     shares = Pair(before, weighted_share(failed, weights, unseen))
     return WhatifRequirement(

@@ -11,12 +11,12 @@ from typing import Any
 
 from abhv_mc.folder.flights import Digest, parse_block_name, read_digest
 from abhv_mc.folder.hashes import data_files
-from abhv_mc.folder.layout import CampaignFolder, hash_file
+from abhv_mc.folder.layout import CampaignFolder, explain_os_error, hash_file, write_text
 from abhv_mc.folder.manifest import Manifest, hash_entries, read_manifest
 from abhv_mc.folder.merge import suggest_merge
 from abhv_mc.identity import code_hash
 from abhv_mc.io.input_error import InputError
-from abhv_mc.report.numbers.stored_numbers import HASH, read_numbers
+from abhv_mc.report.numbers.summary import HASH, read_numbers
 
 Stage = Callable[[str], AbstractContextManager[object]]
 
@@ -89,13 +89,6 @@ def is_up_to_date(folder: Path, baseline: Path | None = None) -> bool:
         return False
 
 
-_SIDE_OPTIONS: dict[str | None, tuple[str, ...]] = {
-    "high": ("--above",),
-    "low": ("--below",),
-    None: (),
-}
-
-
 def refuse_search(root: Path, manifest: Manifest) -> None:
     """Raise InputError, which names the command that makes the page, for a search's folder."""
     if manifest.search:
@@ -106,29 +99,15 @@ def refuse_search(root: Path, manifest: Manifest) -> None:
 def search_command(root: Path, manifest: Manifest) -> str:
     """Return the command that remakes the page of a search from its folder."""
     search = manifest.search or {}
-    arguments = [
-        "abhv-mc",
-        search["kind"],
-        str(root / "campaign.yaml"),
-        "--controller",
-        search["controller"],
-    ]
     if search["kind"] == "worst":
-        arguments += [
-            "--metric",
-            search["metric"],
-            *_SIDE_OPTIONS[search["bad"]],
-            "--box",
-            f"{search['box']:g}",
-        ]
+        options = ["--metric", search["metric"], "--box", f"{search['box']:g}"]
+        options += ["--above" if search["bad"] == "high" else "--below"] * bool(search["bad"])
     else:
-        arguments += [
-            "--requirement",
-            search["requirement"],
-            "--target-cov",
-            f"{search['target_cov']:g}",
-        ]
-    return shlex.join([*arguments, "--flights", str(search["flights"]), "-o", str(root)])
+        options = ["--requirement", search["requirement"]]
+        options += ["--target-cov", f"{search['target_cov']:g}"]
+    command = ["abhv-mc", search["kind"], str(root / "campaign.yaml"), "--controller"]
+    command += [search["controller"], *options, "--flights", str(search["flights"])]
+    return shlex.join([*command, "-o", str(root)])
 
 
 @contextmanager
@@ -177,7 +156,6 @@ def build_report(
         If the folder does not contain a campaign, or if a file is invalid.
     """
     from abhv_mc.folder.flown_campaign import read_flown
-    from abhv_mc.folder.layout import explain_os_error, write_text
     from abhv_mc.report.numbers.compare import compare_baseline
     from abhv_mc.report.numbers.report_numbers import make_numbers
     from abhv_mc.report.pages.matrix import judged_cases, make_junit, make_matrix, make_metrics

@@ -25,9 +25,10 @@ def describe_channel(
     unknown = Signal(name, "-", "")
     signal = next((item for item in campaign.channels if item.name == name), unknown)
     command = _beside(signal, "command")
+    label = signal.name if signal.unit == "-" else campaign.contents.stems.get(name, name)
     return {
         "name": name,
-        "label": _label(signal, campaign.contents.stems),
+        "label": (label[:1].upper() + label[1:]).replace("_", " "),
         "unit": "" if signal.unit == "-" else signal.unit,
         "doc": signal.doc,
         "command": command if command in recorded else None,
@@ -40,13 +41,6 @@ def _beside(signal: Signal, kind: str) -> str:
     return f"{stem}_{kind}_{ending}".rstrip("_")
 
 
-def _label(signal: Signal, stems: Mapping[str, str]) -> str:
-    """Return a channel's label, such as 'Angle of attack command'."""
-    name = signal.name if signal.unit == "-" else stems.get(signal.name, signal.name)
-    name = name.replace("_", " ")
-    return name[:1].upper() + name[1:]
-
-
 def _thinned(curve: Floats, band: str, every: int) -> Floats:
     """Return every ``every``-th sample; min and max bands also cover the skipped samples."""
     extreme = {"min": np.fmin, "max": np.fmax}.get(band)
@@ -55,7 +49,7 @@ def _thinned(curve: Floats, band: str, every: int) -> Floats:
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(curve, every - 1, constant_values=np.nan), 2 * every - 1
     )
-    return np.asarray(extreme.reduce(around, axis=1)[::every], dtype=np.float64)
+    return extreme.reduce(around, axis=1)[::every]
 
 
 def band_names(results: FlownCampaign) -> tuple[str, ...]:

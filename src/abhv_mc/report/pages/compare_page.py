@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.phrases import grouped_digits, joined
 from abhv_mc.report.numbers.compare import (
     CampaignPair,
     Compared,
@@ -21,16 +21,20 @@ from abhv_mc.report.numbers.compare import (
     pair_campaigns,
     select_flights,
 )
-from abhv_mc.report.numbers.contrast import Contrast, contrast_results
 from abhv_mc.report.numbers.runs import COMPARISON_FILE
-from abhv_mc.report.pages.contrast_page import contrast_figures, contrast_rows, contrast_section
+from abhv_mc.report.pages.contrast_page import (
+    Contrast,
+    contrast_figures,
+    contrast_results,
+    contrast_rows,
+    contrast_section,
+)
 from abhv_mc.report.pages.page import Answer, make_table, write_answer
 from abhv_mc.topics.comparison import pair_tables
 from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences, usage_metrics
 from abhv_mc.topics.figure_style import controller_colors
-from abhv_mc.topics.formatting import ends_of, fixed, p_equation, percent, significant
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import ends_of, json_data, p_equation, percent, significant
 from abhv_mc.topics.names import Names, full_labels, names_of
 from abhv_mc.topics.section import FigureText, Fold, Item, Picture, Section, Table, make_records
 from abhv_mc.topics.topic import Drawn
@@ -118,76 +122,61 @@ def compare_folders(
     in common, or if their samples differ and ``margins`` or ``is_paired`` require pairs.
     """
     a, b = (read_flown(folder, requirements) for folder in (folder_a, folder_b))
+    first, second = titles = _folder_names(a, b)
+    options, subject = [], a.campaign.question or a.campaign.name.replace("_", " ")
+    comparison: Compared | Contrast
     try:
         a, b = pair_campaigns(a, b)
     except InputError:
         if margins or is_paired or a.campaign.unknowns.names or b.campaign.unknowns.names:
             raise
-        return _contrast(a, b, controllers, out)
-    comparison = compare_results(a, b, controllers, margins)
-    pairs = _label_pairs(a, b, comparison)
+        comparison = contrast = contrast_results(a, b, controllers)
+        section = contrast_section(a, b, contrast, titles)
+        kicker, title = "Comparison on different samples", " and ".join(titles)
 
-    def draw() -> list[Drawn]:
-        return _figures(a, b, {title: pair for title, pair, _ in pairs if not _is_identical(pair)})
+        def draw() -> Iterable[Drawn]:
+            return contrast_figures(a, b, contrast, titles)
+    else:
+        comparison = compared = compare_results(a, b, controllers, margins)
+        pairs = _label_pairs(a, b, compared)
+        section, kicker = _section(a, b, compared, pairs), "Paired comparison"
+        differing = {title: pair for title, pair, _ in pairs if not _is_identical(pair)}
+        title = joined([title for title, *_ in pairs]) if first == second else _AGAINST.join(titles)
+        for metric, margin in (margins or {}).items():
+            options += ["--fail-if-worse", f"{metric}={100.0 * margin:g}%"]
 
-    section = _section(a, b, comparison, pairs)
+        def draw() -> Iterable[Drawn]:
+            return _figures(a, b, differing)
+
     page = None
     if out is not None:
-        name_a, name_b = _folder_names(a, b)
-        title = (
-            joined([title for title, *_ in pairs])
-            if name_a == name_b
-            else f"{name_a} against {name_b}"
-        )
-        kicker = f"Paired comparison · {a.campaign.question or a.campaign.name.replace('_', ' ')}"
-        full_section = replace(section, items=(*section.items, _provenance(a, b, comparison, out)))
-        page = write_answer(Answer(title, kicker, full_section, draw()), out / "report.html")
-        _write_numbers(a, b, comparison, out)
+        options += ["--controllers", ",".join(controllers)] if controllers else []
+        section_with_source = replace(section, items=(*section.items, _source(a, b, out, options)))
+        answer = Answer(title, f"{kicker} · {subject}", section_with_source, draw())
+        page = write_answer(answer, out / "report.html")
+        # `abhv-mc runs` finds both campaigns by their digests.
+        content = {"digests": [x.manifest.digest for x in (a, b)], **json_data(comparison)}
+        write_text(out / COMPARISON_FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
     for results in (a, b):
         results.refuse_changes()
     return Comparison(comparison, section, page, draw)
 
 
-def _write_numbers(
-    a: FlownCampaign, b: FlownCampaign, comparison: Compared | Contrast, out: Path
-) -> None:
-    """Write `comparison.json`.
-
-    The file contains the numbers, and the digests that `abhv-mc runs` uses to find both campaigns.
-    """
-    digests = [results.manifest.digest for results in (a, b)]
-    content = {"digests": digests, **json_data(comparison)}
-    write_text(out / COMPARISON_FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-
-def _contrast(
-    a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str], out: Path | None
-) -> Comparison:
-    """Return the comparison of two campaigns on different samples."""
-    contrast, titles = contrast_results(a, b, controllers), _folder_names(a, b)
-    section, page = contrast_section(a, b, contrast, titles), None
-
-    def draw() -> Iterator[Drawn]:
-        return contrast_figures(a, b, contrast, titles)
-
-    if out is not None:
-        kicker = f"Comparison on different samples · {a.campaign.question or a.campaign.name}"
-        command = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out)]
-        command += ["--controllers", ",".join(controllers)] if controllers else []
-        rows = [(str(results.folder), str(results.manifest.digest)) for results in (a, b)]
-        provenance = make_table(
-            "Compared campaigns",
-            f"Remake this page with `{shlex.join(command)}`",
-            ("folder", "digest of the flights"),
-            rows,
-        )
-        full_section = replace(section, items=(*section.items, provenance))
-        answer = Answer(" and ".join(titles), kicker, full_section, draw())
-        page = write_answer(answer, out / "report.html")
-        _write_numbers(a, b, contrast, out)
-    for results in (a, b):
-        results.refuse_changes()
-    return Comparison(contrast, section, page, draw)
+def _source(a: FlownCampaign, b: FlownCampaign, out: Path, options: Sequence[str]) -> Table:
+    """Return the table of the compared campaigns, with the command that remakes the page."""
+    rows = [
+        [
+            str(results.folder),
+            str(results.campaign.seed) if results.campaign.can_rerun else "imported",
+            grouped_digits(results.manifest.runs_done),
+            str(results.manifest.digest),
+        ]
+        for results in (a, b)[: 1 + (a.folder != b.folder)]
+    ]
+    command = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out), *options]
+    heads = ("folder", "seed", "flights", "digest of the flights")
+    caption = f"Remake this page with `{shlex.join(command)}`"
+    return make_table("Compared campaigns", caption, heads, rows)
 
 
 def _section(
@@ -257,34 +246,6 @@ def _is_identical(pair: CampaignPair) -> bool:
     return not differ and not pair.any_failure.only_a and not pair.any_failure.only_b
 
 
-def _provenance(a: FlownCampaign, b: FlownCampaign, comparison: Compared, folder: Path) -> Table:
-    """Return the provenance table of both campaigns, with the command that remakes the page."""
-    seeds = [
-        (str(results.campaign.seed) if results.campaign.can_rerun else "imported")
-        for results in (a, b)
-    ]
-    rows = [
-        [
-            str(results.folder),
-            seed,
-            fixed(results.manifest.runs_done, 0),
-            str(results.manifest.digest),
-        ]
-        for results, seed in zip((a,) if a.folder == b.folder else (a, b), seeds, strict=False)
-    ]
-    controllers = next(
-        (pair.controllers for pair in comparison.paired if len(set(pair.controllers)) > 1), None
-    )
-    command = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(folder)]
-    command += ["--controllers", ",".join(controllers)] if controllers else []
-    for pair in comparison.paired[:1]:
-        for metric, gate in pair.not_worse.items():
-            command += ["--fail-if-worse", f"{metric}={100.0 * gate.margin:g}%"]
-    heads = ("folder", "seed", "flights", "digest of the flights")
-    caption = f"Remake this page with `{shlex.join(command)}`"
-    return make_table("Compared campaigns", caption, heads, rows)
-
-
 def _pair_texts(
     title: str, pair: CampaignPair, names: Names, comparison: Compared
 ) -> Iterator[tuple[str, str]]:
@@ -292,7 +253,7 @@ def _pair_texts(
     for metric in pair.not_worse:
         gate = gate_text(pair, metric, comparison.requirements)
         yield "Gate", f"{title}: {names.metrics[metric].phrase}, {gate}"
-    flights = f"{title}, {fixed(pair.pairs, 0)} flights"
+    flights = f"{title}, {grouped_digits(pair.pairs)} flights"
     if _is_identical(pair):
         yield "Identical", flights
         return
@@ -307,11 +268,9 @@ def _pair_texts(
     yield "Control effort", text if effort else ""
     failed, early = pair.any_failure, pair.ended_early
     for label, counts in (("Failed flights", failed), ("Early terminations", early)):
-        text = (
-            f"{names.label(pair.a)} only {fixed(counts.only_a, 0)}, {names.label(pair.b)} only "
-            f"{fixed(counts.only_b, 0)}, both {fixed(counts.both, 0)}"
-        )
-        yield label, f"{flights}: {text} ({p_equation(counts.p_value)})"
+        only_a, only_b, both = map(grouped_digits, (counts.only_a, counts.only_b, counts.both))
+        text = f"{names.label(pair.a)} only {only_a}, {names.label(pair.b)} only {only_b}"
+        yield label, f"{flights}: {text}, both {both} ({p_equation(counts.p_value)})"
 
 
 def _group_metrics(pair: CampaignPair, names: Names) -> dict[str, list[str]]:
@@ -390,6 +349,6 @@ def _figures(a: FlownCampaign, b: FlownCampaign, pairs: Mapping[str, CampaignPai
     )
     caption += f" Equal in every flight: {joined(equal)}." if equal else ""
     figure = plot_differences(
-        panels, {name: name for name in pairs}, controller_colors(tuple(pairs)), "no difference"
+        panels, {name: name for name in pairs}, controller_colors(pairs), "no difference"
     )
     return [(FigureText("differences", "Paired differences", caption), figure)]

@@ -1,35 +1,23 @@
-"""Records, tables and figures of a comparison of two campaigns on different samples."""
+"""Unpaired comparison of two campaigns: verdicts, failure shares, quantiles and figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import nan
-from typing import Literal, NamedTuple
 
-import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import PercentFormatter
-
-from abhv_mc.folder.controller_flights import ControllerFlights
+from abhv_mc.campaign.file.experiment import Requirement
+from abhv_mc.campaign.file.requirement_set import find_requirement_changes
+from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.report.numbers.compare import select_flights
-from abhv_mc.report.numbers.contrast import (
-    Contrast,
-    ContrastRequirement,
-    SideVerdict,
-)
-from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.figure_style import (
-    CYCLE,
-    INK,
-    PERCENT,
-    distribution_steps,
-    legend_below,
-    line_look,
-    make_value_axis,
-    new_panels,
-    styled,
-)
-from abhv_mc.topics.formatting import count_of, estimate, fixed, percent
+from abhv_mc.folder.inputs import FolderInputs, content_of, describe_changes, read_folder_inputs
+from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.io.documents import InputError
+from abhv_mc.report.numbers.compare import pair_controllers, select_flights
+from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
+from abhv_mc.statistics.unpaired import quantile_difference, share_difference
+from abhv_mc.topics.figure_style import CYCLE
+from abhv_mc.topics.formatting import count_of, estimate, fixed, level_name, percent
+from abhv_mc.topics.metrics.figures import make_spread, plot_distributions
+from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
 from abhv_mc.topics.names import full_labels
 from abhv_mc.topics.section import (
     Cell,
@@ -45,19 +33,154 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Drawn
 
+
+@dataclass(frozen=True)
+class SideVerdict:
+    """Verdict of one campaign on a requirement."""
+
+    status: str
+    failures: int
+    flights: int
+
+
+@dataclass(frozen=True)
+class ContrastRequirement:
+    """Verdicts of both campaigns on a requirement, and the change of the failure share."""
+
+    words: str
+    probability: float
+    before: SideVerdict
+    after: SideVerdict
+    share_difference: Interval
+
+
+@dataclass(frozen=True)
+class ContrastQuantile:
+    """Quantile in both campaigns, and the difference, which is None if it cannot be estimated."""
+
+    before: Interval
+    after: Interval
+    difference: Interval | None  # second campaign minus first campaign
+
+
+@dataclass(frozen=True)
+class ContrastController:
+    """Comparison of one controller in the first campaign with one in the second campaign."""
+
+    controllers: tuple[str, str]
+    flights: tuple[int, int]
+    requirements: tuple[ContrastRequirement, ...]
+    metrics: Mapping[str, Mapping[str, ContrastQuantile]]  # quantiles by metric and level
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Comparison of two campaigns on different samples by the first campaign's requirements."""
+
+    # changed inputs, e.g. 'dispersions.aero.drag.half_width: "15 %" -> "25 %"'
+    changes: tuple[str, ...]
+    words: Mapping[str, Mapping[str, str]]  # printed names of each metric
+    contrasted: tuple[ContrastController, ...]
+
+
+def contrast_results(
+    a: FlownCampaign, b: FlownCampaign, controllers: Sequence[str] = ()
+) -> Contrast:
+    """Compare the distributions of the metrics that two campaigns have in common.
+
+    Raise InputError for campaigns with unknowns, because their flights are not drawn from a single
+    distribution.
+    """
+    for results in (a, b):
+        if results.campaign.unknowns.names:
+            problem = (
+                "the campaign has unknowns, and its samples differ from those of the other folder"
+            )
+            raise InputError(
+                results.folder, problem, "the same samples, or campaigns without unknowns"
+            )
+    metrics = [name for name in a.compared if name in b.metrics]
+    requirements = [item for item in a.campaign.requirements if item.metric in b.metrics]
+    is_judged = a.campaign.judged and b.campaign.judged
+    contrasted = []
+    for pair in pair_controllers(a, b, controllers):
+        flights = select_flights(a, b, *pair)
+        contrasted.append(
+            ContrastController(
+                pair,
+                (flights[0].flight.size, flights[1].flight.size),
+                tuple(_contrast_requirement(item, *flights, is_judged) for item in requirements),
+                {metric: _contrast_quantiles(metric, *flights) for metric in metrics},
+            )
+        )
+    records = a.campaign.metrics
+    return Contrast(
+        tuple(find_changes(a, b)),
+        {name: records[name].as_texts() for name in metrics},
+        tuple(contrasted),
+    )
+
+
+def find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
+    """Return the changes of inputs, requirements and flight code from one campaign to another."""
+    before, after = (_read_inputs(results) for results in (a, b))
+    changes = describe_changes(before, after, extensible=False)
+    changes += [
+        f"requirements.{change}" for change in find_requirement_changes(before.data, after.data)
+    ]
+    if a.manifest.source_hash != b.manifest.source_hash:
+        commits = (results.manifest.commit or results.manifest.source_hash for results in (a, b))
+        changes.append("flight code: {} -> {}".format(*(commit[:12] for commit in commits)))
+    return changes
+
+
+def _read_inputs(results: FlownCampaign) -> FolderInputs:
+    """Return the inputs of a folder with contents instead of hashes, which comments change."""
+    inputs = read_folder_inputs(CampaignFolder(results.folder), results.manifest)
+    paths = {name: results.folder / name for name in inputs.hashes}
+    contents = {name: content_of(path) for name, path in paths.items() if path.is_file()}
+    return replace(inputs, hashes={**inputs.hashes, **contents})
+
+
+def _contrast_requirement(
+    item: Requirement, a: ControllerFlights, b: ControllerFlights, is_judged: bool
+) -> ContrastRequirement:
+    before, after = (_verdict(item, flights, is_judged) for flights in (a, b))
+    counts = before.failures, before.flights, after.failures, after.flights
+    return ContrastRequirement(
+        requirement_words(item, a.records),
+        item.probability,
+        before,
+        after,
+        share_difference(*counts),
+    )
+
+
+def _verdict(item: Requirement, flights: ControllerFlights, is_judged: bool) -> SideVerdict:
+    failures, absent = requirement_failures(flights, item).sum(), flights.not_computed
+    verdict = item.judge(failures, flights.flight.size + absent, absent)
+    status = verdict.status if is_judged else "ESTIMATE"
+    return SideVerdict(status, verdict.failures, verdict.flights)
+
+
+def _contrast_quantiles(
+    metric: str, a: ControllerFlights, b: ControllerFlights
+) -> dict[str, ContrastQuantile]:
+    first, second = (severities(flights, metric) for flights in (a, b))
+    sense = a.records[metric].bad
+    quantiles = {}
+    for level in LEVELS:
+        difference = quantile_difference(first, second, level)
+        quantiles[level_name(level)] = ContrastQuantile(
+            quantile(first, level).in_sense(sense),
+            quantile(second, level).in_sense(sense),
+            difference and difference.in_sense(sense),
+        )
+    return quantiles
+
+
 _MOST_PANELS = 6
-# line styles of the first and the second campaign
-_STYLES: tuple[Literal["--"], Literal["-"]] = ("--", "-")
 _DASH = "\N{EM DASH}"
-
-
-class Panel(NamedTuple):
-    """Panel of one metric in the figure."""
-
-    label: str
-    metric: str
-    limits: tuple[float, ...]
-    unit: str
 
 
 def contrast_section(
@@ -96,11 +219,14 @@ def change_texts(contrast: Contrast, labels: Sequence[str]) -> Iterator[tuple[st
     """Yield each controller's changed verdicts and significant changes of failure shares."""
     for label, controller in zip(labels, contrast.contrasted, strict=True):
         items = controller.requirements
-        changes = [
-            (f"{item.before.status} -> {item.after.status}", f"{label}: {_change(item)}")
-            for item in items
-            if item.after.status != item.before.status or _is_shown(item.share_difference)
-        ]
+        changes = []
+        for item in items:
+            before, after, is_shown = item.before, item.after, _is_shown(item.share_difference)
+            if after.status != before.status or is_shown:
+                shares = (percent(side.failures / side.flights, 2) for side in (before, after))
+                shown = "significant" if is_shown else "not significant"
+                text = f"{label}: {item.words}, failed {' -> '.join(shares)} ({shown})"
+                changes.append((f"{before.status} -> {after.status}", text))
         yield from changes
         if items and not changes:
             passed = sum(item.after.status == "PASS" for item in items)
@@ -109,24 +235,28 @@ def change_texts(contrast: Contrast, labels: Sequence[str]) -> Iterator[tuple[st
         yield "Requirements", "none"
 
 
-def _change(item: ContrastRequirement) -> str:
-    before, after = (percent(side.failures / side.flights, 2) for side in (item.before, item.after))
-    difference = "significant" if _is_shown(item.share_difference) else "not significant"
-    return f"{item.words}, failed {before} -> {after} ({difference})"
-
-
 def _verdict_table(
     a: FlownCampaign, contrast: Contrast, labels: Sequence[str], titles: tuple[str, str]
 ) -> Table:
-    flights = set(_flight_counts(contrast))
+    flights = {
+        (item.before.flights, item.after.flights)
+        for controller in contrast.contrasted
+        for item in controller.requirements
+    }
     groups = []
     for i, asked in enumerate(contrast.contrasted[0].requirements):
         rows = []
         for label, controller in zip(labels, contrast.contrasted, strict=True):
             item = controller.requirements[i]
-            sides = (_side(side, len(flights) == 1) for side in (item.before, item.after))
-            difference = Cell(*_share_texts(item.share_difference))
-            rows.append((Cell(label), *map(Cell, sides), difference))
+            shares = vars(item.share_difference).values()
+            value, low, high = (percent(share, 2) for share in shares)
+            sides = (
+                f"{side.status}, {side.failures}"
+                if len(flights) == 1
+                else f"{side.status}, {count_of(side.failures, side.flights)}"
+                for side in (item.before, item.after)
+            )
+            rows.append((Cell(label), *map(Cell, sides), Cell(value, f"{low} to {high}")))
         groups.append(
             grouped(rows, Cell(f"{asked.words} in {percent(asked.probability)}", head=True))
         )
@@ -142,18 +272,6 @@ def _verdict_table(
         f"{counts}, and the difference of the failure shares",
         numbers=False,
     )
-
-
-def _flight_counts(contrast: Contrast) -> Iterator[tuple[int, int]]:
-    """Yield the numbers of flights in both campaigns for each requirement and controller."""
-    for controller in contrast.contrasted:
-        for item in controller.requirements:
-            yield item.before.flights, item.after.flights
-
-
-def _share_texts(difference: Interval) -> tuple[str, str]:
-    low, high = percent(difference.low, 2), percent(difference.high, 2)
-    return percent(difference.value, 2), f"{low} to {high}"
 
 
 def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
@@ -173,13 +291,6 @@ def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
                 yield (*controller.controllers, metric, quantity, *ends, *interval)
 
 
-def _side(verdict: SideVerdict, is_count: bool) -> str:
-    """Return the verdict and failure count, with the number of flights unless ``is_count``."""
-    failures = fixed(verdict.failures, 0)
-    count = failures if is_count else count_of(verdict.failures, verdict.flights)
-    return f"{verdict.status}, {count}"
-
-
 def _is_shown(difference: Interval | None) -> bool:
     return difference is not None and not difference.low <= 0.0 <= difference.high
 
@@ -194,7 +305,7 @@ def _quantile_table(
 ) -> Table:
     """Return a table of all quantiles, or of the differing quantiles of required metrics."""
     groups = []
-    for metric, description in contrast.words.items():
+    for metric, texts in contrast.words.items():
         rows = [
             (
                 Cell(label),
@@ -206,7 +317,7 @@ def _quantile_table(
             for level, pair in controller.metrics[metric].items()
             if shows_all or (metric in a.asked and _is_shown(pair.difference))
         ]
-        groups += [grouped(rows, Cell(_with_unit(description), head=True))] if rows else []
+        groups += [grouped(rows, Cell(texts["label_with_unit"], head=True))] if rows else []
     title = "All quantiles" if shows_all else "Quantiles with a shown difference"
     caption = f"{title}, of the required metrics"
     if shows_all:
@@ -220,11 +331,6 @@ def _quantile_table(
     )
 
 
-def _with_unit(description: Mapping[str, str]) -> str:
-    unit = description["unit"].removeprefix("-")
-    return f"{description['label']} ({unit})" if unit else description["label"]
-
-
 def contrast_figures(
     a: FlownCampaign, b: FlownCampaign, contrast: Contrast, titles: tuple[str, str]
 ) -> Iterator[Drawn]:
@@ -236,53 +342,19 @@ def contrast_figures(
     if not metrics:
         return
     labels = _labels(a, b, contrast)
-    flights = [select_flights(a, b, *pair.controllers) for pair in contrast.contrasted]
-    panels = [
-        Panel(
-            label=record.label_with_unit,
-            metric=record.name,
-            limits=tuple(a.campaign.limits_of(record.name)),
-            unit=record.with_unit("").strip(),
-        )
-        for record in (a.campaign.metrics[name] for name in metrics)
-    ]
+    colors, flights, dashed = dict[str, str](), dict[str, ControllerFlights](), []
+    for i, (label, entry) in enumerate(zip(labels, contrast.contrasted, strict=True)):
+        sides = [f"{label}, {title}" for title in titles]
+        colors |= dict.fromkeys(sides, CYCLE[i % len(CYCLE)])
+        flights |= zip(sides, select_flights(a, b, *entry.controllers), strict=True)
+        dashed.append(sides[0])
     caption = (
-        "Share of flights at or below each value. If a curve ends below 100 %, the other flights "
-        "terminated early."
+        "Share of flights at or below each value, dashed for the first campaign. If a curve ends "
+        "below 100 % (or begins above 0 %, if small values are bad), the other flights terminated "
+        "early."
     )
+    spreads = [make_spread(a.campaign, metric, flights) for metric in metrics]
     yield (
         FigureText("distributions", "Distributions of both campaigns", caption),
-        plot_contrast(panels, flights, labels, titles),
+        plot_distributions(spreads, {name: name for name in flights}, colors, dashed),
     )
-
-
-@styled
-def plot_contrast(
-    panels: Sequence[Panel],
-    flights: Sequence[tuple[ControllerFlights, ControllerFlights]],
-    labels: Sequence[str],
-    titles: tuple[str, str],
-) -> Figure:
-    """Plot distribution functions, one panel per metric; the first campaign is dashed."""
-    columns = 3 if len(panels) > 4 else 2
-    figure, grid = new_panels(len(panels), columns, 1.4, between=(0.25, 0.6), top=0.12, sharey=True)
-    for axes, panel in zip(grid.flat, panels, strict=False):
-        drawn = []
-        for i, pair in enumerate(flights):
-            for style, side in zip(_STYLES, pair, strict=True):
-                values = np.where(side.failed, np.inf, side.metrics[panel.metric])
-                values = np.where(np.isnan(values), np.inf, values)
-                drawn.append(values)
-                axes.step(
-                    *distribution_steps(values),
-                    where="post",
-                    **line_look(i, len(labels)) | {"linestyle": style},
-                )
-        make_value_axis(axes, panel.label, drawn, limits=panel.limits, unit=panel.unit)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
-    for row in grid:
-        row[0].set_ylabel("share of flights")
-    entries = [Line2D([], [], color=CYCLE[i % len(CYCLE)]) for i in range(len(labels))]
-    entries += [Line2D([], [], color=INK, linestyle=style) for style in _STYLES]
-    legend_below(figure, *grid.flat, more=zip([*labels, *titles], entries, strict=True))
-    return figure

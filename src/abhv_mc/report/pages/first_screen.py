@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from abhv_mc.io.phrases import THIN
 from abhv_mc.report.numbers.compare import Baseline
@@ -13,12 +14,11 @@ from abhv_mc.topics.section import Entry, Record
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow
 
 MOST_BARS = 4  # largest number of controllers with a line of text next to each bar
-_ROWS, _PAIRS = 8, 2  # maximum numbers of chart rows and of pairs in the baseline comparison
+MOST_ROWS, _PAIRS = 8, 2  # largest numbers of rows, and of pairs of the baseline comparison
 _LEFT, _RIGHT = 0.0, 1.35  # left and right edge of the chart, in units of the limit
 
 
-@dataclass(frozen=True)
-class Bar:
+class Bar(NamedTuple):
     """Bar of one controller in the chart; positions are in percent of the chart's width."""
 
     label: str
@@ -55,9 +55,14 @@ def chart_rows(
     entries: Sequence[GlanceRow], labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> list[tuple[GlanceRow, list[Bar]]]:
     """Return the rows of the chart: at most eight rows, the ones nearest to their limits."""
-    entries = [entry if _is_required(entry) else _scale_to_values(entry) for entry in entries]
-    if len(entries) > _ROWS:
-        entries = sorted(entries, key=lambda entry: -_largest_position(entry))[:_ROWS]
+    entries = [
+        entry
+        if any(cell.status or cell.tolerance is not None for cell in entry.cells.values())
+        else _scale_to_values(entry)
+        for entry in entries
+    ]
+    if len(entries) > MOST_ROWS:
+        entries = sorted(entries, key=lambda entry: -_largest_position(entry))[:MOST_ROWS]
     marks = {name: mark_of(k) for k, name in enumerate(labels)}
     return [
         (
@@ -91,11 +96,6 @@ def _bar(entry: GlanceRow, cell: GlanceCell, label: str, color: str, mark: str) 
         words=_bar_words(entry, label, cell),
         status=cell.status,
     )
-
-
-def _is_required(entry: GlanceRow) -> bool:
-    """Return whether a chart row belongs to a requirement."""
-    return any(cell.status or cell.tolerance is not None for cell in entry.cells.values())
 
 
 def _scale_to_values(entry: GlanceRow) -> GlanceRow:
@@ -143,21 +143,22 @@ def _edge(entry: GlanceRow, cell: GlanceCell) -> str:
 
 
 def _bar_words(entry: GlanceRow, label: str, cell: GlanceCell) -> str:
+    values = {
+        "median": cell.median,
+        "5 % quantile": cell.low,
+        "95 % quantile": cell.high,
+        "worst flight": cell.worst,
+        "tolerance limit": cell.tolerance,
+    }
     unit = entry.unit.removeprefix("-")
-    low, median, high = (
-        f"{significant(value, 3)} {unit}".strip() if math.isfinite(value) else "(terminated early)"
-        for value in (cell.low, cell.median, cell.high)
-    )
-    words = f"{label}: median {median}, 5 % and 95 % quantiles {low} and {high}"
-    words += f", worst flight {significant(cell.worst, 3)} {unit}".rstrip()
-    if cell.tolerance is None:
-        return words
-    return f"{words}, tolerance limit {significant(cell.tolerance, 3)} {unit}".strip()
-
-
-def unlisted_rows(entries: Sequence[object]) -> str:
-    """Return text such as '4 more below'; '' if the chart shows all rows."""
-    return f"{len(entries) - _ROWS} more below" if len(entries) > _ROWS else ""
+    texts = [
+        f"{name} {significant(value, 3)} {unit}".strip()
+        if math.isfinite(value)
+        else f"{name} (terminated early)"
+        for name, value in values.items()
+        if value is not None
+    ]
+    return f"{label}: {', '.join(texts)}"
 
 
 def baseline_record(baseline: Baseline | None, names: Names) -> Record | None:

@@ -3,12 +3,13 @@
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.resources import files
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices, Ints
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.parameters import Parameters
@@ -71,6 +72,7 @@ def describe_flights(
     )
     headed = (results.asked if required else results.asked[:_HEADED]) or results.metrics[:_HEADED]
     moments = moments_of(results)
+    criteria = [records[criterion.metric] for criterion in results.campaign.criteria]
     parameters = results.campaign.parameters
     dispersions = [
         _dispersion(name, ends[name], moments[name], parameters) for name in results.dispersed
@@ -99,11 +101,18 @@ def describe_flights(
             for item in required
         ],
         "criteria": [
-            _criterion(records[criterion.metric], channels, results.campaign.contents.stems)
-            for criterion in results.campaign.criteria
+            {
+                "metric": record.name,
+                "channel": channel_of(record, channels, results.campaign.contents.stems),
+                "sides": limit_sides(record, channels),
+                "settled": record.settled,
+                "from": record.start,
+                "to": record.end if np.isfinite(record.end) else None,
+            }
+            for record in criteria
         ],
         "transients": results.campaign.transients
-        if any(records[criterion.metric].settled for criterion in results.campaign.criteria)
+        if any(record.settled for record in criteria)
         else (),
         "headed": headed,
         "strips": list(results.dispersed[:_STRIPS]),
@@ -157,20 +166,6 @@ def _head(name: str, unit: str) -> str:
     return f"{name} [{unit or '-'}]"
 
 
-def _criterion(
-    record: Metric, channels: Collection[str], stems: Mapping[str, str]
-) -> dict[str, Any]:
-    """Describe a metric by which flights are ranked: its channel and the sides of limits."""
-    return {
-        "metric": record.name,
-        "channel": channel_of(record, channels, stems),
-        "sides": limit_sides(record, channels),
-        "settled": record.settled,
-        "from": record.start,
-        "to": record.end if np.isfinite(record.end) else None,
-    }
-
-
 def make_flights_view(
     results: FlownCampaign, labels: Mapping[str, str], colors: Mapping[str, str]
 ) -> tuple[dict[str, Any], dict[str, Floats]]:
@@ -211,7 +206,12 @@ def make_flights_view(
     }
     history = np.full(number.size, -1)
     channels = _add_histories(results, row_of, history, arrays)
-    _add_envelopes(results, channels, arrays)
+    for name, channel in product(names, channels):
+        if (name, channel) not in results.envelopes:
+            time, curves = channel_curves(results, name, channel)
+            if np.isfinite(curves).any():
+                arrays.setdefault(f"time:{name}", time)
+                arrays[f"{channel}:{name}"] = curves
     missed = [stacked(requirement_failures(table, item) for table in flights) for item in required]
     total = sum(table.flight.size for table in flights)
     data = {
@@ -232,7 +232,7 @@ def make_flights_view(
         "order": np.argsort(stacked(map(results.ranking.ranks_of, names))).tolist(),
         "histories": bool(channels),
         "drawn_again": bool(results.campaign.channels),
-        "total": int(number.size),
+        "total": number.size,
         "left": ""
         if number.size == total
         else f"Of {fixed(total, 0)} flights, the worst, the failed and the first are shown",
@@ -246,7 +246,7 @@ def find_range(values: Floats) -> Ends:
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _select_rows(results: FlownCampaign, name: str, most: int) -> NDArray[np.intp]:
+def _select_rows(results: FlownCampaign, name: str, most: int) -> Indices:
     """Return the rows [flight] to include, ascending: all, or the worst and first flights."""
     flights = results.flights[name].flight.size
     if flights <= most:
@@ -261,7 +261,7 @@ def _select_rows(results: FlownCampaign, name: str, most: int) -> NDArray[np.int
 def _add_histories(
     results: FlownCampaign,
     row_of: Mapping[tuple[str, int], int],
-    history: NDArray[np.int64],
+    history: Ints,
     arrays: dict[str, Floats],
 ) -> list[str]:
     """Add histories [flight, time] to ``arrays``, and their row numbers to ``history``.
@@ -294,16 +294,3 @@ def _add_histories(
     for i, (row, _) in enumerate(recorded):
         history[row] = i
     return channels
-
-
-def _add_envelopes(
-    results: FlownCampaign, channels: Sequence[str], arrays: dict[str, Floats]
-) -> None:
-    """Add bands and nominal flights to ``arrays`` for channels that lack envelopes."""
-    for name in results.controllers:
-        for channel in channels:
-            if (name, channel) not in results.envelopes:
-                time, curves = channel_curves(results, name, channel)
-                if np.isfinite(curves).any():
-                    arrays.setdefault(f"time:{name}", time)
-                    arrays[f"{channel}:{name}"] = curves

@@ -8,7 +8,7 @@ from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.manifest import RequirementVerdict
 from abhv_mc.io.csv_table import csv_text
-from abhv_mc.topics.json_data import json_data
+from abhv_mc.topics.formatting import json_data
 from abhv_mc.topics.metrics import Metrics
 from abhv_mc.topics.verdicts.model import Verdicts
 
@@ -29,16 +29,16 @@ def make_matrix(verdicts: Verdicts, metrics: Mapping[str, Metric]) -> str:
             "metric": item.metric,
             "probability": item.probability,
             "unit": metrics[item.metric].unit.removeprefix("-"),
-            "consumer_risk": item.consumer_risk,
         }
         for name, verdict in entry.controllers.items():
-            cells_of = {
-                key: getattr(verdict, key)
-                for key in ("failures", "flights", "tolerance_limit", "words")
+            cells = {
+                **fields,
+                **vars(verdict),
+                "consumer_risk": item.consumer_risk,
+                "controller": name,
+                "binding": "yes" if name in item.controllers else "no",
+                "verdict": verdict.status,
             }
-            binding = "yes" if name in item.controllers else "no"
-            cells_of |= {"controller": name, "binding": binding, "verdict": verdict.status}
-            cells = {**fields, **cells_of}
             rows.append([cells.get(column) for column in _COLUMNS])
     return csv_text(rows)
 
@@ -77,25 +77,14 @@ def verdict_cases(entries: Iterable[RequirementVerdict]) -> list[Case]:
 
 def judged_cases(verdicts: Verdicts) -> list[Case]:
     """Return the binding requirements of a report's verdicts as test cases."""
-    return [
-        Case(
-            " ".join(
-                filter(
-                    None,
-                    (
-                        item.asked.traced.get("id"),
-                        f"{item.asked.metric} {item.asked.limits}",
-                        f"in {100.0 * item.asked.probability:g} % ({name})",
-                    ),
-                )
-            ),
-            verdict.status,
-            verdict.words,
-        )
-        for item in verdicts.requirements
-        for name, verdict in item.controllers.items()
-        if name in item.asked.controllers
-    ]
+    cases = []
+    for item, name, verdict in verdicts.binding:
+        if verdict:
+            asked = item.asked
+            words = f"{asked.metric} {asked.limits} in {100.0 * asked.probability:g} % ({name})"
+            case = f"{asked.traced.get('id', '')} {words}".strip()
+            cases.append(Case(case, verdict.status, verdict.words))
+    return cases
 
 
 def make_junit(suite: str, cases: Iterable[Case]) -> str:
@@ -103,19 +92,13 @@ def make_junit(suite: str, cases: Iterable[Case]) -> str:
     listed = list(cases)
     failed = sum(case.status == "FAIL" for case in listed)
     skipped = sum(case.status not in ("PASS", "FAIL") for case in listed)
-    facts = {
-        "name": suite,
-        "tests": str(len(listed)),
-        "failures": str(failed),
-        "errors": "0",
-        "skipped": str(skipped),
-    }
+    counts = {"tests": len(listed), "failures": failed, "errors": 0, "skipped": skipped}
+    facts = {"name": suite} | {key: str(count) for key, count in counts.items()}
     root = ElementTree.Element("testsuites", facts)
     holder = ElementTree.SubElement(root, "testsuite", facts)
     for case in listed:
-        element = ElementTree.SubElement(
-            holder, "testcase", {"classname": suite, "name": case.name, "time": "0"}
-        )
+        attributes = {"classname": suite, "name": case.name, "time": "0"}
+        element = ElementTree.SubElement(holder, "testcase", attributes)
         if case.status == "FAIL":
             ElementTree.SubElement(element, "failure", {"message": case.words})
         elif case.status != "PASS":

@@ -4,7 +4,7 @@ import base64
 import gzip
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -22,9 +22,9 @@ from abhv_mc.report.pages.channel_curves import envelope_data
 from abhv_mc.report.pages.first_screen import (
     LIMIT_POSITION,
     MOST_BARS,
+    MOST_ROWS,
     baseline_record,
     chart_rows,
-    unlisted_rows,
 )
 from abhv_mc.report.pages.flights_view import (
     SCRIPTS,
@@ -144,17 +144,6 @@ def page_sections(models: Models, warnings: Sequence[str] = ()) -> dict[str, Sec
     return sections
 
 
-def _facts(models: Models, flown: str) -> Iterator[str]:
-    """Yield a campaign's vehicle, flights, date, author and version as strings."""
-    campaign, manifest = models.results.campaign, models.results.manifest
-    if campaign.simulator.mission:
-        yield Path(campaign.model.vehicle).stem
-    yield flown
-    yield (manifest.started or "").partition("T")[0]
-    yield campaign.model.author
-    yield f"abhv-mc {manifest.versions['abhv_mc']}" if "abhv_mc" in manifest.versions else ""
-
-
 def make_page(
     models: Models,
     figures: Sequence[PageFigure],
@@ -171,7 +160,8 @@ def make_page(
     flights, columns = make_flights_view(results, names.controllers, colors)
     flights["folder"] = names.folder
     layout, packed = pack_arrays({**arrays, **columns})
-    verdicts, state = models[VERDICTS], results.manifest.state
+    verdicts, manifest = models[VERDICTS], results.manifest
+    version = manifest.versions.get("abhv_mc")
     origin = campaign.simulator.origin
     seeds = ", ".join(map(str, campaign.pooled_seeds or [campaign.seed]))
     drawn = f"imported from {origin}" if origin else f"seed {seeds}"
@@ -186,10 +176,20 @@ def make_page(
         .render(
             title=campaign.name,
             kicker=" \N{MIDDLE DOT} ".join(
-                filter(None, (campaign.name, *_facts(models, f"flights of each: {flown}, {drawn}")))
+                filter(
+                    None,
+                    (
+                        campaign.name,
+                        Path(campaign.model.vehicle).stem if campaign.simulator.mission else "",
+                        f"flights of each: {flown}, {drawn}",
+                        (manifest.started or "").partition("T")[0],
+                        campaign.model.author,
+                        f"abhv-mc {version}" if version else "",
+                    ),
+                )
             ),
             question=campaign.question or f"What does the campaign {campaign.name} show?",
-            state=state,
+            state=manifest.state,
             sections=sections,
             comparison=comparison.tables()[0] if comparison else None,
             figure_of={figure.text.name: figure for figure in figures},
@@ -208,7 +208,7 @@ def make_page(
             limit_position=LIMIT_POSITION,
             shapes=SHAPES,
             campaign=campaign,
-            more_rows=unlisted_rows(verdicts.glance),
+            more_rows=max(0, len(verdicts.glance) - MOST_ROWS),
         )
     )
 

@@ -1,12 +1,13 @@
-"""Page that compares test flights with the simulated flights of a campaign."""
+"""Page of `abhv-mc place`, and printed results of `abhv-mc identify`, for test flights."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from abhv_mc.io.phrases import counted
 from abhv_mc.report.pages.page import Answer
+from abhv_mc.search.identify import FIT_RISK, Identification
 from abhv_mc.search.place import PlacedFlight, Placement
 from abhv_mc.statistics.placement import CONFIDENCE
 from abhv_mc.topics.envelopes import NO_BAND
@@ -21,7 +22,7 @@ from abhv_mc.topics.figure_style import (
 )
 from abhv_mc.topics.formatting import fixed, p_equation, p_value, percent, significant
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import Cell, FigureText, Item, Picture, Section, Table, make_records
+from abhv_mc.topics.section import FigureText, Item, Picture, Section, Table, make_records, make_row
 from abhv_mc.topics.topic import Drawn
 
 _LISTED = 12  # maximum number of listed metrics per flight
@@ -83,12 +84,12 @@ def _texts(placement: Placement) -> Iterator[tuple[str, str]]:
 
 def _table(flight: PlacedFlight, simulated: int) -> Table:
     rows = tuple(
-        (
-            Cell(rank.metric, head=True),
-            Cell(significant(rank.value, 4)),
-            Cell(f"{significant(rank.low, 4)} to {significant(rank.high, 4)}"),
-            Cell(f"{rank.rank} of {simulated + 1}"),
-            Cell(p_value(rank.p_value)),
+        make_row(
+            rank.metric,
+            significant(rank.value, 4),
+            f"{significant(rank.low, 4)} to {significant(rank.high, 4)}",
+            f"{rank.rank} of {simulated + 1}",
+            p_value(rank.p_value),
         )
         for rank in flight.metrics[:_LISTED]
     )
@@ -120,3 +121,38 @@ def plot_placement(placement: Placement) -> Figure:
     label_lowest(grid, count, "time (s)")
     legend_below(figure, grid.flat[0])
     return figure
+
+
+def make_identify_section(answer: Identification) -> Section:
+    """Return the estimates, residuals and fit of an identification."""
+    return Section("Summary", (make_records(_identify_texts(answer)),))
+
+
+def _identify_texts(answer: Identification) -> Iterator[tuple[str, str]]:
+    fit = f"{p_equation(answer.p_value)}, rejected below {percent(FIT_RISK)}"
+    if answer.converged:
+        yield "Model fits" if answer.fits else "Model does not fit", fit
+    else:
+        yield "Not converged", "the estimates are not the best fit; the fit is not judged"
+    for entry in answer.parameters:
+        spread = "unknown" if entry.spread is None else significant(entry.spread, 3)
+        yield (
+            f"{entry.name} ({entry.unit})",
+            f"{significant(entry.mean, 4)} (standard error {significant(entry.mean_error, 2)}), "
+            f"spread {spread}",
+        )
+        for unit, value in entry.values.items():
+            error = significant(1.96 * entry.errors[unit], 2)
+            yield f"{entry.name}, {unit}", f"{significant(value, 4)} +- {error} (95 %)"
+    for group, correlation in answer.inseparable:
+        yield "Not separable", f"{', '.join(group)} (correlation {correlation:.2f})"
+    yield "Nuisances", ", ".join(answer.nuisances)
+    yield "Noise (sigma)", _list(answer.noise)
+    for flight, residuals in answer.residuals.items():
+        offset = f", clock offset {answer.offsets[flight]:.3g} s"
+        yield flight, f"residuals (rms, sigmas) {_list(residuals)}{offset}"
+    yield "Simulations", f"{answer.simulations} of each flight"
+
+
+def _list(numbers: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {significant(value, 3)}" for name, value in numbers.items())

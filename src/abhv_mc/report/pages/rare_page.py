@@ -80,8 +80,10 @@ def _answers(result: RareFound) -> Records:
             basis += f", repetitions: {len(estimate.repetitions)}"
         texts = [("P(violation)", text), ("Basis", basis), ("Without warning", result.unwarned)]
         if not (result.includes_unwarned and estimate.high == estimate.unwarned_high):
-            plain = f"{fixed(_plain_flights(result), 0)} flights for the same interval"
-            texts.append(("Plain Monte Carlo", plain))
+            # number of plain flights for an equally narrow interval of log(P)
+            p, half = estimate.probability, 0.5 * np.log(estimate.high / estimate.low)
+            plain = int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))
+            texts.append(("Plain Monte Carlo", f"{fixed(plain, 0)} flights for this interval"))
     worst = float(result.flights.column(result.metric.name)[int(np.argmax(result.severities))])
     is_looked = estimate.check is not None and len(result.space.names) <= MOST_LOOKED
     texts += [
@@ -95,25 +97,24 @@ def _answers(result: RareFound) -> Records:
         ),
         ("Assumption", "smooth metric" * is_surrogate),
         ("Separate regions", "sought in random directions; some may remain" * is_looked),
-        ("Counted as failures", _not_run(result.failed_to_run)),
+        (
+            "Counted as failures",
+            f"{result.failed_to_run} failed to run" * bool(result.failed_to_run),
+        ),
     ]
     return make_records(texts)
-
-
-def _not_run(count: int) -> str:
-    return f"{fixed(count, 0)} failed to run" if count else ""
 
 
 def _combinations(result: RareFound) -> Table:
     rows = [
         [
-            result.words(stratum),
-            f"{stratum.weight:.2e}",
-            f"{stratum.probability:.2e} ({stratum.low:.1e} .. {stratum.high:.1e})",
-            f"{stratum.weight * stratum.probability:.2e}",
-            str(stratum.flights),
+            result.words(x),
+            f"{x.weight:.2e}",
+            f"{x.probability:.2e} ({x.low:.1e} .. {x.high:.1e})",
+            f"{x.weight * x.probability:.2e}",
+            str(x.flights),
         ]
-        for stratum in result.strata
+        for x in result.strata
     ]
     caption = (
         "Combinations of random events, such as failures: probability of the "
@@ -186,9 +187,3 @@ def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
         values,
     )
     return FigureText("learning", "Estimate and flights", caption), figure
-
-
-def _plain_flights(result: RareFound) -> int:
-    """Return the number of plain Monte Carlo flights for an equally narrow log interval."""
-    p, half = result.estimate.probability, 0.5 * np.log(result.estimate.high / result.estimate.low)
-    return int(float(f"{(1.0 - p) / (p * (half / 1.96) ** 2):.1e}"))

@@ -25,6 +25,9 @@ def write_runs_page(campaigns: CampaignRuns, root: Path, file: Path) -> Path:
     rows = []
     for run in campaigns.runs:
         folder = (base / run.folder).as_posix()
+        flights = fixed(run.flights, 0)
+        if run.flights != run.flights_planned:
+            flights += f" of {fixed(run.flights_planned, 0)}, {run.state}"
         rows.append(
             {
                 "run": run,
@@ -32,7 +35,7 @@ def write_runs_page(campaigns: CampaignRuns, root: Path, file: Path) -> Path:
                 "typed": shlex.quote(folder),
                 "page": f"{folder}/report.html" if run.has_page else "",
                 "verdicts": verdict_counts(run),
-                "flights": _flights(run),
+                "flights": flights,
             }
         )
     pages = {key: (base / page).as_posix() for key, page in campaigns.comparisons.items()}
@@ -51,9 +54,3 @@ def write_runs_page(campaigns: CampaignRuns, root: Path, file: Path) -> Path:
     )
     write_text(file, page)
     return file
-
-
-def _flights(run: CampaignRun) -> str:
-    if run.flights == run.flights_planned:
-        return fixed(run.flights, 0)
-    return f"{fixed(run.flights, 0)} of {fixed(run.flights_planned, 0)}, {run.state}"

@@ -87,6 +87,7 @@ def flights_table(
     numbers: Sequence[int] = rank_distinct(
         severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
     )
+    command = shlex.join(["abhv-mc", "replay", str(folder), "--controller", controller, "--flight"])
     rows = [
         [
             str(k),
@@ -98,19 +99,7 @@ def flights_table(
                     flights.names[:dimensions], flights.samples[k].tolist(), strict=False
                 )
             ),
-            f"""`{
-                shlex.join(
-                    [
-                        "abhv-mc",
-                        "replay",
-                        str(folder),
-                        "--flight",
-                        str(k),
-                        "--controller",
-                        controller,
-                    ]
-                )
-            }`""",
+            f"`{command} {k}`",
         ]
         for k in numbers
     ]

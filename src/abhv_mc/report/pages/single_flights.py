@@ -12,37 +12,36 @@ from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.topics.formatting import shown_value
 from abhv_mc.topics.names import controller_label
+from abhv_mc.topics.section import Records, make_records
 
+_OTHERS = 10  # maximum number of listed other sets of dispersions
 _IN_TITLE = 4  # maximum number of dispersions in a title
 _TITLE_WIDTH = 100  # maximum number of characters per line of a title
 # end of the time axis as a multiple of the last end time if all flights terminate early
 _AFTER = 2.0
 
 
-def explanation_words(explanation: Explanation) -> list[str]:
-    """Return the explanation of a failed flight as lines of text."""
-    total, number = len(explanation.samples), len(explanation.causes)
-    lines = [
-        f"Flight {explanation.flight} of controller '{explanation.controller}' "
-        f"{explanation.failure.sentence}. "
-        f"{explanation.ended}"
-    ]
-    if not number:
-        return [*lines, "The nominal flight also fails: no dispersion is needed."]
+def explanation_records(explanation: Explanation) -> Records:
+    """Return the explanation of a failed flight as records."""
+    samples, causes = explanation.samples, explanation.causes
     proof = "no smaller set suffices" if explanation.smallest else "all of these are needed"
-    lines.append(
-        f"Fails with {number} of its {total} dispersions, the others nominal ({proof}; "
-        f"flights tried: {grouped_digits(explanation.tried)}):"
+    text = (
+        f"{len(causes)} of its {len(samples)} dispersions, the others nominal ({proof}; flights "
+        f"tried: {grouped_digits(explanation.tried)})"
     )
-    lines += [
-        f"  {name:<36} {shown_value(name, explanation.samples[name], explanation.known):>12}"
-        for name in explanation.causes
-    ]
-    if explanation.others:
-        lines.append(f"Other sets of {number} with which it fails: {len(explanation.others)}")
-        lines += [f"  {', '.join(names)}" for names in explanation.others[:10]]
-        lines += ["  ..."] if len(explanation.others) > 10 else []
-    return lines
+    flight = f"{explanation.flight} of controller '{explanation.controller}'"
+    return make_records(
+        [
+            ("Flight", f"{flight}: {explanation.failure.words}. {explanation.ended}"),
+            ("Fails with", text if causes else "no dispersion: the nominal flight also fails"),
+            *(
+                ("Causes", f"{name} {shown_value(name, samples[name], explanation.known)}")
+                for name in causes
+            ),
+            *(("Other sets", ", ".join(names)) for names in explanation.others[:_OTHERS]),
+            ("Other sets", "..." * (len(explanation.others) > _OTHERS)),
+        ]
+    )
 
 
 def explanation_numbers(explanation: Explanation) -> dict[str, Any]:
@@ -69,7 +68,7 @@ def make_explained_figure(explanation: Explanation) -> Figure:
     listed = ", ".join(names) + (f" and {unlisted} more" if unlisted else "") or "no dispersions"
     heading = (
         f"Flight {explanation.flight} of {controller_label(explanation.controller)} "
-        f"{explanation.failure.sentence}"
+        f"{explanation.failure.words}"
     )
     title = f"{heading}\n{textwrap.fill(listed, _TITLE_WIDTH, break_long_words=False)}"
     ends = explanation.block.end_time[1:]

@@ -14,7 +14,7 @@ from abhv_mc.identity import code_hash
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.stored_numbers import HASH
+from abhv_mc.report.numbers.summary import HASH
 from abhv_mc.report.pages.build import hash_failure_map, hash_files, hash_pages
 from abhv_mc.topics.topic import Models, user_topics
 

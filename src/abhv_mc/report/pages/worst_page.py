@@ -13,15 +13,7 @@ from abhv_mc.search.search_flights import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.formatting import fixed, percent, shown_value
 from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import (
-    FigureText,
-    Item,
-    Picture,
-    Records,
-    Section,
-    Table,
-    make_records,
-)
+from abhv_mc.topics.section import FigureText, Item, Picture, Records, Section, Table, make_records
 from abhv_mc.topics.topic import Drawn
 
 
@@ -52,6 +44,7 @@ def _draw(result: WorstFound) -> Iterator[Drawn]:
 
 def _answers(result: WorstFound) -> Records:
     """Return the worst flights, their margins and the limitations of the search as records."""
+    events = result.probabilities.items()
     flights, random = fixed(result.searched, 0), fixed(result.random, 0)
     return make_records(
         (
@@ -63,7 +56,7 @@ def _answers(result: WorstFound) -> Records:
                 if not _ended_early(result, result.worst)
             ),
             ("At a bound", ", ".join(result.at_bounds) or "none"),
-            ("In every flight", _occurrences(result)),
+            ("In every flight", ", ".join(f"{x} ({percent(p)})" for x, p in events)),
             ("Turbulence, noise", "equal in all flights" * (result.flights.names != result.names)),
             ("Other seeds", _other_seeds(result)),
             ("Scope", "the box, not its probability; correlations ignored; no proof of a maximum"),
@@ -82,11 +75,6 @@ def _other_seeds(result: WorstFound) -> str:
         low, median, high = (result.metric.with_unit(f"{value:.5g}") for value in ends)
         text += f", {low} to {high}, median {median}"
     return text
-
-
-def _occurrences(result: WorstFound) -> str:
-    """Return the events that every flight of the search contains, with their probabilities."""
-    return ", ".join(f"{name} ({percent(p, 3)})" for name, p in result.probabilities.items())
 
 
 def _ended_early(result: WorstFound, flight: int) -> bool:

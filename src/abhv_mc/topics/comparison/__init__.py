@@ -28,7 +28,6 @@ from abhv_mc.topics.section import (
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
-_DASH = "\N{EM DASH}"
 _EFFORT = "Errors against control effort"
 _METHOD = (
     "Median, with 95 % quantile / worst flight; bold (* in text): not beaten, that is, no other "
@@ -58,7 +57,7 @@ def comparison_section(comparison: Comparison, names: Names) -> Section | None:
         if metrics
     ]
     groups.append(tuple(_failure_counts(names)))
-    title = f"{names.campaign.kind.capitalize()} comparison"
+    title = f"{names.kind} comparison"
     heads = ("Metric", *names.controllers.values())
     items: tuple[Item, ...] = (
         Text(_METHOD.format(names.campaign.kind)),
@@ -91,7 +90,7 @@ def _failure_counts(names: Names) -> Iterator[Row]:
     }
     masks["Early terminations"] = [entry.failed for entry in flights]
     for text, failed in masks.items():
-        cells = [Cell(fixed(int(mask.sum()), 0), f"of {fixed(mask.size, 0)}") for mask in failed]
+        cells = [Cell(fixed(mask.sum(), 0), f"of {fixed(mask.size, 0)}") for mask in failed]
         yield (Cell(text, head=True), *cells)
 
 
@@ -146,85 +145,43 @@ def _only_cell(failures: ListedFailures) -> Cell:
     return Cell(counts, note)
 
 
-def _winner_cell(entry: ComparedMetric, names: Names) -> Cell:
-    if not entry.compared:
-        return Cell("")
-    return Cell(
-        "mixed" if entry.mixed else names.label(entry.winner) if entry.winner else "neither"
-    )
-
-
 def pair_tables(
     pair: ControllerPair,
     names: Names,
     metrics: Mapping[str, ComparedMetric],
     requirements: Sequence[str],
 ) -> Iterator[Table]:
-    """Yield a pair's table of differences in ``metrics`` and its table of failures."""
-    table = _difference_table(pair, names, metrics)
-    rows = tuple(
-        (label, interval_cell(entry.median_difference), *cells, _winner_cell(entry, names))
-        for (label, _, *cells), entry in zip(table.groups[0], metrics.values(), strict=True)
-    )
-    heads = (
-        "Metric",
-        "Median difference",
-        "of 95 % quantiles",
-        "of 99.73 %",
-        *table.heads[4:],
-        "Better",
-    )
-    yield replace(
-        table,
-        title="Differences",
-        heads=heads,
-        groups=(rows,),
-        caption=table.caption.replace(
-            "Quantiles of", "Medians of the differences, and quantiles of", 1
-        ),
-    )
-    yield _failure_table(pair, names, requirements)
+    """Yield a pair's table of differences in ``metrics`` and its table of failures.
 
-
-def _difference_table(
-    pair: ControllerPair, names: Names, metrics: Mapping[str, ComparedMetric]
-) -> Table:
-    a, b = names.label(pair.a), names.label(pair.b)
-    rows = tuple(
-        (
-            Cell(names.metrics[metric].label_with_unit, head=True),
-            *map(interval_cell, entry.quantile_differences.values()),
-            Cell(count_of(entry.a_better, pair.pairs)),
-            Cell(_gain_words(entry)),
-        )
-        for metric, entry in metrics.items()
-    )
-    return Table(
-        f"Quantile differences, {a} minus {b}",
-        ("Metric", "Median", "95 %", "99.73 %", f"{a} better in", "Pairing gain"),
-        (rows,),
-        f"Quantiles of {a} minus quantiles of {b}, with 95 % intervals. An interval has no bound "
-        'on a side for which there are too few flights. "Not reached" means that more flights '
-        'terminated early than lie beyond the quantile. "Pairing gain" is the factor by which the '
-        "number of flights would have to be larger in an unpaired comparison of the means",
-    )
-
-
-def _gain_words(entry: ComparedMetric) -> str:
-    """Return the pairing gain as text, such as '1.4 times', or 'none'."""
-    gain = entry.pairing_gain
-    return f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none"
-
-
-def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[str]) -> Table:
-    """Return a table that counts, by requirement, flights that fail under only one controller.
-
-    The last row counts early terminations. ``requirements`` contains the requirements as text.
+    The last row of failures counts early terminations. ``requirements`` are texts.
     """
     a, b = names.label(pair.a), names.label(pair.b)
+    rows = []
+    for metric, entry in metrics.items():
+        _, *tails = entry.quantile_differences.values()
+        gain, winner = entry.pairing_gain, "mixed" if entry.mixed else "neither"
+        texts = (
+            count_of(entry.a_better, pair.pairs),
+            f"{significant(gain, 2)} times" if gain and gain >= 1.05 else "none",
+            (names.label(entry.winner) if entry.winner else winner) if entry.compared else "",
+        )
+        differences = map(interval_cell, (entry.median_difference, *tails))
+        head = Cell(names.metrics[metric].label_with_unit, head=True)
+        rows.append((head, *differences, *map(Cell, texts)))
+    yield Table(
+        "Differences",
+        ("Metric", "Median difference", "of 95 % quantiles", "of 99.73 %", f"{a} better in",
+         "Pairing gain", "Better"),
+        (tuple(rows),),
+        f"Medians of the differences, and quantiles of {a} minus quantiles of {b}, with 95 % "
+        "intervals. An interval has no bound on a side for which there are too few flights. "
+        '"Not reached" means that more flights terminated early than lie beyond the quantile. '
+        '"Pairing gain" is the factor by which the number of flights would have to be larger in an '
+        "unpaired comparison of the means",
+    )  # fmt: skip
     ended = "Completed the mission" if names.campaign.kind == "controller" else "Completed"
     missed = zip([*requirements, ended], [*pair.requirements, pair.ended_early], strict=True)
-    return Table(
+    yield Table(
         f"Failures of one {names.campaign.kind} only, {a} against {b}",
         ("Requirement", "Both failed", f"Only {a}", f"Only {b}", "Neither", "p-value",
          f"Flights, only {a}", f"Flights, only {b}"),
@@ -235,24 +192,19 @@ def _failure_table(pair: ControllerPair, names: Names, requirements: Sequence[st
 
 def _failure_row(label: str, failures: ListedFailures) -> Row:
     def flights(listed: tuple[int, ...], count: int) -> str:
-        ellipsis = "" if count == len(listed) else ", \N{HORIZONTAL ELLIPSIS}"
-        return ", ".join(map(str, listed)) + ellipsis if listed else _DASH
+        ellipsis = ["\N{HORIZONTAL ELLIPSIS}"] * (count > len(listed))
+        return ", ".join([*map(str, listed), *ellipsis]) or "\N{EM DASH}"
 
-    counts = (
-        fixed(count, 0)
-        for count in (failures.both, failures.only_a, failures.only_b, failures.neither)
-    )
-    only = (
+    counts = failures.both, failures.only_a, failures.only_b, failures.neither
+    texts = (
+        *(fixed(count, 0) for count in counts),
+        p_value(failures.p_value),
         flights(failures.flights_only_a, failures.only_a),
         flights(failures.flights_only_b, failures.only_b),
     )
-    return (Cell(label, head=True), *map(Cell, (*counts, p_value(failures.p_value), *only)))
+    return (Cell(label, head=True), *map(Cell, texts))
 
 
 COMPARISON = Topic(
-    "comparison",
-    Comparison,
-    compute_comparison,
-    comparison_section,
-    figures_of(__name__),
+    "comparison", Comparison, compute_comparison, comparison_section, figures_of(__name__)
 )

@@ -28,6 +28,7 @@ from abhv_mc.topics.figure_style import (
     title_panel,
     wrap,
 )
+from abhv_mc.topics.metrics.figures import Spread
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
 
@@ -47,15 +48,12 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         return
     flown = {name: ~table.failed for name, table in flights.items()}
     usage = {name: total_usage(table)[flown[name]] for name, table in flights.items()}
-    trades = [
-        Trade(
-            records[m].label_with_unit,
-            {name: table.metrics[m][flown[name]] for name, table in flights.items()},
-            results.campaign.limits_of(m),
-            records[m].with_unit("").strip(),
-        )
-        for m in errors
-    ]
+    trades = []
+    for metric in errors:
+        values = {name: table.metrics[metric][flown[name]] for name, table in flights.items()}
+        record, limits = records[metric], results.campaign.limits_of(metric)
+        unit = record.with_unit("").strip()
+        trades.append(Spread(record.label_with_unit, values, limits, unit))
     text = FigureText(
         "error_against_usage",
         "Required metrics against control effort"
@@ -67,7 +65,7 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
         "is the root sum of squares of the rms deflections of aileron, rudder and elevator from "
         "trim.",
     )
-    colors = controller_colors(tuple(names.controllers))
+    colors = controller_colors(names.controllers)
     yield (
         text,
         plot_error_against_usage(
@@ -76,20 +74,10 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
     )
 
 
-@dataclass(frozen=True)
-class Trade:
-    """Tracking error in each flight under every controller."""
-
-    label: str
-    errors: Mapping[str, Floats]  # controller -> one value per flight
-    limits: Sequence[float] = ()  # limits of requirements
-    unit: str = ""
-
-
 @styled
 def plot_error_against_usage(
     usage: Mapping[str, Floats],
-    trades: Sequence[Trade],
+    trades: Sequence[Spread],
     usage_label: str,
     labels: Mapping[str, str],
     colors: Mapping[str, str],
@@ -98,28 +86,31 @@ def plot_error_against_usage(
     columns = min(_TRADES, len(trades))
     figure, grid = new_panels(len(trades), columns, 1.6, between=(0.5, 0.58))
     for axes, trade in zip(grid.flat, trades, strict=False):
-        for i, (name, errors) in enumerate(trade.errors.items()):
+        for i, (name, errors) in enumerate(trade.values.items()):
             x, y = usage[name], errors
             keep = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
             if not keep.size:
                 continue
             ends = keep[[np.argmin(y[keep]), np.argmax(y[keep])]]
             few = np.union1d(keep[:: -(-keep.size // _MOST_POINTS)], ends)
-            small = {**mark_look(i, len(trade.errors), 1.5), "color": colors[name]}
+            look = {
+                **mark_look(i, len(trade.values), 1.5),
+                "color": colors[name],
+                "linestyle": "none",
+            }
             face = {"markerfacecolor": "none", "markeredgewidth": 0.5} if i else {}
-            axes.plot(x[few], y[few], **small, **face, linestyle="none", alpha=0.6, rasterized=True)
-            # Open marks are larger than filled ones, so coinciding medians remain visible.
-            large = {"marker": small["marker"], "color": colors[name], "linestyle": "none"}
-            large |= {"zorder": 3.0 + small["zorder"], "clip_on": False}
+            axes.plot(x[few], y[few], **look, **face, alpha=0.6, rasterized=True)
+            look |= {"zorder": 3.0 + look["zorder"], "clip_on": False}
             median = np.median(x[keep]), np.median(y[keep])
+            # Open marks are larger than filled ones, so coinciding medians remain visible.
             if i:
-                halo = {"markerfacecolor": "none", "markersize": 8.0}
-                axes.plot(*median, **large | {"color": "white"}, **halo, markeredgewidth=2.8)
-                edge = halo | {"markeredgewidth": 1.3}
+                look |= {"markerfacecolor": "none", "markersize": 8.0}
+                axes.plot(*median, **look | {"color": "white", "markeredgewidth": 2.8})
+                look["markeredgewidth"] = 1.3
             else:
-                edge = {"markersize": 6.5, "markeredgecolor": "white", "markeredgewidth": 0.6}
-            axes.plot(*median, **large, **edge, label=labels[name])
-        values = list(trade.errors.values())
+                look |= {"markersize": 6.5, "markeredgecolor": "white", "markeredgewidth": 0.6}
+            axes.plot(*median, **look, label=labels[name])
+        values = list(trade.values.values())
         least = min((v[np.isfinite(v)].min(initial=np.inf) for v in values), default=0.0)
         is_log = log_if_wide(axes, "y", values)
         if not is_log and least >= 0.0:
@@ -174,20 +165,10 @@ def plot_differences(
             middle, low, high = panel.medians[name]
             if middle is not None:
                 ends += [end for end in (low, middle, high) if end is not None]
-                arms = [
-                    [0.0 if low is None else middle - low],
-                    [0.0 if high is None else high - middle],
-                ]
-                mark = MARKERS[i % len(MARKERS)]
-                axes.errorbar(
-                    middle,
-                    0.5,
-                    xerr=arms,
-                    fmt=mark,
-                    color=colors[name],
-                    markersize=4.5,
-                    elinewidth=1.6,
-                )
+                arms = [[middle - (middle if low is None else low)],
+                        [(middle if high is None else high) - middle]]  # fmt: skip
+                style = {"fmt": MARKERS[i % len(MARKERS)], "color": colors[name]}
+                axes.errorbar(middle, 0.5, xerr=arms, **style, markersize=4.5, elinewidth=1.6)
         room = 0.06 * (max(ends) - min(ends) or 1.0)
         axes.set_xlim(min(ends) - room, max(ends) + room)
         axes.xaxis.get_major_locator().set_params(nbins=4)

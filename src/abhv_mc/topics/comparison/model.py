@@ -2,33 +2,30 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.statistic import Statistic
-from abhv_mc.folder.controller_flights import (
-    ControllerFlights,
-    common_rows,
-    distances,
-    metric_sign,
-)
+from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, pair_differences
-from abhv_mc.statistics.paired import (
+from abhv_mc.statistics.quantile_pairs import quantile_differences
+from abhv_mc.statistics.winner import (
+    RISK,
+    Decision,
     PairedFailures,
     PairedMetric,
+    agree,
     compare_failures,
     compare_metric,
+    decide,
     median_ratio,
 )
-from abhv_mc.statistics.quantile_pairs import quantile_differences
-from abhv_mc.statistics.winner import RISK, Decision, agree, decide
-from abhv_mc.topics.json_data import DRAWN, level_name
+from abhv_mc.topics.formatting import level_name
 from abhv_mc.topics.missed_requirements import failed_anyhow, requirement_failures
 
 _LISTED = 10  # maximum number of listed flights that failed under only one controller
@@ -48,8 +45,6 @@ class ComparedMetric(PairedMetric):
     loses_more: bool
     worst: tuple[float, float]
     quantile_differences: Mapping[str, Interval]  # differences of quantiles, by level
-    # numbers of points of the unknown parameters: points at which `a` wins, `b` wins, all points
-    better_at: tuple[int, int, int] = field(default=(0, 0, 1), metadata={DRAWN: True})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,16 +150,12 @@ def compare_pair(
         return None
     lost = flights_a.failed[rows_a], flights_b.failed[rows_b]
     numbers = flights_a.flight[rows_a]
-    point_masks = (
-        [numbers % points == point for point in range(points)]
-        if points > 1
-        else [np.ones(len(numbers), bool)]
-    )
+    point_masks = [numbers % points == point for point in range(points)]
     ended_early = _lost_everywhere(*lost, numbers, point_masks)
     loses_more = ended_early.only_a != ended_early.only_b and ended_early.p_value <= RISK / number
     return ControllerPair(
         *names,
-        pairs=int(rows_a.size),
+        pairs=rows_a.size,
         metrics={
             metric: _metric(
                 distances(flights_a, metric, rows_a),
@@ -226,9 +217,7 @@ def _metric(
         else []
     )
     decision = agree(decisions) if decisions else Decision("")
-    a_at, b_at = (
-        sum(point_decision.winner == side for point_decision in decisions) for side in ("a", "b")
-    )
+    wins_at_a_point = any(point_decision.winner for point_decision in decisions)
     sense = "high" if record.band else record.bad
     sides = {"a": names[0], "b": names[1], "": None}
     worst_a, worst_b = (
@@ -240,7 +229,7 @@ def _metric(
         compared=compared > 0,
         winner=sides[decision.winner],
         closer=sides[decision.closer],
-        mixed=not decision.winner and (bool(decision.closer) or a_at + b_at > 0),
+        mixed=not decision.winner and (bool(decision.closer) or wins_at_a_point),
         worse_tails=decision.worse,
         uncompared_tails=decision.uncompared,
         loses_more=decision.loses_more,
@@ -249,13 +238,10 @@ def _metric(
             level_name(level): interval.in_sense(sense)
             for level, interval in zip(LEVELS, quantile_differences(a, b, LEVELS), strict=True)
         },
-        better_at=(a_at, b_at, max(1, len(decisions))),
     )
 
 
-def _lost_everywhere(
-    a: Mask, b: Mask, flight: NDArray[np.int64], point_masks: Sequence[Mask]
-) -> ListedFailures:
+def _lost_everywhere(a: Mask, b: Mask, flight: Ints, point_masks: Sequence[Mask]) -> ListedFailures:
     """Return the paired comparison of early terminations, with the points' largest p-value.
 
     A point is a set of values of the unknown parameters. A point counts with a p-value of 1 if the
@@ -272,7 +258,7 @@ def _lost_everywhere(
     return replace(failures, p_value=max(p_values))
 
 
-def _failures(a: Mask, b: Mask, flight: NDArray[np.int64]) -> ListedFailures:
+def _failures(a: Mask, b: Mask, flight: Ints) -> ListedFailures:
     only_a, only_b = (tuple(flight[alone][:_LISTED].tolist()) for alone in (a & ~b, b & ~a))
     return ListedFailures(
         **vars(compare_failures(a, b)), flights_only_a=only_a, flights_only_b=only_b

@@ -15,7 +15,7 @@ from abhv_mc.statistics.estimates import (
     looks,
     quantile_traces,
 )
-from abhv_mc.topics.json_data import level_name
+from abhv_mc.topics.formatting import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
@@ -107,21 +107,18 @@ def _section(convergence: Convergence, names: Names) -> Section:
     text = (
         "The table and figure show how estimates converge. `report.json` contains the curves of "
         "the leading metrics and the requirements."
+        if convergence.is_drawn
+        else f"The convergence figure requires at least {_FEWEST} flights; `report.json` contains "
+        "the curves."
     )
-    if not convergence.is_drawn:
-        text = (
-            f"The convergence figure requires at least {_FEWEST} flights; `report.json` contains "
-            "the curves."
-        )
     table = Table(
         "Estimates by number of flights",
-        ("Quantile", names.campaign.kind.capitalize(), *_PARTS.values()),
+        ("Quantile", names.kind, *_PARTS.values()),
         tuple(_groups(convergence, names)),
         caption="Estimates by number of flights, with 95 % intervals",
     )
-    items: list[Item] = [Text(text), Picture("convergence")]
-    items += [table] if table.groups else []
-    return Section("Statistical confidence", (Fold("Convergence", tuple(items)),))
+    items: tuple[Item, ...] = (Text(text), Picture("convergence"), *[table] * bool(table.groups))
+    return Section("Statistical confidence", (Fold("Convergence", items),))
 
 
 def _groups(convergence: Convergence, names: Names) -> Iterator[tuple[Row, ...]]:

@@ -41,15 +41,8 @@ def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, F
         if any(np.isfinite(table[0]).any() for table in series.values()):
             quantile = quantile_name.replace(" ", "\N{NO-BREAK SPACE}")
             label = f"{names.metrics[metric].label_with_unit}, {quantile}"
-            panels.append(
-                (
-                    label,
-                    {
-                        name: np.where(np.isfinite(table), table, np.nan)
-                        for name, table in series.items()
-                    },
-                )
-            )
+            finite = {name: np.where(np.isfinite(x), x, np.nan) for name, x in series.items()}
+            panels.append((label, finite))
     if panels:
         text = FigureText(
             "convergence",
@@ -73,23 +66,11 @@ def plot_convergence(
         for i, (name, (value, low, high)) in enumerate(series.items()):
             bounded = np.isfinite(low) & np.isfinite(high)
             look = line_look(i, len(series)) | mark_look(i, len(series), 3.0)
-            axes.fill_between(
-                flights[name],
-                low,
-                high,
-                where=bounded,
-                color=look["color"],
-                alpha=0.2,
-                linewidth=0,
-                zorder=look["zorder"] - 2.0,
-            )
+            area = {"color": look["color"], "alpha": 0.2, "zorder": look["zorder"] - 2.0}
+            axes.fill_between(flights[name], low, high, where=bounded, linewidth=0, **area)
             face = "none" if i else look["color"]
-            axes.plot(
-                flights[name],
-                value,
-                label=labels[name],
-                **look | {"linewidth": 1.0, "markerfacecolor": face, "markevery": (i, 2)},
-            )
+            look |= {"linewidth": 1.0, "markerfacecolor": face, "markevery": (i, 2)}
+            axes.plot(flights[name], value, label=labels[name], **look)
         axes.margins(y=0.1)
         is_log = log_if_wide(axes, "y", [value for value, *_ in series.values()])
         axes.set_xscale("log")

@@ -9,13 +9,15 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.controller_flights import distances, metric_sign
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.statistics.drivers import LEAST_COEFFICIENT, RankDrivers, rank_drivers
-from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.given_data import (
+from abhv_mc.statistics.drivers import (
     FALSE_DISCOVERY_RATE,
+    LEAST_COEFFICIENT,
     LEAST_SHARE,
+    RankDrivers,
     given_data_indices,
+    rank_drivers,
 )
+from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import parameter_doc, percent, spoken_name
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
@@ -40,6 +42,7 @@ _MOST_FLIGHTS = 5_000
 _NAMED = 2  # maximum number of drivers per error in the summary
 _LISTED = 4  # maximum number of drivers per error listed in the table
 
+_SIGNS = ("\N{MINUS SIGN}", "+"), ("near its median", "high or low")
 Ends = tuple[float, float, float]  # estimate, and lower and upper bound of its 95 % interval
 
 
@@ -254,21 +257,15 @@ def driver_text(drivers: ControllerDrivers, names: Names) -> str:
     for metric in names.asked:
         if metric in drivers.metrics:
             entry = drivers.metrics[metric]
+            # directions in which a parameter must change for the metric to grow
             largest = [
-                f"{spoken_name(driver.parameter)} ({_sign(driver)})"
+                f"{spoken_name(driver.parameter)} ({_SIGNS[driver.either_way][driver.srrc[0] > 0]})"
                 for driver in entry.parameters
                 if driver.driver
             ] + [spoken_name(share.parameter) for share in entry.otherwise]
             listed = ", ".join(largest[:_NAMED]) or "no single parameter"
             texts.append(f"{names.metrics[metric].phrase}: {listed}")
     return "; ".join(texts)
-
-
-def _sign(driver: Driver) -> str:
-    """Return the direction in which a parameter must change for the metric to grow."""
-    if driver.either_way:
-        return "high or low" if driver.srrc[0] > 0.0 else "near its median"
-    return "+" if driver.srrc[0] > 0.0 else "\N{MINUS SIGN}"
 
 
 def driver_section(drivers: Drivers, names: Names) -> Section:
@@ -301,7 +298,7 @@ def driver_section(drivers: Drivers, names: Names) -> Section:
         "Drivers of the errors, largest first, and the share of the variance of ranks that no "
         "single parameter explains"
     )
-    heads = (names.campaign.kind.capitalize(), "Error", "Noise and interactions", "Driver", "SRRC")
+    heads = (names.kind, "Error", "Noise and interactions", "Driver", "SRRC")
     table = Fold(
         "Rank coefficients in full",
         (Text(method), Table("Drivers by metric", heads, groups, caption)),

@@ -1,7 +1,7 @@
 """Tornado charts of the drivers of each error, in the unit of the metric."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,10 +47,8 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     for metric in names.asked:
         entries = [controller.metrics.get(metric) for controller in drivers.controllers.values()]
         record = names.metrics[metric]
-        chart = replace(
-            make_tornado(record.label_with_unit, entries, names.campaign.limits_of(metric)),
-            unit=record.with_unit("").strip(),
-        )
+        limits, unit = names.campaign.limits_of(metric), record.with_unit("").strip()
+        chart = make_tornado(record.label_with_unit, entries, limits, unit)
         charts += [chart] if chart.parameters else []
     if charts:
         text = FigureText(
@@ -66,7 +64,10 @@ def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 
 
 def make_tornado(
-    label: str, entries: Sequence[MetricDrivers | None], limits: Sequence[float] = ()
+    label: str,
+    entries: Sequence[MetricDrivers | None],
+    limits: Sequence[float] = (),
+    unit: str = "",
 ) -> Tornado:
     """Return a metric's tornado chart, with the largest drivers over all controllers."""
     swings = [
@@ -88,6 +89,7 @@ def make_tornado(
         swings=[[entry_swings.get(name) for entry_swings in swings] for name in ranked],
         medians=[entry.median if entry else np.nan for entry in entries],
         limits=limits,
+        unit=unit,
     )
 
 
@@ -105,7 +107,7 @@ def plot_tornado(charts: Sequence[Tornado], labels: Mapping[str, str]) -> Figure
     figure, grid = new_panels(
         len(charts), columns, row, between=(beside, 0.54), top=0.18, left=max(beside, 0.74)
     )
-    colors = [controller_colors(tuple(labels))[name] for name in labels]
+    colors = [controller_colors(labels)[name] for name in labels]
     for axes, chart in zip(grid.flat, charts, strict=False):
         _draw_panel(axes, chart, colors)
     entries = [
@@ -135,12 +137,7 @@ def _draw_panel(axes: Axes, chart: Tornado, colors: Sequence[str]) -> None:
             for value, face in ((swing.lowest, "white"), (swing.highest, color)):
                 axes.plot(value, y, mark, color=color, markerfacecolor=face, markersize=3.6)
     make_value_axis(
-        axes,
-        chart.label,
-        [np.array(ends)],
-        limits=chart.limits,
-        unit=chart.unit,
-        beyond=0.3,
+        axes, chart.label, [np.array(ends)], limits=chart.limits, unit=chart.unit, beyond=0.3
     )
     axes.grid(visible=False, axis="y")
     positions = [k * step + (len(colors) - 1) / 2.0 for k in range(len(chart.parameters))]

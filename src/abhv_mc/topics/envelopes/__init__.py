@@ -10,11 +10,21 @@ from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Item, Picture, Row, Section, Table, Text, Widget
+from abhv_mc.topics.section import (
+    Fold,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    Widget,
+    make_records,
+    make_row,
+)
 from abhv_mc.topics.topic import Topic, figures_of
 
 _SIGN = ", sign open"
-NO_BAND = "No band where the flights spread over the circle (resultant length below 0.6):"
+NO_BAND = "No band where flights spread over the circle"  # resultant length below 0.6
 
 
 @dataclass(frozen=True)
@@ -113,7 +123,6 @@ def compute_envelopes(results: FlownCampaign) -> Envelopes:
 
 def envelope_section(model: Envelopes, names: Names) -> Section | None:
     """Return the section on the envelopes of all channels; None if no histories are stored."""
-    items: list[Item] = []
     campaign = names.campaign
     if not campaign.channels:
         return None
@@ -123,44 +132,31 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
             "the campaign file."
         )
         return Section("Time histories", (Text(text),))
+    texts = []
     if model.step_s is not None:
         flown = max(flights.flight.size for flights in names.results.flights.values())
-        flight_range = "" if model.flights >= flown else f" among flights 0 to {model.flights - 1}"
-        who, ends = (
-            "flights still airborne",
-            "at any control tick (of angles, at samples); the other bands are based on samples",
-        )
-        spacing = " s apart"
+        among = "" if model.flights >= flown else f", flights 0 to {model.flights - 1}"
+        spacing = f"{model.step_s:.4g} s apart"
+        who, ends = "flights still airborne", "at control ticks (of angles, at samples)"
         if campaign.simulator.mission is None:
-            who = "flights with a history at that time"
-            ends = "among all returned samples; the other bands are based on values"
+            who, ends = "flights with a history at that time", "over all returned samples"
             spacing += ", interpolated linearly"
-        items.append(
-            Text(
-                f"Bands are pointwise quantiles over the {who}{flight_range}; single flights may "
-                f'cross them. "All flights" denotes the smallest and largest value {ends} '
-                f"{model.step_s:.4g}{spacing}."
-            )
-        )
+        texts += [
+            ("Bands", f"pointwise quantiles over the {who}{among}; single flights may cross them"),
+            ("All flights", f"smallest and largest value {ends}; other bands: values {spacing}"),
+        ]
         spread = dict.fromkeys(
             channel
             for (_, channel), envelope in names.results.envelopes.items()
             if np.isnan(envelope.median[envelope.count > 0]).any()
         )
-        if spread:
-            items.append(Text(f"{NO_BAND} {', '.join(spread)}"))
         points = len(campaign.unknowns.points)
-        if points > 1:
-            items.append(
-                Text(
-                    "Each unknown has one value in all flights of the real vehicle. Each band "
-                    f"therefore extends from the smallest to the largest quantile over {points} "
-                    "points of the unknowns, with "
-                    f"{model.flights // points} flights at each. The true median lies "
-                    "between the two median lines; a command is drawn midway between its two "
-                    "median lines."
-                )
-            )
+        unknowns = (
+            f"each band extends from the smallest to the largest quantile over {points} points, "
+            f"with {model.flights // points} flights at each; the true median lies between the two "
+            "median lines; a command is drawn midway between them"
+        )
+        texts += [(NO_BAND, ", ".join(spread)), ("Unknowns", unknowns if points > 1 else "")]
     of_paper = getattr(campaign.model, "figures", None) == "paper"
     rows = tuple(_row(model, names, curve, of_paper) for curve in curves_of(campaign))
     heads = (
@@ -172,7 +168,7 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         "Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),)
     )
     sheet = Fold("All channels", (table, Picture("channels")))
-    return Section("Time histories", (*items, Widget("bands"), sheet))
+    return Section("Time histories", (make_records(texts), Widget("bands"), sheet))
 
 
 def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Row:
@@ -183,7 +179,7 @@ def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Ro
     range_texts = [_ends(*ends) if ends else "" for ends in ranges]
     paper = [f"Fig. {curve.paper[0]}", curve.paper[1]] if of_paper and curve.paper else []
     label = curve.label.replace("altitude error", "altitude")
-    return (Cell(label, head=True), *map(Cell, (*range_texts, *paper)))
+    return make_row(label, *range_texts, *paper)
 
 
 def _ends(low: float, high: float) -> str:

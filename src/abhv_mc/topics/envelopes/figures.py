@@ -58,7 +58,6 @@ def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]
             + (" Insets enlarge the shaded times." if any(row.inset for row in rows) else "")
             + (_VARYING if varies else "")
             + (_SIMULTANEOUS if any(simultaneous.values()) else ""),
-            alt="The table above has the smallest and the largest value of each channel.",
         )
         yield text, plot_sheet(rows, list(names.controllers.values()))
 

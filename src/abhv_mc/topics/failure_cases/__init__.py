@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flights.failure_cases import NO_FAILURE, failure_cases, failure_times, is_failure_time
 from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights
@@ -110,16 +110,16 @@ def compute_failure_cases(results: FlownCampaign) -> FailureCases:
             for name, rows in inside.items()
             if rows.any()
         }
-        failure_cases.append(FailureCase(case, int(np.sum(cases == case)), flown))
+        failure_cases.append(FailureCase(case, np.sum(cases == case), flown))
     return FailureCases(tuple(failure_cases), float(results.reference["time"][-1]))
 
 
 def _flown(
-    results: FlownCampaign, name: str, case: str, inside: NDArray[np.bool_], first: Floats
+    results: FlownCampaign, name: str, case: str, inside: Mask, first: Floats
 ) -> CaseFlights:
     flights, campaign = results.flights[name], results.campaign
-    lost, number = flights.failed & inside, int(inside.sum())
-    failures = int(lost.sum())
+    lost, number = flights.failed & inside, inside.sum()
+    failures = lost.sum()
     bounds = clopper_pearson(failures, number) if campaign.independent else (np.nan, np.nan)
     after = flights.end_time[lost] - first[flights.flight[lost]]
     times = after[after >= 0.0]
@@ -142,15 +142,13 @@ def _flown(
     )
 
 
-def _margins(flights: ControllerFlights, inside: NDArray[np.bool_]) -> CaseMargins | None:
+def _margins(flights: ControllerFlights, inside: Mask) -> CaseMargins | None:
     values = flights.metrics.get(MARGIN_NAMES[0], np.empty(0))
     has_margin = inside & np.isfinite(values) if values.size else np.zeros(0, bool)
     if not has_margin.any():
         return None
     unstable = flights.metrics[MARGIN_FAULTS[0].name][has_margin] > 0
-    return CaseMargins(
-        int(has_margin.sum()), int(unstable.sum()), float(np.median(values[has_margin]))
-    )
+    return CaseMargins(has_margin.sum(), unstable.sum(), float(np.median(values[has_margin])))
 
 
 def failure_case_section(failure_cases: FailureCases, names: Names) -> Section | None:
@@ -171,7 +169,14 @@ def failure_case_section(failure_cases: FailureCases, names: Names) -> Section |
             Table(
                 "Survival by failure case",
                 heads,
-                tuple(_group(entry, names) for entry in failure_cases.cases),
+                tuple(
+                    grouped(
+                        [_row(names.label(name), cell) for name, cell in case.controllers.items()],
+                        Cell(case.case, head=True),
+                        Cell(str(case.flights)),
+                    )
+                    for case in failure_cases.cases
+                ),
             ),
             Picture("failure_survival"),
             Picture("failure_bands"),
@@ -179,41 +184,25 @@ def failure_case_section(failure_cases: FailureCases, names: Names) -> Section |
     )
 
 
-def _group(entry: FailureCase, names: Names) -> tuple[Row, ...]:
-    rows = [_row(names.label(name), cell) for name, cell in entry.controllers.items()]
-    return grouped(rows, Cell(entry.case, head=True), Cell(str(entry.flights)))
-
-
 def _row(label: str, cell: CaseFlights) -> Row:
-    share = cell.survived
+    share, loss, margins = cell.survived, cell.median_time_to_loss_s, cell.margins
     # The bounds are NaN if the flights are not independent.
-    bounds = (
-        f"{percent(share.low, 1)} to {percent(share.high, 1)}" if share.low == share.low else ""
-    )
-    time = "" if cell.median_time_to_loss_s is None else f"{cell.median_time_to_loss_s:.1f} s"
+    bounds = f"{percent(share.low, 1)} to {percent(share.high, 1)}" * (share.low == share.low)
     clauses = [
-        f"{clauses}: missed by {verdict.missed}, {verdict.status}"
-        for clauses, verdict in cell.requirements.items()
+        f"{words}: missed by {verdict.missed}, {verdict.status}"
+        for words, verdict in cell.requirements.items()
     ]
-    if cell.margins is not None:
-        unstable = count_of(cell.margins.unstable, cell.margins.flights)
+    if margins is not None:
+        unstable = count_of(margins.unstable, margins.flights)
         clauses.append(
-            f"median smallest gain margin {cell.margins.median_db:.1f} dB, unstable at some point: "
+            f"median smallest gain margin {margins.median_db:.1f} dB, unstable at some point: "
             f"{unstable}"
         )
-    cells = (
-        Cell(percent(share.value, 1), bounds),
-        Cell(str(cell.lost)),
-        Cell(time),
-        Cell("; ".join(clauses)),
-    )
-    return (Cell(label, head=True), *cells)
+    texts = str(cell.lost), "" if loss is None else f"{loss:.1f} s", "; ".join(clauses)
+    survived = Cell(percent(share.value, 1), bounds)
+    return (Cell(label, head=True), survived, *map(Cell, texts))
 
 
 FAILURE_CASES = Topic(
-    "failure_cases",
-    FailureCases,
-    compute_failure_cases,
-    failure_case_section,
-    figures_of(__name__),
+    "failure_cases", FailureCases, compute_failure_cases, failure_case_section, figures_of(__name__)
 )

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flights.failure_cases import NO_FAILURE
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.statistics.circular import align_flights, unwrap
@@ -86,7 +86,7 @@ def plot_case_bands(
     return figure
 
 
-def still_flying(after: Floats, lost: NDArray[np.bool_], times: Floats) -> Floats:
+def still_flying(after: Floats, lost: Mask, times: Floats) -> Floats:
     """Return the share of flights that are still airborne ``times`` seconds after a failure.
 
     The share is the Kaplan-Meier estimate, JASA 53 (1958). ``after`` [flight] is the time in s from

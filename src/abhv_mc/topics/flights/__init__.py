@@ -5,11 +5,9 @@ from typing import Any
 
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.folder.flown_campaign import flights_with_history
+from abhv_mc.io.phrases import grouped_digits
 from abhv_mc.topics.flights.model import (
-    FlightCounts,
     Flights,
-    InputMoments,
-    LargeDispersion,
     WorstFlight,
     compute_flights,
     ended_words,
@@ -35,6 +33,7 @@ from abhv_mc.topics.section import (
     Text,
     Widget,
     make_records,
+    make_row,
 )
 from abhv_mc.topics.topic import Topic, figures_of
 
@@ -48,20 +47,14 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
     campaign = names.campaign
     yield _flown(flights_model, names)
     if flights_model.dispersions:
-        rows = [
-            _dispersion(name, _law(entry), _settings(entry), names)
-            for name, entry in flights_model.dispersions.items()
-        ]
-        rows += [
-            _dispersion(name, "derived", text, names)
-            for name, text in flights_model.derived.items()
-        ]
-        yield Table(
-            "Dispersions",
-            ("Parameter", "Meaning", "Distribution", "Settings"),
-            (tuple(rows),),
-            numbers=False,
+        laws = {name: (_law(x), _settings(x)) for name, x in flights_model.dispersions.items()}
+        laws |= {name: ("derived", text) for name, text in flights_model.derived.items()}
+        rows = tuple(
+            make_row(f"`{name}`", parameter_doc(name, campaign.parameters), *texts)
+            for name, texts in laws.items()
         )
+        heads = ("Parameter", "Meaning", "Distribution", "Settings")
+        yield Table("Dispersions", heads, (rows,), numbers=False)
     if flights_model.inputs:
         yield Table(
             "Mean and spread (standard deviation) of the inputs, as stated and as found in the "
@@ -69,23 +62,27 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
             ("Input", "Unit", "Stated mean", "Found mean", "Stated spread", "Found spread"),
             (
                 tuple(
-                    _moments(name, flights_model.inputs[name], names)
-                    for name in flights_model.inputs
+                    make_row(
+                        f"`{name}`",
+                        campaign.parameters[name].unit,
+                        *(significant(x, 6) for x in (item.stated_mean, item.mean)),
+                        *(significant(x, 4) for x in (item.stated_sigma, item.sigma)),
+                    )
+                    for name, item in flights_model.inputs.items()
                 ),
             ),
         )
     if any(entry.failed or entry.not_computed for entry in flights_model.counts.values()):
-        heads = (
-            campaign.kind.capitalize(),
-            "Flights",
-            "Terminated early",
-            "Not computed",
-            "Outcomes",
+        columns = (names.kind, "Flights", "Terminated early", "Not computed", "Outcomes")
+        group = tuple(
+            make_row(
+                names.label(name),
+                *map(grouped_digits, (x.flown, x.failed, x.not_computed)),
+                ", ".join(f"{n} {code.replace('_', ' ')}" for code, n in x.outcomes.items()),
+            )
+            for name, x in flights_model.counts.items()
         )
-        counts = tuple(
-            _counts(names.label(name), entry) for name, entry in flights_model.counts.items()
-        )
-        yield Table("Outcomes of the flights", heads, (counts,), numbers=False)
+        yield Table("Outcomes of the flights", columns, (group,), numbers=False)
     else:
         yield Text("No flight terminated early.")
     yield from _findings(flights_model, names)
@@ -99,17 +96,15 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
     if campaign.can_rerun:
         explanation += (
             f" `abhv-mc explain {names.folder} --controller NAME --flight NUMBER` finds the "
-            "smallest set of "
+            "smallest set of dispersions that still makes a flight fail."
         )
-        explanation += "dispersions that still makes a flight fail."
     yield Text(explanation)
-    metric_labels = (names.metrics[metric].label_with_unit for metric in names.asked)
     worst_heads = (
         "Flight",
         "Outcome",
         "Worst in",
         f"Exceedance (% of {'limit' if any(c.limits for c in campaign.criteria) else 'median'})",
-        *metric_labels,
+        *(names.metrics[metric].label_with_unit for metric in names.asked),
         "Largest dispersions",
     )
     for name, flights in flights_model.worst.items():
@@ -118,7 +113,7 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         rerun = Text(f"Re-run a flight, bit for bit, with `{command}`")
         listed = tuple(_worst(name, flight, names) for flight in flights)
         table = Table(title, worst_heads, (listed,)).without_constant()
-        yield Fold(title, (rerun, table) if campaign.can_rerun else (table,))
+        yield Fold(title, (*[rerun] * campaign.can_rerun, table))
     yield Picture("worst_flights")
     if campaign.contents.zones:
         yield Picture("ground_tracks")
@@ -128,30 +123,31 @@ def _findings(flights_model: Flights, names: Names) -> Iterator[Table]:
     """Yield the table of flights that saturated, oscillated or left table ranges, if any."""
     findings = flights_model.findings
     channels = sorted({channel for entry in findings.values() for channel in entry.cycling})
-    rows = {
-        names.label(name): (
+    counts = {
+        name: (
             entry.saturated or 0,
             *(entry.cycling.get(channel, 0) for channel in channels),
             entry.outside_tables or 0,
         )
         for name, entry in findings.items()
     }
-    if not any(map(any, rows.values())):
+    if not any(map(any, counts.values())):
         return
     heads = (
-        names.campaign.kind.capitalize(),
+        names.kind,
         "Surface saturation",
         *(f"Oscillation, {channel.replace('_', ' ')}" for channel in channels),
         "Beyond the vehicle's tables",
     )
-    flown = {label: entry.flown for label, entry in zip(rows, findings.values(), strict=True)}
-    cells = tuple(
-        (Cell(label, head=True), *(Cell(count_of(n, flown[label]) if n else "0") for n in counts))
-        for label, counts in rows.items()
+    rows = tuple(
+        make_row(
+            names.label(name), *(count_of(n, findings[name].flown) if n else "0" for n in numbers)
+        )
+        for name, numbers in counts.items()
     )
     ripple = max(entry.ripple_deg for entry in findings.values())
     caption = f"Flights with findings; an oscillation exceeds {ripple:g} deg from peak to peak"
-    yield Table("Findings", heads, (cells,), caption)
+    yield Table("Findings", heads, (rows,), caption)
 
 
 def _kept(names: Names) -> str:
@@ -174,8 +170,8 @@ def _flown(flights: Flights, names: Names) -> Records:
     """Return how many flights were drawn, and how."""
     campaign = names.campaign
     unknowns, seeds = campaign.unknowns, campaign.pooled_seeds or [campaign.seed]
-    flown = fixed(next(iter(flights.counts.values())).flown, 0)
-    most = f" of at most {fixed(campaign.runs, 0)}, until every verdict is PASS or FAIL"
+    flown = grouped_digits(next(iter(flights.counts.values())).flown)
+    most = f" of at most {grouped_digits(campaign.runs)}, until every verdict is PASS or FAIL"
     claim = "not contradicted by any test" if campaign.independent else "not assumed"
     origin, dispersed = campaign.simulator.origin, [*flights.dispersions]
     return make_records(
@@ -198,56 +194,32 @@ def _law(entry: Mapping[str, Any]) -> str:
 
 
 def _settings(entry: Mapping[str, Any]) -> str:
-    settings = {key: value for key, value in entry.items() if key not in ("distribution", "parts")}
-    parts = [
-        f"{_law(component)} ({_settings(component)})" for component in entry.get("parts", ())
-    ]  # components of a mixture distribution
-    return ", ".join(
-        [*parts, *(f"{key.replace('_', ' ')} {value}" for key, value in settings.items())]
-    )
-
-
-def _dispersion(name: str, law: str, settings: str, names: Names) -> Row:
-    return (
-        Cell(f"`{name}`", head=True),
-        Cell(parameter_doc(name, names.campaign.parameters)),
-        Cell(law),
-        Cell(settings),
-    )
-
-
-def _moments(name: str, moments: InputMoments, names: Names) -> Row:
-    means = (significant(mean, 6) for mean in (moments.stated_mean, moments.mean))
-    spreads = (significant(sigma, 4) for sigma in (moments.stated_sigma, moments.sigma))
-    unit = names.campaign.parameters[name].unit
-    return (Cell(f"`{name}`", head=True), *map(Cell, (unit, *means, *spreads)))
-
-
-def _counts(label: str, counts: FlightCounts) -> Row:
-    outcomes = ", ".join(
-        f"{count} {code.replace('_', ' ')}" for code, count in counts.outcomes.items()
-    )
-    numbers = (fixed(count, 0) for count in (counts.flown, counts.failed, counts.not_computed))
-    return (Cell(label, head=True), *map(Cell, numbers), Cell(outcomes))
+    # The parts are the components of a mixture distribution.
+    texts = [f"{_law(component)} ({_settings(component)})" for component in entry.get("parts", ())]
+    texts += [
+        f"{key.replace('_', ' ')} {value}"
+        for key, value in entry.items()
+        if key not in ("distribution", "parts")
+    ]
+    return ", ".join(texts)
 
 
 def _worst(controller: str, flight: WorstFlight, names: Names) -> Row:
-    values = (significant(flight.metrics.get(metric), 4) for metric in names.asked)
-    return (
-        Cell(str(flight.flight), head=True, flight=(controller, flight.flight)),
-        Cell(ended_words(flight.outcome, flight.missed, len(names.requirements))),
-        Cell(names.metrics[flight.by].label if flight.by else ""),
-        Cell(significant(100.0 * flight.beyond, 3)),
-        *map(Cell, values),
-        Cell(", ".join(_words(dispersion, names) for dispersion in flight.largest)),
+    parameters = names.campaign.parameters
+    largest = (
+        f"{spoken_name(item.parameter)} {shown_value(item.parameter, item.value, parameters)}"
+        + ("" if item.sigma is None else f" ({fixed(item.sigma, 1)} sigma)")
+        for item in flight.largest
     )
-
-
-def _words(dispersion: LargeDispersion, names: Names) -> str:
-    """Return a dispersion as text, such as 'lift +8.1 % (1.6 sigma)'."""
-    sigma = "" if dispersion.sigma is None else f" ({fixed(dispersion.sigma, 1)} sigma)"
-    value = shown_value(dispersion.parameter, dispersion.value, names.campaign.parameters)
-    return f"{spoken_name(dispersion.parameter)} {value}{sigma}"
+    texts = (
+        ended_words(flight.outcome, flight.missed, len(names.requirements)),
+        names.metrics[flight.by].label if flight.by else "",
+        significant(100.0 * flight.beyond, 3),
+        *(significant(flight.metrics.get(metric), 4) for metric in names.asked),
+        ", ".join(largest),
+    )
+    head = Cell(str(flight.flight), head=True, flight=(controller, flight.flight))
+    return (head, *map(Cell, texts))
 
 
 FLIGHTS = Topic("flights", Flights, compute_flights, flight_section, figures_of(__name__))

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flights.metrics import Metric, name_end
+from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.envelopes import Curve, curves_of
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of
@@ -23,11 +23,12 @@ from abhv_mc.topics.figure_style import controller_colors, legend_below, new_fig
 from abhv_mc.topics.flights.model import Flights, WorstFlight, channel_of, limit_sides
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import Drawn
 
 _MOST_CHANNELS = 4
 
 
-def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
     """Yield the figure of the listed flights that have stored histories."""
     results, controllers = names.results, tuple(names.controllers)
     kept_histories = {name: read_histories(results.folder, name) for name in controllers}
@@ -86,12 +87,12 @@ def draw(flights: Flights, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 
 def _ground_tracks(
     names: Names, histories: Mapping[str, Mapping[int, Mapping[str, Floats]]]
-) -> Iterator[tuple[FigureText, Figure]]:
+) -> Iterator[Drawn]:
     """Yield the map of the stored ground tracks, if the campaign has keep-out zones."""
     zones = names.campaign.contents.zones
     if not zones:
         return
-    colors, tracks = controller_colors(tuple(names.controllers)), []
+    colors, tracks = controller_colors(names.controllers), []
     for name, own in histories.items():
         for history in own.values():
             if {"latitude_deg", "longitude_deg"} <= history.keys():
@@ -127,10 +128,10 @@ def plot_tracks(
 
 def _critical(
     flights: Flights, names: Names, histories: Mapping[str, Mapping[int, Mapping[str, Floats]]]
-) -> Iterator[tuple[FigureText, Figure]]:
+) -> Iterator[Drawn]:
     """Yield the figure of the most critical error of each controller, with its limit."""
     panels = []
-    for name, color in controller_colors(tuple(names.controllers)).items():
+    for name, color in controller_colors(names.controllers).items():
         worst = next((f for f in flights.worst[name] if f.flight in histories[name]), None)
         if worst is None:
             continue
@@ -204,14 +205,10 @@ def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> 
 def _curve(channel: str, names: Names) -> Curve:
     """Return the display settings of a channel."""
     curves = {curve.channel: curve for curve in curves_of(names.campaign)}
-    signals = {signal.name: signal for signal in names.campaign.channels}
-    return curves.get(channel) or Curve(channel, _axis(channel, signals[channel].unit))
-
-
-def _axis(channel: str, unit: str) -> str:
-    """Return an axis label such as 'speed error (m/s)'."""
-    name = channel.removesuffix(f"_{name_end(unit)}") if name_end(unit) else channel
-    return f"{name.replace('_', ' ')} ({unit})".replace("(-)", "(–)")
+    (unit,) = (signal.unit for signal in names.campaign.channels if signal.name == channel)
+    label = names.campaign.contents.stems.get(channel, channel) if unit != "-" else channel
+    label = label.replace("_", " ")
+    return curves.get(channel) or Curve(channel, f"{label} ({unit})".replace("(-)", "(–)"))
 
 
 def _limits(channel: str, names: Names, recorded: set[str]) -> tuple[tuple[Floats, Floats], ...]:

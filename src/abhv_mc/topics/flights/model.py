@@ -4,9 +4,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices
 from abhv_mc.campaign.sampling.marginals import find_moments
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.outcomes import Outcome
@@ -145,15 +144,8 @@ def _moments(column: Floats) -> tuple[float, float]:
 
     An infinite value means that the event does not occur in the flight.
     """
-    return (
-        (float(np.mean(column)), float(np.std(column)))
-        if np.isfinite(column).all()
-        else (np.inf, np.inf)
-    )
-
-
-def _sigmas(value: float, mean: float, sigma: float) -> float | None:
-    return None if np.isinf(sigma) else (value - mean) / sigma if sigma > 0.0 else 0.0
+    is_finite = np.isfinite(column).all()
+    return (float(np.mean(column)), float(np.std(column))) if is_finite else (np.inf, np.inf)
 
 
 def _largest(
@@ -164,30 +156,21 @@ def _largest(
     Events that occur only in some flights, such as failures, come first.
     """
     moved = [
-        LargeDispersion(key, samples[key], _sigmas(samples[key], *spread[key]))
-        for key in spread
-        if np.isfinite(samples[key])
+        LargeDispersion(key, value, None if np.isinf(sigma) else (value - mean) / (sigma or 1.0))
+        for key, (mean, sigma) in spread.items()
+        if np.isfinite(value := samples[key])
     ]
-    return tuple(
-        sorted(
-            moved,
-            key=lambda dispersion: -np.inf if dispersion.sigma is None else -abs(dispersion.sigma),
-        )[:_LARGEST]
-    )
+    moved.sort(key=lambda item: -np.inf if item.sigma is None else -abs(item.sigma))
+    return tuple(moved[:_LARGEST])
 
 
-def _counted(flights: ControllerFlights, metric: str, rows: NDArray[np.intp]) -> Floats:
+def _counted(flights: ControllerFlights, metric: str, rows: Indices) -> Floats:
     record, values = flights.records[metric], flights.metrics[metric][rows]
     nothing = flights.failed[rows] & record.settled & (values == record.empty)
     return np.where(nothing, np.nan, values)
 
 
 _CYCLES = 5.0  # smallest peak-to-peak ripple in deg that counts as an oscillation
-_LIMITS = {
-    "saturates": 0.0,
-    "leaves_tables": 0.0,
-    "cycles": _CYCLES,
-}  # thresholds by metric
 
 
 @dataclass(frozen=True)
@@ -210,7 +193,6 @@ class Findings:
     saturated: int | None
     outside_tables: int | None
     cycling: Mapping[str, int]  # number of oscillating flights, by channel
-    disturbed: bool  # whether gusts, turbulence or noise can cause oscillations
     ripple_deg: float = _CYCLES
 
 
@@ -243,15 +225,25 @@ def compute_flights(results: FlownCampaign) -> Flights:
     """Return outcomes, findings and worst flights of all controllers."""
     names = results.controllers
     campaign = results.campaign
-    disturbed = not set(campaign.contents.disturbances).isdisjoint(campaign.varied)
+    counts = {}
+    for name in names:
+        flights = results.flights[name]
+        flown, failed = flights.flight.size, int(flights.failed.sum())
+        bounds = clopper_pearson(failed, flown) if campaign.independent else (np.nan, np.nan)
+        share, outcomes = Interval(failed / flown, *bounds), flights.count_outcomes()
+        counts[name] = FlightCounts(flown, failed, flights.not_computed, outcomes, share)
     stated = () if campaign.can_rerun else campaign.marginals.items()
     return Flights(
         parameters=results.dispersed,
         dispersions=campaign.dispersions,
         derived=dict(campaign.model.derived),
-        counts={name: _counts(results.flights[name], campaign.independent) for name in names},
-        left_out=_left_out(results),
-        findings={name: _findings(results.flights[name], disturbed) for name in names},
+        counts=counts,
+        left_out={
+            name: count
+            for name, ended in results.manifest.controllers.items()
+            if (count := ended.outcomes.get("failed_to_run", 0)) and name not in names
+        },
+        findings={name: _findings(results.flights[name]) for name in names},
         worst=worst_flights(results),
         inputs={
             name: InputMoments(*find_moments(marginal), *_moments(results.samples[name]))
@@ -260,42 +252,19 @@ def compute_flights(results: FlownCampaign) -> Flights:
     )
 
 
-def _counts(flights: ControllerFlights, independent: bool) -> FlightCounts:
-    flown, failed = int(flights.flight.size), int(flights.failed.sum())
-    share = Interval(
-        failed / flown, *(clopper_pearson(failed, flown) if independent else (np.nan, np.nan))
-    )
-    return FlightCounts(flown, failed, flights.not_computed, flights.count_outcomes(), share)
-
-
-def _left_out(results: FlownCampaign) -> dict[str, int]:
-    listed = results.manifest.controllers.items()
-    lost = {name: ended.outcomes.get("failed_to_run", 0) for name, ended in listed}
-    return {
-        name: count for name, count in lost.items() if count and name not in results.controllers
-    }
-
-
-def _findings(flights: ControllerFlights, disturbed: bool) -> Findings:
-    records = {
-        name: record
-        for name, record in flights.records.items()
-        if record.finding and name in flights.metrics
-    }
-
-    def above(finding: str) -> dict[str, int]:
+def _findings(flights: ControllerFlights) -> Findings:
+    def above(finding: str, limit: float) -> dict[str, int]:
         return {
             record.label.removesuffix(" ripple").lower().replace(" ", "_"): int(
-                np.sum(flights.metrics[name] > _LIMITS[finding])
+                np.sum(flights.metrics[name] > limit)
             )
-            for name, record in records.items()
-            if record.finding == finding
+            for name, record in flights.records.items()
+            if record.finding == finding and name in flights.metrics
         }
 
     return Findings(
-        int(flights.flight.size),
-        max(above("saturates").values(), default=None),
-        max(above("leaves_tables").values(), default=None),
-        above("cycles"),
-        disturbed,
+        flights.flight.size,
+        max(above("saturates", 0.0).values(), default=None),
+        max(above("leaves_tables", 0.0).values(), default=None),
+        above("cycles", _CYCLES),
     )

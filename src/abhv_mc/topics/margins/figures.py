@@ -14,7 +14,7 @@ from abhv_mc.topics.figure_style import (
     new_panels,
     styled,
 )
-from abhv_mc.topics.margins.model import Margins
+from abhv_mc.topics.margins import Margins
 from abhv_mc.topics.missed_requirements import failed_anyhow
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import FigureText
@@ -49,14 +49,14 @@ def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
 def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
     """Plot exceedance of limits against gain and phase margin; filled markers are failures."""
     figure, grid = new_panels(2, 2, 2.1, between=(0.3, 0.0), sharey=True)
-    colors, results, points = controller_colors(tuple(names.controllers)), names.results, {}
+    colors, results, points = controller_colors(names.controllers), names.results, {}
     for name in margins.flights:
         flights = results.flights[name]
         rows = np.flatnonzero(np.isfinite(flights.metrics[MARGIN_NAMES[0]]))[:_MOST_POINTS]
         failed = failed_anyhow(flights, names.requirements)[rows]
         points[name] = rows, failed, 100.0 * results.ranking.beyond[name][rows]
     finite = np.concatenate([beyond[np.isfinite(beyond)] for *_, beyond in points.values()])
-    low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
+    low, high = finite.min(initial=0.0), finite.max(initial=0.0)
     ceiling = high + 0.15 * (high - low or 1.0)
     across = zip(
         grid.flat,

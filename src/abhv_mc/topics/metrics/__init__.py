@@ -9,8 +9,7 @@ from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
-from abhv_mc.topics.formatting import significant
-from abhv_mc.topics.json_data import level_name
+from abhv_mc.topics.formatting import level_name, significant
 from abhv_mc.topics.names import Names
 from abhv_mc.topics.section import (
     Cell,
@@ -90,19 +89,17 @@ def metric_statistics(flights: ControllerFlights, metric: str, record: Metric) -
 
 
 def _unsettled(results: FlownCampaign, record: Metric) -> str | None:
-    if not record.settled:
-        return None
-    for other in map(results.campaign.metrics.__getitem__, results.metrics):
-        same = replace(other, name="", doc="", label="", settled=True) == replace(
-            record, name="", doc="", label=""
-        )
-        if same and not other.settled:
-            pairs = (
-                (flights.metrics[record.name], flights.metrics[other.name])
-                for flights in results.flights.values()
+    plain = replace(record, name="", doc="", label="", settled=False)
+    for other in map(
+        results.campaign.metrics.__getitem__, results.metrics if record.settled else ()
+    ):
+        if replace(other, name="", doc="", label="") == plain and all(
+            np.array_equal(
+                flights.metrics[record.name], flights.metrics[other.name], equal_nan=True
             )
-            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
-                return other.name
+            for flights in results.flights.values()
+        ):
+            return other.name
     return None
 
 
@@ -129,8 +126,7 @@ def metric_section(metrics: Metrics, names: Names) -> Section:
     if not names.campaign.independent:
         text += " The intervals are not exact, because the flights are not independent."
     return Section(
-        "Error distributions",
-        (Text(text), Picture("distribution_asked"), *_folds(metrics, names)),
+        "Error distributions", (Text(text), Picture("distribution_asked"), *_folds(metrics, names))
     )
 
 
@@ -142,28 +138,18 @@ def _folds(metrics: Metrics, names: Names) -> Iterator[Fold]:
             if own == group and (group == "asked" or not table.same_as):
                 listed.append(_rows(table, names))
         if listed:
-            yield Fold(
-                title,
-                (
-                    Table(
-                        title, ("Metric", names.campaign.kind.capitalize(), *_HEADS), tuple(listed)
-                    ),
-                ),
-            )
+            yield Fold(title, (Table(title, ("Metric", names.kind, *_HEADS), tuple(listed)),))
 
 
 def _rows(table: MetricTable, names: Names) -> tuple[Row, ...]:
-    texts = table.words
+    texts, rows = table.words, []
+    for name, entry in table.controllers.items():
+        flight = "\N{EM DASH}" if entry.worst_flight is None else str(entry.worst_flight)
+        levels = map(interval_cell, entry.quantiles.values())
+        worst = map(Cell, (significant(entry.worst, 4), flight))
+        rows.append((Cell(names.label(name), head=True), *levels, *worst))
     note = SMALL_IS_BAD if texts["bad"] == "low" else ""
-    rows = [_row(names.label(name), cell) for name, cell in table.controllers.items()]
     return grouped(rows, Cell(texts["label_with_unit"], note, head=True, hint=texts["doc"]))
-
-
-def _row(label: str, controller_metric: ControllerMetric) -> Row:
-    flight = controller_metric.worst_flight
-    worst = Cell("\N{EM DASH}" if flight is None else str(flight))
-    levels = map(interval_cell, controller_metric.quantiles.values())
-    return (Cell(label, head=True), *levels, Cell(significant(controller_metric.worst, 4)), worst)
 
 
 METRICS = Topic("metrics", Metrics, compute_metrics, metric_section, figures=figures_of(__name__))

@@ -1,14 +1,15 @@
 """Figures of the distributions of metrics."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.array_types import Floats
-from abhv_mc.folder.flown_campaign import FlownCampaign
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.topics.figure_style import (
     PERCENT,
     controller_colors,
@@ -31,23 +32,33 @@ class Spread:
     label: str
     # controller -> value per flight; infinite if the flight terminated early
     values: Mapping[str, Floats]
-    limits: Sequence[float] = field(default=())  # limits of requirements
+    limits: Sequence[float] = ()  # limits of requirements
     unit: str = ""
 
 
 @styled
 def plot_distributions(
-    spreads: Sequence[Spread], labels: Mapping[str, str], colors: Mapping[str, str]
+    spreads: Sequence[Spread],
+    labels: Mapping[str, str],
+    colors: Mapping[str, str],
+    dashed: Collection[str] = (),
 ) -> Figure:
-    """Plot cumulative shares of flights, with a panel per metric and a line per controller."""
+    """Plot cumulative shares of flights, with a panel per metric and a line per controller.
+
+    If there are ``dashed`` lines, all other lines are solid.
+    """
+    looks = {
+        name: {**line_look(i, len(labels)), "color": colors[name], "label": label}
+        | ({"linestyle": "--" if name in dashed else "-"} if dashed else {})
+        for i, (name, label) in enumerate(labels.items())
+    }
     columns = 3 if len(spreads) > 4 else 2
     figure, grid = new_panels(
         len(spreads), columns, 1.05, between=(0.25, 0.54), top=0.16, sharey=True
     )
     for axes, spread in zip(grid.flat, spreads, strict=False):
-        for i, (name, column) in enumerate(spread.values.items()):
-            look = {**line_look(i, len(labels)), "color": colors[name], "label": labels[name]}
-            axes.step(*distribution_steps(column), where="post", **look)
+        for name, column in spread.values.items():
+            axes.step(*distribution_steps(column), where="post", **looks[name])
         values = list(spread.values.values())
         make_value_axis(axes, spread.label, values, limits=spread.limits, unit=spread.unit)
         axes.set_ylim(-0.02, 1.02)
@@ -69,22 +80,20 @@ _TEXT = FigureText(
 def draw(_found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
     """Yield the figure with the distributions of the leading metrics."""
     if names.asked:
-        spreads = [_spread(names.results, metric) for metric in names.asked]
-        yield (
-            _TEXT,
-            plot_distributions(
-                spreads, names.controllers, controller_colors(tuple(names.controllers))
-            ),
-        )
+        flights = {name: names.results.flights[name] for name in names.controllers}
+        spreads = [make_spread(names.campaign, metric, flights) for metric in names.asked]
+        colors = controller_colors(names.controllers)
+        yield _TEXT, plot_distributions(spreads, names.controllers, colors)
 
 
-def _spread(results: FlownCampaign, metric: str) -> Spread:
-    record = results.campaign.metrics[metric]
+def make_spread(
+    campaign: Experiment, metric: str, flights: Mapping[str, ControllerFlights]
+) -> Spread:
+    """Return the values of a metric in the flights of each line of a figure."""
+    record = campaign.metrics[metric]
     lost = -np.inf if record.bad == "low" else np.inf
-    flown = {name: results.flights[name] for name in results.controllers}
     values = {
-        name: np.where(flights.failed, lost, flights.metrics[metric])
-        for name, flights in flown.items()
+        name: np.where(table.failed, lost, table.metrics[metric]) for name, table in flights.items()
     }
     unit = record.with_unit("").strip()
-    return Spread(record.label_with_unit, values, results.campaign.limits_of(metric), unit)
+    return Spread(record.label_with_unit, values, campaign.limits_of(metric), unit)

@@ -6,7 +6,7 @@ from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.topics.formatting import count_of, percent, significant
 from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped
+from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped, make_row
 from abhv_mc.topics.topic import Topic
 from abhv_mc.topics.verdicts.model import (
     ControllerVerdict,
@@ -53,7 +53,7 @@ def verdict_section(verdicts: Verdicts, names: Names) -> Section:
         _group(entry, names, {name for number, name in dropped if number == k})
         for k, entry in enumerate(verdicts.requirements)
     )
-    heads = "Requirement", names.campaign.kind.capitalize(), *_HEADS
+    heads = "Requirement", names.kind, *_HEADS
     table = Table("Requirements in full", heads, groups, numbers=False)
     text = _RULE
     if any(v.set_later for entry in verdicts.requirements for v in entry.controllers.values()):
@@ -72,10 +72,10 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
     groups = tuple(
         grouped(
             [
-                (
-                    Cell(names.label(name), head=True),
-                    Cell(percent(verdict.one_look_bound)),
-                    Cell(" to ".join(map(percent, verdict.failure_rate or ()))),
+                make_row(
+                    names.label(name),
+                    percent(verdict.one_look_bound),
+                    " to ".join(map(percent, verdict.failure_rate or ())),
                 )
                 for name, verdict in entry.controllers.items()
             ],
@@ -90,7 +90,7 @@ def _other_intervals(verdicts: Verdicts, names: Names) -> Fold:
     )
     heads = (
         "Requirement",
-        names.campaign.kind.capitalize(),
+        names.kind,
         "Success at least (Clopper-Pearson)",
         "Failure probability (Jeffreys)",
     )
@@ -106,38 +106,19 @@ def _group(entry: JudgedRequirement, names: Names, dropped: Set[str]) -> tuple[R
     )
     trace = " \N{MIDDLE DOT} ".join(traced[key] for key in TRACED if key != "id" and key in traced)
     notes = "; ".join(filter(None, (note, trace)))
-    rows = [
-        _row(
-            names.label(name),
-            name,
-            item,
-            verdict,
-            names=names,
-            note=_ALONE * (name in dropped),
+    rows = []
+    for name, verdict in entry.controllers.items():
+        texts = (
+            count_of(verdict.failures, verdict.flights),
+            str(verdict.ended_early),
+            str(verdict.uncomputed),
+            *_tolerance(verdict, item, names),
+            verdict.advice or _DASH,
         )
-        for name, verdict in entry.controllers.items()
-    ]
+        binding = "binding" if name in item.controllers else ""
+        label = Cell(verdict.label, verdict.note or _ALONE * (name in dropped), verdict=True)
+        rows.append((Cell(names.label(name), binding, head=True), label, *map(Cell, texts)))
     return grouped(rows, Cell(f"{traced.get('id', '')} {entry.words}".strip(), notes, head=True))
-
-
-def _row(
-    label: str,
-    name: str,
-    item: Requirement,
-    verdict: ControllerVerdict,
-    *,
-    names: Names,
-    note: str,
-) -> Row:
-    return (
-        Cell(label, "binding" if name in item.controllers else "", head=True),
-        Cell(verdict.label, verdict.note or note, verdict=True),
-        Cell(count_of(verdict.failures, verdict.flights)),
-        Cell(str(verdict.ended_early)),
-        Cell(str(verdict.uncomputed)),
-        *map(Cell, _tolerance(verdict, item, names)),
-        Cell(verdict.advice or _DASH),
-    )
 
 
 def _tolerance(verdict: ControllerVerdict, item: Requirement, names: Names) -> tuple[str, str]:

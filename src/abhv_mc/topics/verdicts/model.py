@@ -178,7 +178,7 @@ def _verdict(
     return ControllerVerdict(
         **vars(verdict),
         words=verdict_words(verdict, flies),
-        ended_early=int(early[flights.flight % points == point].sum()),
+        ended_early=early[flights.flight % points == point].sum(),
         advice=advice_words(verdict, flies) if verdict.status == "NOT SHOWN" else "",
         tolerance_limit=tolerance,
         room=room,
@@ -210,7 +210,7 @@ def find_tolerance(
     point_index, absent = flights.flight % points, flights.absent % points
     risks = requirement.probability, requirement.consumer_risk
     point_limits = [
-        tolerance_limit(worse[point_index == k], int(np.sum(absent == k)), *risks) for k in judged
+        tolerance_limit(worse[point_index == k], np.sum(absent == k), *risks) for k in judged
     ]
     worst_limit = (
         None if None in point_limits else max(limit for limit in point_limits if limit is not None)
@@ -252,31 +252,24 @@ def _together(
 
 
 def _glance(results: FlownCampaign, entry: JudgedRequirement) -> GlanceRow:
-    item, record, limits = (
-        entry.asked,
-        results.campaign.metrics[entry.asked.metric],
-        entry.asked.limits,
-    )
-    cells = {
-        name: GlanceCell(
-            *_quantiles(results, name, item.metric, limits),
-            tolerance=verdict.tolerance_limit,
-            status=verdict.label,
-        )
-        for name, verdict in entry.controllers.items()
-    }
-    unit = f"{record.unit} outside the limits" if limits.both else record.unit
-    size = _size(limits, results, item.metric)
-    text, limit = record.with_unit(limits.symbols), limits.sign * limits.limit
+    item, record = entry.asked, results.campaign.metrics[entry.asked.metric]
+    limits = item.limits
     return GlanceRow(
         metric=item.metric,
         label=record.label,
-        unit=unit,
-        text=text,
-        limit=limit,
+        unit=f"{record.unit} outside the limits" if limits.both else record.unit,
+        text=record.with_unit(limits.symbols),
+        limit=limits.sign * limits.limit,
         below=limits.sign > 0.0,
-        size=size,
-        cells=cells,
+        size=_size(limits, results, item.metric),
+        cells={
+            name: GlanceCell(
+                *_quantiles(results, name, item.metric, limits),
+                tolerance=verdict.tolerance_limit,
+                status=verdict.label,
+            )
+            for name, verdict in entry.controllers.items()
+        },
     )
 
 
@@ -284,22 +277,20 @@ def _unlimited(results: FlownCampaign, metric: str) -> GlanceRow:
     """Return the row of a metric without a requirement, scaled by the median of all controllers."""
     record = results.campaign.metrics[metric]
     side = Bounds(low=0.0) if record.bad == "low" else Bounds(high=0.0)
-    cells = {
-        name: GlanceCell(*_quantiles(results, name, metric, side)) for name in results.controllers
-    }
     values = pooled_values(results.flights, metric)
     middle = float(np.nanmedian(values)) if values.size and not np.isnan(values[0]) else 0.0
-    text = f"median {significant(middle, 3)} {'' if record.unit == '-' else record.unit}".strip()
-    size = abs(middle) or _size(side, results, metric)
     return GlanceRow(
         metric=metric,
         label=record.label,
         unit=record.unit,
-        text=text,
+        text=f"median {record.with_unit(significant(middle, 3))}",
         limit=middle,
         below=side.sign > 0.0,
-        size=size,
-        cells=cells,
+        size=abs(middle) or _size(side, results, metric),
+        cells={
+            name: GlanceCell(*_quantiles(results, name, metric, side))
+            for name in results.controllers
+        },
     )
 
 
@@ -326,11 +317,7 @@ def _quantiles(
                 for k in np.unique(point_index)
             ]
         )
-    low, median, high = (
-        point_quantiles[:, 0].min(),
-        np.median(point_quantiles[:, 1]),
-        point_quantiles[:, 2].max(),
-    )
+    lows, medians, highs = point_quantiles.T
     finite = values[np.isfinite(values)]
     worst = limits.sign * float(np.max(limits.sign * finite)) if finite.size else None
-    return float(low), float(median), float(high), worst
+    return lows.min(), float(np.median(medians)), highs.max(), worst
