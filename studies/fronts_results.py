@@ -76,8 +76,9 @@ class Judge:
         return Fresh(columns(block, ERRORS), columns(block, USAGE), least, wide.lost, wide.cycling)
 
     def count(self, controller: Controller, name: str) -> Flown:
-        """Run the flights of the wide box, which last LONG."""
-        plan = make_plan(self.duel.vehicle, self.duel.long, controller, name)
+        """Run the flights of the wide box, which last LONG, for which the fuel of abhv is short."""
+        mission = self.duel.mission if self.name == DEFAULT else self.duel.long
+        plan = make_plan(self.duel.vehicle, mission, controller, name)
         return self.duel.fly(plan, np.vstack([self.corners, self.wide]))
 
     def keeps(self, fresh: Fresh) -> bool:
