@@ -41,8 +41,8 @@ the same limits on stability margins, from two searches for each controller. The
 {answer}
 
 TLC and LQR are tuned within the same limits on three of the [earlier vehicles](paper.md#the-vehicles), each with its \
-own S manoeuvre: compare TLC with LQR within a row, not rows with each other. The [comparison with the paper's \
-figures](paper.md#the-claim-with-the-printed-gains) quotes the claim.
+own S manoeuvre: compare TLC with LQR, not vehicles. The [page on the paper](paper.md#the-claim-with-the-printed-gains) \
+quotes the claim.
 
 ## The fronts
 
@@ -60,8 +60,7 @@ Each controller has 14 free parameters: bandwidths and dampings of TLC, or weigh
 delays of 0 to 40 ms. At its 128 corners and in 200 new flights of 180 s, no flight terminates \
 early or oscillates by more than 5 deg. The errors in altitude, speed and heading are at most 1.5 times (in the new flights, twice) the larger of the errors with Table 1 and with the paper's LQR weights.
 
-`studies/fronts.py` ran CMA-ES for each limit ({effort}), and `studies/fronts_results.py` simulates the \
-designs with new seeds.
+`studies/fronts.py` ran CMA-ES ({effort}), and `studies/fronts_results.py` simulates the designs with new seeds.
 
 ## Printed and shipped designs
 
@@ -72,7 +71,7 @@ terminations and oscillations in 328 flights of 60 s in the wide box. {robust}
 
 ## Coupling of thrust and lift
 
-The paper's reason for joint control is the coupling of thrust with lift and pitching moment. The table gives the ratio TLC / LQR of the median rms errors over the whole flight (outside the transients) for `abhv` with other thrust lines, printed gains and weights, and 100 dispersed flights each.
+The paper's reason for joint control is the coupling of thrust with lift and pitching moment. The table gives the ratio TLC / LQR of the median rms errors over the whole flight (outside the transients) in 100 dispersed flights of `abhv` with other thrust lines, printed gains and weights.
 
 {thrust_line}
 
@@ -80,7 +79,7 @@ The paper's reason for joint control is the coupling of thrust with lift and pit
 
 ## Number of parameters and time of the trim
 
-The paper's second conclusion is that TLC has fewer parameters to tune and computes its trim in real time. Without limits, `tlc.yaml` has {tlc_numbers} numbers and `lqr.yaml` has {lqr_numbers} weights ({lqr_free} ratios): TLC does not have fewer. A trim of equation (12) takes {warm_us} µs of processor time from the solution of the previous tick and {cold_us} µs without it (`python -m benchmarks.trim_time`), at most {share} % of a control period of 10 ms.
+The paper also concludes that TLC has fewer parameters to tune and computes its trim in real time. Without limits, `tlc.yaml` has {tlc_numbers} numbers and `lqr.yaml` has {lqr_numbers} weights ({lqr_free} ratios): TLC does not have fewer. A trim of equation (12) takes {warm_us} µs of processor time from the solution of the previous tick and {cold_us} µs without it (`python -m benchmarks.trim_time`), at most {share} % of a control period of 10 ms.
 """
 
 

@@ -156,6 +156,7 @@ GHAME's tables are scaled to a length of 8.6 m, slightly more than that of an X-
 - In quasi-steady flow, the rudder alone cannot damp yaw more than the whole vehicle does.
 - The radius of pitch damping is the distance from the centre of gravity at which quasi-steady lift would give the vehicle's Cm_q = -2 CL_alpha (radius/chord)^2. The radius and the arms of rudder and elevator are at most half of the vehicle's length.
 - The other limits are engineering judgement.
+- The figures do not determine pitch and yaw damping; `studies/paper_vehicle.py` limits those of the earlier vehicles by rules.
 
 GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (at most {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg). In
 Figure 11, the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced
@@ -169,10 +170,6 @@ The tables of `abhv` have nodes at every degree and half Mach number of the box:
 [BOX]
 
 The thrust of `abhv` is inclined, so that it adds to the lift and, with its offset, to the pitching moment. The captured air increases up to 11 deg of angle of attack; beyond this angle, the inlet spills. The specific impulse decreases with the equivalence ratio, unlike [GHAME's](theory.md#limits-of-the-model). The rudder's limit of 6 deg and the nose radius of 5 mm (X-43A: 0.8 mm at less than half the length) were chosen.
-
-## Pitch and yaw damping
-
-The figures do not determine the damping. `studies/paper_vehicle.py` limits that of the earlier vehicles by rules, which moved no extreme of the curves by more than 5 % of the axis range.
 
 ## Control powers
 
