@@ -266,7 +266,7 @@ def robust(results: dict[str, Any]) -> str:
     """Return a sentence on the tuned designs of the table."""
     tlc, lqr = (results[DEFAULT]["shipped"][f"{law}_robust_abhv"] for law in LAWS)
     return (
-        "The last two designs were tuned by equal searches for small errors, also of altitude, speed and "
+        "The last two designs were tuned by equal, short searches for small errors, also of altitude, speed and "
         "heading, with at most 1.05 times the effort of Table 1; "
         f"TLC uses {tlc['mean_usage'][0]:.2f} times, and LQR {lqr['mean_usage'][0]:.2f} times this effort."
     )
