@@ -87,8 +87,7 @@ TEXT = """
 
 Zhu and Shen (2014) publish neither their vehicle's tables nor the formula of their S manoeuvre, and show flights only in figures. The default vehicle `abhv` was found by a search for vehicles that reproduce Figures 3 to 11 with the printed gains (Table 1) and LQR weights, within [limits](paper-vehicles.md) of their class and over a box of flight conditions. {earlier} earlier vehicles, from other searches with a tolerance of 2 % and without the limits of the box, show how far the results depend on the vehicle. Each vehicle has its own S manoeuvre and its own limits: compare TLC with LQR on one vehicle, not vehicles with each other.
 
-- `configs/control/tlc.yaml` contains the gains of Table 1, with the paper's differentiator bandwidths of 0.3
-  and 1.5 rad/s, and `configs/control/lqr.yaml` contains the printed weights.
+- The printed gains and weights are in `configs/control/tlc.yaml` and `lqr.yaml`.
 - An automatically scaled axis ends within one tick interval of the data, so each axis limit gives an interval for an extreme value of the data. The axes of Figures 4, 6, 8, 9, 10 and 11 (one for both controllers) and of Figures 5 and 7 (one for each) have 20 limits. They are printed numbers and are counted without tolerance. Figure 3 and the insets of Figure 7 give only bounds.
 - The axis of LQR's inset in Figure 7 (40, 50, 60) is assumed to be automatic: the maximum is then between 50 and 60 deg, for TLC (40 to 55) between 50 and 55 deg.
 - The paper does not state the signs of sideslip and deflections; "mirrored" marks an opposite sign convention.
@@ -179,8 +178,7 @@ The derivatives are per radian and apply at the trim point.
 
 The deflections in the paper's figures determine the control powers. The
 aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's, and the rudder {rudder_ratio:.0f} times as powerful, but the
-elevator produces only {elevator_ratio:.1f} times the lift of GHAME's elevator. No elevons could provide these powers, but
-separate all-moving surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), could, with at least
+elevator produces only {elevator_ratio:.1f} times the lift of GHAME's elevator. All-moving surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), need at least
 {aileron_area:.0f} % of the reference area at the wing tips for the aileron, and {rudder_area:.0f} % for the
 rudder. The flights use about 1 deg of aileron and 0.4 deg of rudder; at full aileron (20 deg), the steady roll rate would be
 p b/2V = {roll:.2f}, or {roll_rate:.0f} rad/s, which no structure would withstand. All vehicles with the deflections of Figure 8 have such rates.
@@ -319,12 +317,12 @@ def spread_words(members: list[dict[str, Any]]) -> str:
     for name in TRAITS:
         sizes = [abs(member["traits"][name]) for member in members]
         shares[name.replace("_", " ")] = max(sizes) / min(sizes)
-    listed = ", ".join(
+    low, *_, high = (
         f"{share:.1f} ({name})" for name, share in sorted(shares.items(), key=lambda item: item[1])
     )
     return (
-        f"The ratio of the largest to the smallest magnitude of each trait is {listed}. The figures "
-        "determine only the traits whose ratio is near 1."
+        f"The ratio of the largest to the smallest magnitude of a trait is {low} to {high}: the figures "
+        "hardly determine most traits."
     )
 
 
