@@ -63,8 +63,6 @@ FACTOR = {"tlc": 20.0, "lqr": 1000.0}  # either way
 PATHS = [0, 1, 2]  # of ERRORS
 ANGLES = [ERRORS.index(name) for name in FOLLOWING]
 LIMITS = 4  # margins, lost, cycling, path
-MORE = ("velocity.flight_path_angle.bandwidth", "velocity.heading.bandwidth")
-KEYS = {"tlc": (*FREE["tlc"], *MORE), "lqr": FREE["lqr"]}
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ class Trials:
         self.path = np.maximum(printed_path / self.table_1[0][PATHS], 1.0)
         document = read_document(find_input(f"{law}_robust_ghame_x", "control"))
         self.numbers = ControllerNumbers(
-            document, tuple(Free(key=key, factor=FACTOR[law]) for key in KEYS[law])
+            document, tuple(Free(key=key, factor=FACTOR[law]) for key in FREE[law])
         )
 
     @staticmethod
@@ -225,13 +223,13 @@ class Archive:
             for search in searches
             for file in sorted(self.folder.glob(f"{law}-{search}-*.npz"))
         ]
-        nothing = np.empty((0, len(KEYS[law]) + 12 + LIMITS))
+        nothing = np.empty((0, len(FREE[law]) + 12 + LIMITS))
         return tried_of(np.vstack([nothing, *(np.load(file)["table"] for file in files)]))
 
     def starts(self, trials: Trials, law: str, search: int) -> Floats:
         """Return the points from which a search starts."""
         if search == RANDOM:
-            return np.random.default_rng(1000 * search).uniform(-0.5, 0.5, (DRAWN, len(KEYS[law])))
+            return np.random.default_rng(1000 * search).uniform(-0.5, 0.5, (DRAWN, len(FREE[law])))
         return np.array([trials.point_of(file) for file in (law, f"{law}_robust_ghame_x")])
 
     def seconds(self) -> float:

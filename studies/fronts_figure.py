@@ -13,7 +13,6 @@ COLORS = {"tlc": BLUE, "lqr": VERMILION}
 SHIPPED = {
     "tlc": ("tlc", "*", "Table 1"),
     "lqr": ("lqr", "X", "the paper's LQR weights"),
-    "lqr_robust_abhv": ("lqr", "s", "LQR robust (shipped)"),
 }
 HEADS = ("all three angles (rms)", "angle of attack", "sideslip", "bank")
 SEARCH_LINES = {1: ("-", True), 2: ("--", False)}

@@ -85,19 +85,18 @@ IMAGES = {
 TEXT = """
 # Comparison with the figures of Zhu and Shen (2014)
 
-Zhu and Shen (2014) publish neither their vehicle's tables nor the formula of their S manoeuvre, and show flights only in figures. The default vehicle `abhv` was found by a search for vehicles that reproduce Figures 3 to 11 with the printed gains (Table 1) and LQR weights, within [limits](paper-vehicles.md) of their class and over a box of flight conditions. {earlier} earlier vehicles, from searches with a tolerance of 2 % and without the limits of the box, show how far the results depend on the vehicle. `studies/paper.py` writes this page.
+Zhu and Shen (2014) publish neither their vehicle's tables nor the formula of their S manoeuvre, and show flights only in figures. The default vehicle `abhv` was found by a search for vehicles that reproduce Figures 3 to 11 with the printed gains (Table 1) and LQR weights, within [limits](paper-vehicles.md) of their class and over a box of flight conditions. {earlier} earlier vehicles, from other searches with a tolerance of 2 % and without the limits of the box, show how far the results depend on the vehicle. Each vehicle has its own S manoeuvre and its own limits: compare TLC with LQR on one vehicle, not vehicles with each other.
 
-- `configs/control/tlc.yaml` contains the gains of Table 1, with the paper's differentiator bandwidths of 0.3
-  and 1.5 rad/s, and `configs/control/lqr.yaml` contains the printed weights.
-- An automatically scaled axis ends within one tick interval of the data, so each axis limit gives an interval for an extreme value of the data. The axes of Figures 4, 6, 8, 9, 10 and 11 (one for both controllers) and of Figures 5 and 7 (one for each controller) have 20 limits. Tick labels are printed numbers, so the ends are counted without tolerance. Figure 3 and the insets of Figure 7 give only bounds.
-- The ticks of LQR's inset in Figure 7 are 40, 50 and 60. If the axis of the inset is automatic, which is assumed here, the maximum is between 50 and 60 deg; for TLC (40 to 55), it is between 50 and 55 deg.
-- The S manoeuvre starts to the right. The paper does not state the signs of sideslip and deflections; in the table, "mirrored" marks an opposite sign convention.
+- The printed gains and weights are in `configs/control/tlc.yaml` and `lqr.yaml`.
+- An automatically scaled axis ends within one tick interval of the data, so each axis limit gives an interval for an extreme value of the data. The axes of Figures 4, 6, 8, 9, 10 and 11 (one for both controllers) and of Figures 5 and 7 (one for each) have 20 limits. They are printed numbers and are counted without tolerance. Figure 3 and the insets of Figure 7 give only bounds.
+- The axis of LQR's inset in Figure 7 (40, 50, 60) is assumed to be automatic: the maximum is then between 50 and 60 deg, for TLC (40 to 55) between 50 and 55 deg.
+- The paper does not state the signs of sideslip and deflections; "mirrored" marks an opposite sign convention.
 - The time in the paper is the time in abhv-mc plus 180 s.
 
 ## Figure by figure
 
 The vehicle is `configs/vehicle/abhv.yaml`, with `configs/mission/paper_s.yaml`. The last column is the largest distance by which {flights} flights under the
-paper's dispersions (10, 10 and 15 % in density, lift and drag) exceed the axis, in percent of the axis width.
+paper's dispersions exceed the axis, in percent of its width.
 
 [FIGURES]
 
@@ -105,30 +104,32 @@ In Figure 2, the track ends {south} south of the initial parallel (paper: 5 km).
 
 ## The vehicles
 
-{members} A member has at least {strict} of the 20 ends in their intervals, is in both insets and breaks no limit. The last columns give the share of flights in which TLC has the smaller rms error in bank over the whole flight, and the ratio of the median errors.
+{members} A member has at least {strict} of the 20 ends, is in both insets and breaks no limit. The last columns give the share of flights in which TLC has the smaller rms error in bank over the whole flight, and the ratio of the median errors.
 
 [VEHICLES]
 
 {insets}
 
-The earlier vehicles are the largest set among the candidates of about {searches} searches in which any two differ by a factor of 1.5 or more, or in sign, in at least three of eight traits (`studies/paper_vehicle.py`); at least 18 of their extremes are within 2 % of an axis of their intervals. {spread}
+The earlier vehicles are the largest set among the candidates of about {searches} searches (`studies/paper_vehicle.py`) in which any two differ by a factor of 1.5 or more, or in sign, in at least three of eight traits; at least 18 of their ends are within 2 % of their intervals. Those searches have no limits of the box: with GHAME's nodes and specific impulse, and without inclined thrust, three of these limits cannot be satisfied. {spread}
 
 ## The claim, with the printed gains
 
 The paper claims: "With nearly the same amount of control surface usage, TLC has a better performance in
-tracking angle of attack, sideslip angle and bank angle commands." The following numbers compare the rms errors of
+tracking angle of attack, sideslip angle and bank angle commands." The following numbers compare the rms errors, relative to each controller's own command, of
 {flights} dispersed flights of `abhv`, and in brackets the range of all {number} vehicles, over the whole flight and outside the transients (the ramps of the bank angle and the 5 s after each ramp).
 
-[CLAIM_WORDS]
+[CLAIM]
 
-TLC and LQR are stable in level flight on every vehicle (smallest disk margins {disk_tlc} for TLC, {disk_lqr} for LQR),
-and no flight terminates early. `studies/paper_vehicle_claim.json` contains the results of each vehicle.
+The median control effort (rms) of TLC relative to that of LQR is {efforts}.
+
+TLC and LQR are stable in level flight on every vehicle (smallest disk margins {disk_tlc} and {disk_lqr}),
+and no flight terminates early.
 
 For the bank angle, the result depends on the time window. During a ramp, the faster attitude loop has the smaller error:
 the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with Table 1 and sqrt(2.28e5 / 3.28e3) = 8.3 rad/s with the
 printed weights. Outside the transients, the static error is decisive.
 
-The page on [the claim](claim.md) compares controllers that were tuned within the same limits, and shows the influence of the thrust line.
+The page on [the claim](claim.md) compares controllers tuned within the same limits, and thrust lines.
 
 ## Prediction of one figure from the others
 
@@ -136,8 +137,7 @@ For each figure, three vehicles were fitted from random starts to all other figu
 
 ## The figures
 
-The grey area is the range of the paper's axis. Solid lines are nominal flights of `abhv`; dotted
-lines are their commands. The shaded area contains all {flights} dispersed flights.
+Grey: range of the paper's axis. Solid: nominal flights of `abhv`. Dotted: their commands. Shaded: all {flights} dispersed flights.
 
 [IMAGES]
 """
@@ -145,8 +145,8 @@ lines are their commands. The shaded area contains all {flights} dispersed fligh
 PLAUSIBILITY = """
 # Plausibility of the paper's vehicles
 
-Vehicles that could not be built may also reproduce the figures. The default vehicle `abhv` satisfies the limits of its class and of its box below (`studies/paper_vehicle_sides.py`, `studies/paper_vehicle_envelope.py`); the [earlier vehicles](paper.md#the-vehicles) satisfy those of the class only. The limits on lift, drag and L/D cover all Mach numbers of the tables; the other limits of the class apply at the Mach number of the S manoeuvre, 4.74.
-GHAME's tables are scaled to a vehicle length of 8.6 m, slightly more than that of an X-51 with booster. The wing loading was chosen freely, because a common factor on mass, inertias, coefficients and cowl area changes no flight. Deflections cause no drag.
+Vehicles that could not be built may also reproduce the figures. The default vehicle `abhv` satisfies the limits of its class and of its box below (`studies/paper_vehicle_sides.py`, `studies/paper_vehicle_envelope.py`); the [earlier vehicles](paper.md#the-vehicles) satisfy those of the class only. The limits on lift, drag and L/D cover all Mach numbers of each vehicle's tables and its own range of angle of attack, the other limits of the class apply at Mach 4.74, at each vehicle's own trim: a row shows whether limits are satisfied, and does not rank vehicles.
+GHAME's tables are scaled to a length of 8.6 m, slightly more than that of an X-51 with booster. The wing loading was chosen freely, because a common factor on mass, inertias, coefficients and cowl area changes no flight. Deflections cause no drag.
 
 [CLASS]
 
@@ -155,11 +155,12 @@ GHAME's tables are scaled to a vehicle length of 8.6 m, slightly more than that 
 - In quasi-steady flow, the rudder alone cannot damp yaw more than the whole vehicle does.
 - The radius of pitch damping is the distance from the centre of gravity at which quasi-steady lift would give the vehicle's Cm_q = -2 CL_alpha (radius/chord)^2. The radius and the arms of rudder and elevator are at most half of the vehicle's length.
 - The other limits are engineering judgement.
+- The figures do not determine pitch and yaw damping; `studies/paper_vehicle.py` limits those of the earlier vehicles by rules.
 
-GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (the maximum is {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg), and its thrust-to-weight ratio is {ghame_thrust_to_weight}. In
+GHAME itself violates {ghame_outside} of these {sides_number} limits: its trimmed L/D is {ghame_lift_to_drag} (at most {ghame_best:.2f}, at {ghame_best_alpha:.0f} deg). In
 Figure 11, the equivalence ratio rises from about 0.84 in straight flight to about 1.2 at 50 deg of bank. With induced
 drag, such an increase requires an L/D of 3 to 5, so the paper did not use GHAME's drag. Slender lifting bodies reach an L/D of 3
-([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)); the L/D of the vehicles is higher, like that of waveriders.
+([NASA SP-4220](https://history.nasa.gov/SP-4220/ch8.htm)), waveriders a higher one.
 
 ## The box
 
@@ -169,23 +170,18 @@ The tables of `abhv` have nodes at every degree and half Mach number of the box:
 
 The thrust of `abhv` is inclined, so that it adds to the lift and, with its offset, to the pitching moment. The captured air increases up to 11 deg of angle of attack; beyond this angle, the inlet spills. The specific impulse decreases with the equivalence ratio, unlike [GHAME's](theory.md#limits-of-the-model). The rudder's limit of 6 deg and the nose radius of 5 mm (X-43A: 0.8 mm at less than half the length) were chosen.
 
-## Pitch and yaw damping
-
-The figures do not determine the damping. `python studies/paper_vehicle.py` limits that of the earlier vehicles by rules, which reduced the magnitude of Cm_q on 7 of them and increased that of Cn_r on two, and moved no extreme of the curves by more than 5 % of the axis range.
-
 ## Control powers
 
 The derivatives are per radian and apply at the trim point.
 
 [POWERS]
 
-The deflections in the paper's figures determine the control powers; no layout of the surfaces was assumed. The
+The deflections in the paper's figures determine the control powers. The
 aileron of `abhv` is {aileron_ratio:.1f} times as powerful as GHAME's, and the rudder {rudder_ratio:.0f} times as powerful, but the
-elevator produces only {elevator_ratio:.1f} times the lift of GHAME's elevator. No elevons could provide these powers, but
-separate all-moving surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), could, with at least
+elevator produces only {elevator_ratio:.1f} times the lift of GHAME's elevator. All-moving surfaces with the lift slope of a thin plate, 4/sqrt(M^2 - 1), need at least
 {aileron_area:.0f} % of the reference area at the wing tips for the aileron, and {rudder_area:.0f} % for the
 rudder. The flights use about 1 deg of aileron and 0.4 deg of rudder; at full aileron (20 deg), the steady roll rate would be
-p b/2V = {roll:.2f}, or {roll_rate:.0f} rad/s, which no structure would withstand. All vehicles with the deflections of Figure 8 have such rates. The figures do not show whether the paper's vehicle had such powerful surfaces or other inertias.
+p b/2V = {roll:.2f}, or {roll_rate:.0f} rad/s, which no structure would withstand. All vehicles with the deflections of Figure 8 have such rates.
 """
 
 
@@ -218,25 +214,28 @@ def of_abhv(judged: dict[str, Any], value: Callable[[Any], float], digits: int =
     return f"{value(judged[ABHV]):.{digits}f} ({values})"
 
 
-def claim_words(judged: dict[str, Any]) -> Iterator[str]:
-    """Yield sentences on the claim: numbers of abhv, and ranges of all vehicles."""
-    for window, label in (
-        ("whole", "Over the whole flight"),
-        ("settled", "Outside the transients"),
-    ):
-        phrases = []
-        for name in ("angle_of_attack", "sideslip", "bank"):
-            closer = of_abhv(judged, lambda x, n=name, w=window: x["claim"][w][n]["closer_percent"])
-            ratio = of_abhv(judged, lambda x, n=name, w=window: error_ratio(x, w, n), 2)
-            phrases.append(
-                f"{name.replace('_', ' ')} in {closer} % of the flights, median error {ratio} times that of LQR"
-            )
-        yield f"- {label}, TLC has the smaller error in {'; in '.join(phrases)}."
+def claim_table(judged: dict[str, Any]) -> Iterator[str]:
+    """Yield the table on the claim: numbers of abhv, and ranges of all vehicles."""
+    angles = ("angle_of_attack", "sideslip", "bank")
+    yield f"| | {' | '.join(name.replace('_', ' ') for name in angles)} |"
+    yield "|---|---|---|---|"
+    for window, label in (("whole", "whole flight"), ("settled", "outside the transients")):
+        closer = [
+            of_abhv(judged, lambda x, n=name, w=window: x["claim"][w][n]["closer_percent"])
+            for name in angles
+        ]
+        ratios = [of_abhv(judged, lambda x, n=n, w=window: error_ratio(x, w, n), 2) for n in angles]
+        yield f"| {label}: flights with TLC closer, % | {' | '.join(closer)} |"
+        yield f"| median error, TLC / LQR | {' | '.join(ratios)} |"
+
+
+def effort_words(judged: dict[str, Any]) -> str:
+    """Return the control effort of TLC relative to that of LQR, by surface."""
     uses = [
         f"{of_abhv(judged, lambda x, n=name: x['use'][n]['tlc'] / x['use'][n]['lqr'], 2)} {name}"
         for name in ("aileron", "rudder", "elevator")
     ]
-    yield f"- The median control effort (rms) of TLC relative to that of LQR is {join(uses)}."
+    return join(uses)
 
 
 def error_ratio(result: dict[str, Any], window: str, angle: str) -> float:
@@ -248,15 +247,12 @@ def error_ratio(result: dict[str, Any], window: str, angle: str) -> float:
 def vehicle_rows(judged: dict[str, Any]) -> Iterator[str]:
     """Yield a row for each vehicle: strict counts, insets, broken limits and bank."""
     yield (
-        "| vehicle | strict ends of 20 | in both insets | class limits broken | box limits broken "
-        "| bank, TLC closer | bank, TLC / LQR |"
+        f"| vehicle | strict ends of 20 | in both insets | class limits broken, of {len(SIDES)} | box "
+        f"limits broken, of {len(ENVELOPE)} | bank, TLC closer | bank, TLC / LQR |"
     )
     yield "|" + "---|" * 7
     for name, result in judged.items():
-        counts = [
-            f"{len(broken)} of {len(sides)}"
-            for broken, sides in zip(broken_limits(result), (SIDES, ENVELOPE), strict=True)
-        ]
+        counts = [f"{len(broken)}" for broken in broken_limits(result)]
         bank = result["claim"]["whole"]["bank"]["closer_percent"]
         yield (
             f"| `{name}` | {strict_ends(result['ends'])} | "
@@ -271,8 +267,9 @@ def inset_words(judged: dict[str, Any]) -> str:
     percents = [judged[name]["claim"]["whole"]["bank"]["closer_percent"] for name in inside]
     ratios = [error_ratio(judged[name], "whole", "bank") for name in inside]
     return (
-        f"Inside both insets ({join([f'`{name}`' for name in inside])}), TLC has the smaller error in bank in "
-        f"{between(percents)} % of the flights, with a median error {between(ratios, 2)} times that of LQR."
+        f"On the vehicles inside both insets ({join([f'`{name}`' for name in inside])}), TLC is closer in bank "
+        f"in {between(percents)} % of the flights (median error {join([f'{x:.2f}' for x in ratios])} times "
+        "that of LQR)."
     )
 
 
@@ -305,8 +302,7 @@ def predicted_words(result: dict[str, Any]) -> str:
             far.append(f"{label} ({percents} %)")
     return (
         f"The fitted vehicles predict {join(near)} with errors of at most {100.0 * NEAR:.0f} % of the "
-        f"paper's axis. The errors of at least one vehicle are larger for {join(far)}. Agreement with "
-        "these figures is therefore not an independent test of a vehicle."
+        f"paper's axis. The errors of at least one vehicle are larger for {join(far)}."
     )
 
 
@@ -321,12 +317,12 @@ def spread_words(members: list[dict[str, Any]]) -> str:
     for name in TRAITS:
         sizes = [abs(member["traits"][name]) for member in members]
         shares[name.replace("_", " ")] = max(sizes) / min(sizes)
-    listed = ", ".join(
+    low, *_, high = (
         f"{share:.1f} ({name})" for name, share in sorted(shares.items(), key=lambda item: item[1])
     )
     return (
-        f"The ratio of the largest to the smallest magnitude of each trait is {listed}. The figures "
-        "determine only the traits whose ratio is near 1."
+        f"The ratio of the largest to the smallest magnitude of a trait is {low} to {high}: the figures "
+        "hardly determine most traits."
     )
 
 
@@ -337,7 +333,6 @@ def plausibility(members: list[dict[str, Any]]) -> str:
     }
     ghame = load_vehicle(ROOT / "configs/vehicle/ghame.yaml")
     vehicles |= {"GHAME": ghame}
-    vehicles["winged cone"] = load_vehicle(ROOT / "configs/vehicle/winged_cone.yaml")
     points = {name: find_trim(vehicle) for name, vehicle in vehicles.items()}
     class_traits = {name: measure(x, *points[name]) for name, x in vehicles.items()}
     surfaces = {name: control_powers(x, *points[name][:2]) for name, x in vehicles.items()}
@@ -350,10 +345,7 @@ def plausibility(members: list[dict[str, Any]]) -> str:
     facts = {
         "sides_number": len(SIDES),
         "ghame_outside": np.count_nonzero(excesses(class_traits["GHAME"])),
-        **{
-            f"ghame_{name}": f"{class_traits['GHAME'][name]:.2f}"
-            for name in ("lift_to_drag", "thrust_to_weight")
-        },
+        "ghame_lift_to_drag": f"{class_traits['GHAME']['lift_to_drag']:.2f}",
         "aileron_ratio": ratio["Cl_da"],
         "rudder_ratio": ratio["Cn_dr"],
         "elevator_ratio": ratio["CL_de"],
@@ -391,7 +383,7 @@ def page(
     tables = {
         "FIGURES": figures(shipped),
         "VEHICLES": vehicle_rows(judged),
-        "CLAIM_WORDS": claim_words(judged),
+        "CLAIM": claim_table(judged),
         "IMAGES": (f"![{title}](../images/{name}.png)\n" for name, title in IMAGES.items()),
     }
     facts = {
@@ -403,6 +395,7 @@ def page(
         "south": f"{south['tlc']:.3f} km (TLC) and {south['lqr']:.3f} km (LQR)",
         "disk_tlc": disk["tlc"],
         "disk_lqr": disk["lqr"],
+        "efforts": effort_words(judged),
         "members": member_words(judged),
         "insets": inset_words(judged),
         "spread": spread_words(members),

@@ -8,9 +8,14 @@ look for vehicles of the class (paper_vehicle_box.py, paper_vehicle_sides.py) wi
 the printed LQR weights reproduce Figures 3 to 11 (paper_vehicle_flights.py). All candidates of a
 search that may be members are stored. The ensemble is the largest set of these that includes the
 vehicle `seed-2` and in which any two differ in three traits. Each search (paper_vehicle_search.py)
-aims at a vehicle that would enlarge the set. Searches count ends within 2 % of an axis and have no
-limits of the box. The members that the page accepts are selected from these vehicles and abhv by
-strict counts, both insets of Figure 7 and all limits (`select_members`); the command prints them.
+aims at a vehicle that would enlarge the set. The limits of searches and members differ:
+
+- Searches count ends within 2 % of an axis and have the limits of the class (SIDES), but not those
+  of the box (ENVELOPE). The free numbers leave GHAME's nodes and specific impulse, and thrust
+  without inclination, so that every candidate breaks `kink`, `impulse_rise` and `inclination`.
+- The members that the page accepts are selected from these vehicles and abhv, which is from another
+  search, by strict counts, both insets of Figure 7, SIDES and ENVELOPE (`select_members`); the
+  command prints them.
 
 About sixty such searches ran without limits on damping. The results of eight, whose vehicles form
 the largest set, are stored (paper_vehicle_starts.json). The figures do not determine pitch damping

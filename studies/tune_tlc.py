@@ -214,18 +214,18 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
     lines = [
         "# Tuning TLC",
         "",
-        f"`studies/tune_tlc.py` repeats section 6 of the paper on `{vehicle}`: the S manoeuvre is "
-        "simulated nominally and at four corners of the paper's dispersions. Errors are rms values "
-        "in m, m/s and deg, and surface travels are in deg; all values are means over the five "
-        "flights. All other parameters have the values of the paper's Table 1.",
+        f"`studies/tune_tlc.py` repeats section 6 of the paper on `{vehicle}` in the S manoeuvre. "
+        "Rms errors in m, m/s and deg, and surface travels in deg, are means over the nominal "
+        "flight and four corners of the paper's dispersions. All other parameters are those of "
+        "Table 1.",
         "",
         "## Damping, from 0.707 upwards",
         "",
         "The damping of all channels is changed in the inner loops (3 and 4) or in the outer loops "
-        '(1 and 2). "Overshoot" refers to the nominal bank angle after the first step, and '
-        f'"swings" is the largest number of reversals by more than {SWING:g} deg of any surface '
-        f"between the two steps; {MANY} or more count as oscillation. The smallest inner "
-        f"damping without overshoot is {calmest:g}; the value in Table 1 is 3.4.",
+        '(1 and 2). "Overshoot" is that of the nominal bank angle after the first step, and '
+        f'"swings" the largest number of reversals by more than {SWING:g} deg of a surface between '
+        f"the two steps; {MANY} or more are an oscillation. The smallest inner damping without "
+        f"overshoot is {calmest:g}; Table 1 has 3.4.",
         "",
         *header(("loops", "damping", "overshoot", "swings")),
         *dampings,
@@ -239,14 +239,12 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "## Differentiators: up to the onset of oscillation",
         "",
-        "The bandwidth of the differentiators of sub-loop 3 is increased from zero; the "
-        "ratio of the bandwidth of sub-loop 4 to this bandwidth is 3, 4 or 5. The largest "
-        f"bandwidths without oscillation are {swings}; "
-        "the bandwidth for sub-loop 4 is then near the "
-        f"{surfaces:g} rad/s of the surface actuators. The paper uses only 0.3 rad/s (ratio 5). "
-        "Noise limits the bandwidth more than oscillation does. The table is for ratio 5; its last "
-        f"column is the travel of all surfaces with white noise at 100 Hz (rms {NOISE:g} deg on "
-        f"each measured angle and {NOISE:g} deg/s on each body rate).",
+        "The bandwidth of the differentiators of sub-loop 3 is increased from zero, with 3, 4 or 5 "
+        "times this bandwidth in sub-loop 4. The largest bandwidths without oscillation are "
+        f"{swings}; that of sub-loop 4 is then near the {surfaces:g} rad/s of the actuators. The "
+        "paper uses 0.3 rad/s (ratio 5). Noise limits the bandwidth more than oscillation does: "
+        "the last column (ratio 5) is the travel of all surfaces with white noise at 100 Hz (rms "
+        f"{NOISE:g} deg on each measured angle and {NOISE:g} deg/s on each body rate).",
         "",
         *(
             line + tail

@@ -13,10 +13,10 @@ STUDIES = (
     "example",
     "fronts",
     "fronts_results",
-    "inclination",
     "paper",
     "retune_lqr",
     "robust lqr",
+    "thrust_line",
     "tune_tlc",
 )
 BENCHMARKS = (
