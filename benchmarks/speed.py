@@ -33,25 +33,28 @@ CONTROLLERS = ("tlc", "lqr")
 OPERATIONS_FILE = Path(__file__).with_name(
     "operations.json"
 )  # operations counted by benchmarks/operations.py
-_NUMBERS = 128
+_NUMBERS = 256
 _OPERATIONS = 16  # number of operations per array element in each sweep
-_SWEEPS = 40_000
+_SWEEPS = 20_000
 
 
 @kernel
 def multiply_and_add(x, factor, addend, sweeps):  # type: ignore[no-untyped-def]
-    """Apply ``factor * x + addend`` eight times in place to ``x``, ``sweeps`` times."""
-    half = x.size // 2
+    """Apply ``factor * x + addend`` eight times in place to ``x``, ``sweeps`` times.
+
+    Eight vectors are computed at a time, because a core has up to eight operations in progress.
+    """
+    n = x.size // 8
     for _ in range(sweeps):
-        for i in range(half):
-            v, w = (
-                x[i],
-                x[i + half],
-            )  # two vectors at a time, so that the core does not wait for results
+        for i in range(n):
+            a, b, c, d = x[i], x[i + n], x[i + 2 * n], x[i + 3 * n]
+            e, f, g, h = x[i + 4 * n], x[i + 5 * n], x[i + 6 * n], x[i + 7 * n]
             for _ in range(8):
-                v = v * factor + addend
-                w = w * factor + addend
-            x[i], x[i + half] = v, w
+                a, b, c = a * factor + addend, b * factor + addend, c * factor + addend
+                d, e, f = d * factor + addend, e * factor + addend, f * factor + addend
+                g, h = g * factor + addend, h * factor + addend
+            x[i], x[i + n], x[i + 2 * n], x[i + 3 * n] = a, b, c, d
+            x[i + 4 * n], x[i + 5 * n], x[i + 6 * n], x[i + 7 * n] = e, f, g, h
 
 
 def measure_peak() -> float:

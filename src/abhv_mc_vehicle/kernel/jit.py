@@ -19,7 +19,6 @@ import functools
 import gc
 import hashlib
 import os
-import secrets
 import signal
 import threading
 import warnings
@@ -342,12 +341,14 @@ def _make_private() -> tuple[Any, Any]:
 
         _impl_class = KernelCacheImpl
 
-        def __init__(self, function: Any) -> None:
-            super().__init__(function)
-            # Without a folder lock, two processes could give two kernels the same number.
-            number = f"{{number:d}}-{secrets.token_hex(4)}"
-            pattern = self._cache_file._data_name_pattern.replace("{number:d}", number)
-            self._cache_file._data_name_pattern = pattern
+        def save_overload(self, sig: Any, data: Any) -> None:
+            # A name of the kernel's content instead of a number: without a folder lock, two
+            # processes could give two kernels the same number, and builds would differ.
+            name = self._impl.filename_base
+            key = repr(self._index_key(sig, data.codegen)).encode()
+            digest = hashlib.sha256(key).hexdigest()[:16]
+            self._cache_file._data_name_pattern = f"{name}.{digest}.nbc"
+            super().save_overload(sig, data)
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             rtsys.initialize(target_context)
