@@ -14,8 +14,9 @@ def narrow(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
 
 
-@pytest.mark.usefixtures("narrow")
-def test_a_wide_table_is_split_and_repeats_its_first_column(capsys):
+@pytest.mark.parametrize("width", range(60, 81, 2))
+def test_a_wide_table_is_split_and_repeats_its_first_column(capsys, monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", str(width))
     heads = [f"Quantity number {k} of the flight (m/s)" for k in range(12)]
     table = new_table(("Flight",), heads)
     for flight in (7, 2013):
@@ -23,7 +24,7 @@ def test_a_wide_table_is_split_and_repeats_its_first_column(capsys):
     print_table(table)
     out = capsys.readouterr().out
     lines = [line.rstrip() for line in out.splitlines()]
-    assert max(map(len, lines)) <= 80
+    assert max(map(len, lines)) <= width
     assert sum(line.startswith("  2013 ") for line in lines) >= 2
     assert all(f"{2013 + k / 7:.5f}" in out for k in range(12))
 
@@ -79,3 +80,11 @@ def test_the_last_column_is_not_cut(capsys):
     table.add_row("flight", *["123456789012"] * 5)
     print_table(table)
     assert capsys.readouterr().out.count("123456789012") == 5
+
+
+def test_a_cell_of_several_columns_is_printed_below_the_table(capsys):
+    rows = ((Cell("tlc", head=True), Cell("1"), Cell("2")),)
+    lost = ((Cell("lqr", head=True), Cell("lost", columns=2)),)
+    print_section_table(Table("Metrics", ("Who", "a", "b"), (rows, lost)))
+    out = capsys.readouterr().out
+    assert out.rstrip().endswith("lqr: lost") and out.count("lost") == 1
