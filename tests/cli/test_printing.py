@@ -80,11 +80,3 @@ def test_the_last_column_is_not_cut(capsys):
     table.add_row("flight", *["123456789012"] * 5)
     print_table(table)
     assert capsys.readouterr().out.count("123456789012") == 5
-
-
-def test_a_cell_of_several_columns_is_printed_below_the_table(capsys):
-    rows = ((Cell("tlc", head=True), Cell("1"), Cell("2")),)
-    lost = ((Cell("lqr", head=True), Cell("lost", columns=2)),)
-    print_section_table(Table("Metrics", ("Who", "a", "b"), (rows, lost)))
-    out = capsys.readouterr().out
-    assert out.rstrip().endswith("lqr: lost") and out.count("lost") == 1
