@@ -17,14 +17,6 @@ def test_the_tables_of_the_page_are_those_of_the_results(section: str) -> None:
     assert table == page.make_table(section, page.read_rows(section))
 
 
-def test_the_page_has_the_number_of_correct_intervals() -> None:
-    rows = page.read_rows("reliability")
-    text = " ".join(page.PAGE.read_text().split())
-    for method in ("ours", "openturns"):
-        right, intervals = page.count_right(rows, method)
-        assert f"**{right} of {intervals}**" in text
-
-
 @pytest.mark.parametrize(("operator", "threshold"), [(ot.Less(), 0.0), (ot.Greater(), 4.0)])
 def test_both_methods_respect_the_failing_side_of_a_problem(
     operator: ot.ComparisonOperator, threshold: float

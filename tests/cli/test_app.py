@@ -4,14 +4,12 @@ import errno
 import io
 import os
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
 import abhv_mc
 from abhv_mc.cli.app import app
@@ -70,21 +68,6 @@ def test_version_and_help() -> None:
     assert len(listed) <= 25
     for command in app.registered_commands:
         assert (command.name in listed) is not command.hidden
-
-
-def test_the_first_day_commands_have_examples_that_parse() -> None:
-    group: Any = typer.main.get_command(app)
-    names = group.list_commands(None)
-    commands = {name: group.get_command(None, name) for name in names}
-    panel = [name for name in names if commands[name].rich_help_panel == "First day"]
-    assert len(panel) == 6
-    for name in panel:
-        heading, *examples = commands[name].epilog.split("\n\n")
-        assert heading == "Examples:" and len(examples) >= 2
-        for example in examples:
-            program, command, *arguments = shlex.split(example)
-            assert (program, command) == ("abhv-mc", name)
-            commands[name].make_context(name, arguments, resilient_parsing=True)
 
 
 @pytest.mark.parametrize("start", ["from abhv_mc.cli import app", "import abhv_mc; dir(abhv_mc)"])

@@ -181,15 +181,6 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
     assert re.search(r"equivalence_ratio 1\.002\d .* 1\.0000\b", result.stderr)
 
 
-def test_an_unstable_loop_has_no_margins_but_poles():
-    command = ("margins", "level", "--vehicle", "ghame_x", "--controllers", "lqr")
-    rows = json.loads(_call(*command, "--at", "trim", "--json", "-"))["rows"]
-    assert not any(row["stable"] for row in rows)
-    assert all(rows[0][key] is None for key in KEYS[3:9])
-    np.testing.assert_allclose(rows[4]["poles"], [[0.120, 2.783]], atol=1e-3)
-    assert "poles: +0.120 +- 2.78j" in _call(*command)
-
-
 def test_margins_of_a_campaign_are_those_of_its_vehicle_mission_and_controllers(tmp_path):
     file = tmp_path / "rows.json"
     _call("margins", "winged_cone", "--controllers", "tlc", "--json", file)

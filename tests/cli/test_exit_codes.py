@@ -1,51 +1,14 @@
-"""Exit codes, and what pages and help texts state about them."""
+"""Exit codes of the commands that judge."""
 
 import json
 import re
-from pathlib import Path
 
 import pytest
-import typer
 from fake_flight import write_campaign
 
-from abhv_mc.campaign.file.schema import make_schema
-from abhv_mc.cli.app import app
-from abhv_mc.cli.errors import ExitCode
-
 pytestmark = pytest.mark.usefixtures("fake_engine", "no_figures")
-ROOT = Path(__file__).parents[2]
 ENTRY = {"metric": "altitude_error_max_m", "probability": 0.9, "consumer_risk": 0.1}
 MET, MISSED_BY_TWO = {**ENTRY, "below": 50}, {**ENTRY, "below": 3}
-
-
-def texts():
-    def helps(command):
-        yield from (getattr(item, "help", None) or "" for item in (command, *command.params))
-        yield getattr(command, "epilog", None) or ""
-        for part in getattr(command, "commands", {}).values():
-            yield from helps(part)
-
-    yield from helps(typer.main.get_command(app))
-    yield json.dumps(make_schema("campaign"), indent=1)
-    for pattern in ("docs/**/*.md", "docs/_ext/*.py", "campaigns/*", "configs/simulator/*.yaml"):
-        yield from (path.read_text("utf-8") for path in ROOT.glob(pattern))
-
-
-def test_statements_about_exit_codes_name_the_controllers_under_test():
-    sentences = [
-        sentence
-        for text in texts()
-        for sentence in re.findall(
-            r"[^.|]*(?:exit codes?|exits? with|ExitCode\.)\b[^.|]*", re.sub(r"\s+", " ", text), re.I
-        )
-    ]
-    assert len(sentences) > 30
-    for sentence in sentences:
-        codes = re.findall(r"(?:exit codes?|exit code is|with code) (\d+)", sentence, re.I)
-        assert set(codes) <= {str(int(code)) for code in ExitCode}
-        if re.search(r"requirement|verdict|FAIL\b", sentence):
-            scope = r"under[_ ]test|whatever the verdicts|single results folder|violated more often"
-            assert re.search(scope, sentence), sentence
 
 
 @pytest.mark.parametrize(
@@ -53,7 +16,6 @@ def test_statements_about_exit_codes_name_the_controllers_under_test():
     [
         ("[one]", {}, ["one"]),
         ("[two]", {}, ["two"]),
-        ("[one, two]", {}, ["one", "two"]),
         ("", {}, ["one", "two"]),
         ("[one]", {"controllers": ["two"]}, ["two"]),
         ("[two]", {"controllers": ["one"]}, ["one"]),

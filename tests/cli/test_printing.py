@@ -14,8 +14,9 @@ def narrow(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
 
 
-@pytest.mark.usefixtures("narrow")
-def test_a_wide_table_is_split_and_repeats_its_first_column(capsys):
+@pytest.mark.parametrize("width", range(60, 81, 2))
+def test_a_wide_table_is_split_and_repeats_its_first_column(capsys, monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", str(width))
     heads = [f"Quantity number {k} of the flight (m/s)" for k in range(12)]
     table = new_table(("Flight",), heads)
     for flight in (7, 2013):
@@ -23,7 +24,7 @@ def test_a_wide_table_is_split_and_repeats_its_first_column(capsys):
     print_table(table)
     out = capsys.readouterr().out
     lines = [line.rstrip() for line in out.splitlines()]
-    assert max(map(len, lines)) <= 80
+    assert max(map(len, lines)) <= width
     assert sum(line.startswith("  2013 ") for line in lines) >= 2
     assert all(f"{2013 + k / 7:.5f}" in out for k in range(12))
 

@@ -200,13 +200,6 @@ def test_exported_numbers_are_exact(abhv_mc, flown, tmp_path):
     }
 
 
-def test_dry_run_prints_the_cost_and_writes_no_files(abhv_mc, tmp_path, monkeypatch):
-    monkeypatch.setattr("abhv_mc.check_inputs.check_inputs", lambda file: [])
-    code, out, _ = abhv_mc("validate", "--dry-run", write_campaign(tmp_path / "files"))
-    assert code == 0 and re.search(r"\b300\b.*\b2\b", out) and re.search(r"\d MB\b", out)
-    assert [path.name for path in tmp_path.iterdir()] == ["files"]
-
-
 @pytest.mark.parametrize("controllers", ["{one: one.yaml}", "{one: one.yaml, two: two.yaml}"])
 def test_a_campaign_in_which_all_flights_failed_to_run_is_incomplete(
     abhv_mc, tmp_path, monkeypatch, controllers

@@ -3,7 +3,6 @@
 import json
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ from typer.testing import CliRunner
 
 import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.kinds import find_kind, find_kinds
+from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.check_inputs import check_inputs
@@ -20,7 +19,6 @@ from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError, InputErrors, read_document
-from abhv_mc.io.units import DIMENSIONS
 from abhv_mc.requests import Request
 from abhv_mc.shipped import (
     find_input,
@@ -241,26 +239,6 @@ def test_a_hint_names_parameters_that_may_be_constant_but_unknown() -> None:
     }
     assert "'aero.lift' and 'aero.drag'" in hints["s_manoeuvre"]
     assert hints["wide"] and not hints["s_manoeuvre_unknown"]
-
-
-def properties(kind: str) -> Iterator[tuple[str, dict]]:
-    """Yield every key of every mapping of a schema, and its schema."""
-    schema = make_schema(kind)
-    for name, definition in {**schema.get("$defs", {}), kind: schema}.items():
-        for key, value in definition.get("properties", {}).items():
-            yield f"{name}.{key}", value
-
-
-@pytest.mark.parametrize("kind", find_kinds())
-def test_every_key_has_a_specific_description(kind: str) -> None:
-    schema, described = make_schema(kind), dict(properties(kind))
-    Draft202012Validator.check_schema(schema)
-    assert schema["$id"].startswith("urn:abhv-mc:") and schema["$id"].endswith(f":{kind}")
-    generic = {dimension.expected for dimension in DIMENSIONS}
-    assert described
-    assert [
-        name for name, value in described.items() if value.get("description", "") in {"", *generic}
-    ] == []
 
 
 def test_the_schema_rejects_wrong_names_and_values() -> None:

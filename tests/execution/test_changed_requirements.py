@@ -12,9 +12,11 @@ from fake_flight import ENGINE, run, write_campaign
 import abhv_mc
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.file.requirement_set import judge_by
 from abhv_mc.execution.flight_counts import RequirementCount
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.inputs import collect_inputs, describe_changes
 from abhv_mc.folder.manifest import Manifest, read_manifest, write_manifest
 from abhv_mc.io.input_error import InputError
 from abhv_mc.report.numbers.next_step import find_next_step
@@ -117,6 +119,25 @@ def test_each_changed_key_is_named_on_the_first_screen(tmp_path, key, named):
         verdict = models[VERDICTS].requirements[0].controllers["two"]
         assert verdict.set_later == is_later and ("(set later)" in verdict.label) == is_later
         assert "none: all" not in find_next_step(models).why or not is_later
+
+
+def test_a_changed_window_of_a_metric_is_rejected_with_its_key(tmp_path):
+    """Regression: a report with other windows was made without a word about them."""
+    requirements = "[{metric: swing_deg, below: 9, probability: 0.9}]"
+    first, other = (
+        write_campaign(
+            tmp_path / start,
+            requirements=requirements,
+            metrics=f"{{swing_deg: {{of: bank_deg, statistic: max, from: {start} s}}}}",
+        )
+        for start in "12"
+    )
+    campaigns = [read_campaign(path) for path in (first, other)]
+    (change,) = describe_changes(*map(collect_inputs, campaigns), extensible=True)
+    assert change == 'metrics.swing_deg.from: "1 s" -> "2 s"'  # by `run`
+    assert judge_by(campaigns[0], first).requirements == campaigns[0].requirements
+    with pytest.raises(InputError, match=r"'swing_deg'.*from 1 s -> 2 s"):
+        judge_by(campaigns[0], other)
 
 
 def test_judging_by_the_original_requirements_gives_the_same_numbers(flown, tmp_path):

@@ -23,7 +23,6 @@ from abhv_mc.execution.retention import select_flights
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError
-from abhv_mc.folder.lock import hold_lock
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.plant.parameters import OURS
@@ -239,19 +238,6 @@ def test_other_code_does_not_continue(campaign, tmp_path):
     run(campaign, tmp_path / "out", interrupted_after(5))
     with pytest.raises(InputError, match=r"\bsource .*\bother\b"):
         run(campaign, tmp_path / "out", replace(ENGINE, source="other"))
-
-
-def test_the_resolved_campaign_gives_the_same_result(reference, tmp_path):
-    again = run(reference.folder / "campaign.yaml", tmp_path / "b").manifest
-    assert (
-        again.digest == reference.manifest.digest
-        and again.campaign_hash == reference.manifest.campaign_hash
-    )
-
-
-def test_two_processes_do_not_share_a_folder(campaign, flown):
-    with hold_lock(flown / ".lock"), pytest.raises(InputError, match=f"process {os.getpid()}"):
-        run(campaign, flown)
 
 
 def test_a_full_disk_keeps_completed_flights(reference, campaign, tmp_path, monkeypatch):

@@ -39,6 +39,15 @@ def reference(tmp_path_factory):
     return run(make(folder / "f"), folder / "out")
 
 
+def test_verdicts_wait_for_the_flights_of_all_controllers(tmp_path):
+    completion = Completion(read_campaign(make(tmp_path)), (0, 2000), ("one", "two"))
+    for controller, flights in (("one", 500), ("two", 63)):
+        completion.done[controller][:flights] = True
+        assert completion.goal() == 64
+    completion.done["two"][63] = True
+    assert completion.goal() > 64
+
+
 def test_a_campaign_stops_when_all_verdicts_are_final(reference):
     manifest = reference.manifest
     stop = manifest.stopped_at

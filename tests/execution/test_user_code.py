@@ -7,11 +7,9 @@ import shutil
 
 import numpy as np
 import pytest
-from remote.test_cluster import Dask
 from report.synthetic import build_page
 from vehicle.user_code.test_vehicle_functions import write_ghame_x
 
-from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
@@ -28,7 +26,6 @@ from abhv_mc.shipped import find_input
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.tuning import tune_controller
 from abhv_mc_vehicle.cli.linearizing import linearize, margins
-from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.user_code.compiled import compile_law
 from abhv_mc_vehicle.user_code.load_law import load_law
@@ -198,54 +195,6 @@ def test_a_crash_and_a_hang_in_c_cost_a_flight_each_of_a_campaign_that_ends_and_
         (" 1 s", 61),
     ):  # lost twice, the second time alone
         assert re.search(rf"{reason}; .* altitude {int(heights[flight])}\.", output)
-
-
-@needs_cc
-def test_a_law_in_c_flies_on_a_cluster_is_replayed_explained_and_tuned(
-    study, repository, tmp_path, capfd
-):
-    pytest.importorskip("distributed")
-    (tmp_path / "campaign.yaml").write_text(dispersed_in_altitude(study(24).read_text()))
-    request = write_c_law(repository, tmp_path, "if (measured->altitude > 20020.0) return 1;")
-    cluster = Dask(tmp_path)
-    try:
-        cluster.start_worker()
-        remote = dataclasses.replace(request, output=tmp_path / "remote", scheduler=cluster.address)
-        flown = run_campaign(remote, make_engine()).manifest
-    finally:
-        cluster.close()
-    reference = run_campaign(request, make_engine()).manifest
-    assert reference.digest == flown.digest
-    failed = np.flatnonzero(
-        read_flown(request.output).flights["mine"].outcome == Outcome.LAW_FAILED
-    )
-    assert 0 < failed.size < 24
-    ok = np.setdiff1d(np.arange(24), failed)
-    assert np.array_equal(
-        read_errors(request.output, "mine")[ok], read_errors(request.output, "lqr")[ok]
-    )
-    assert replay_flight(request.output, "mine", int(ok[0]), fly).differences == ()
-    assert explain_flight(request.output, "mine", int(failed[0]), fly).causes == (
-        "initial.altitude",
-    )
-    block = (
-        "tune: {free: [{key: settings.bank_limit}], minimise: {metric: bank_error_rms_deg, "
-        "quantile: 0.5}, "
-    )
-    (tmp_path / "tune.yaml").write_text(block + "candidates: 17, flights: 32, validation: 100}\n")
-    new = tmp_path / "elsewhere" / "new.yaml"
-    new.parent.mkdir()
-    tune_controller(
-        TuneRequest(request.campaign, new, controller="mine", block=tmp_path / "tune.yaml"),
-        make_engine(),
-    )
-    assert (
-        read_controller(new).sources[0].samefile(tmp_path / "lqr.c")
-    )  # independent of the file of the numbers
-    changed = tmp_path / "lqr.c"
-    changed.write_text(changed.read_text() + "\n")
-    with pytest.raises(InputError, match=r"inputs/controllers/mine/lqr\.c: "):
-        run_campaign(request, make_engine())
 
 
 @pytest.mark.parametrize("file", ["law.py", "a/b/deep.py", "../../../../code.py", "{beside}"])

@@ -1,7 +1,6 @@
 """Tables of other programs with source locations, columns of pyarrow, atomic writes."""
 
 import json
-import subprocess
 import sys
 from decimal import Decimal
 
@@ -277,18 +276,6 @@ def test_the_memory_of_arrow_does_not_belong_to_python():
     buffer = arrow_memory(content)
     assert buffer.to_pybytes() == content
     assert sys.getrefcount(content) == references
-
-
-def test_no_column_imports_pandas():
-    code = """
-import sys, numpy as np, pyarrow as pa
-from abhv_mc.io.units import LENGTH, TIME
-from abhv_mc.io.parquet_columns import *
-table = pa.table([number_column(np.arange(3.0)), text_column(["a", "b", "a"])], names=["x", "name"])
-column_values(table["x"]), distinct_texts(table["name"])
-assert "pandas" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_whole_or_not_at_all(tmp_path):

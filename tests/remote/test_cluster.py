@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 from fake_flight import DENSITY, ENGINE, fly, fly_slowly, make_plan, run, write_campaign
 from own_simulators import DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
-from search.known_flights import LINE, METRIC, TUNED, write_line, write_tuned
 
 from abhv_mc.campaign.file.config import Execution
 from abhv_mc.cli.errors import ExitCode, exit_code_of
@@ -26,14 +25,10 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.io.input_error import InputError
-from abhv_mc.requests import RareRequest, Request, WorstRequest
-from abhv_mc.search.rare import find_rare
-from abhv_mc.search.worst import find_worst
+from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc_remote.cluster import connect_cluster
-from abhv_mc_tune.tuning import tune_controller
 from abhv_mc_vehicle.flight.fly import nominal_parameters
-from abhv_mc_vehicle.kernel.jit import kernel
 from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 
 pytest.importorskip("distributed")
@@ -50,15 +45,6 @@ def fly_when_let(plan, parameters, every=None):
     while Path(os.environ["HELD"]).exists():
         time.sleep(0.02)
     return fly(plan, parameters, every)
-
-
-def fly_compiled(plan, parameters, every=None):
-    kernel(_double)(1.0)
-    return fly(plan, parameters, every)
-
-
-def _double(value):
-    return value + value
 
 
 class Dask:
@@ -241,23 +227,6 @@ def test_a_hanging_flight_fails_to_run_on_a_cluster(dask, tmp_path):
     assert (manifest.runs_done, manifest.runs_failed) == (15, 1)
 
 
-def test_the_command_reports_that_a_worker_compiles(tmp_path, monkeypatch, capfd):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    dask = Dask(tmp_path)
-    try:
-        dask.start_worker()
-        with connect_cluster(dask.address) as opened:
-            cluster = opened(replace(ENGINE, fly=fly_compiled), None)
-            cluster.fly(make_plan("one"), nominal_parameters())
-            worker = next(iter(cluster._client.nthreads()))
-            deadline = time.monotonic() + 30.0
-            while worker not in (output := capfd.readouterr().err) and time.monotonic() < deadline:
-                time.sleep(0.05)
-        assert output.count(f"worker {worker} compiles") == 1
-    finally:
-        dask.close()
-
-
 def test_workers_with_other_code_stop_the_campaign(dask, tmp_path):
     dask.start_worker()
     request = Request(write_campaign(tmp_path / "f"), tmp_path / "out", scheduler=dask.address)
@@ -272,26 +241,6 @@ def test_a_missing_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     with pytest.raises(InputError, match=re.escape(address)):
         run_campaign(request, ENGINE)
     assert not (tmp_path / "out").exists()
-
-
-def test_searches_give_the_same_result_on_a_cluster(tmp_path, two_workers):
-    line, address = write_line(tmp_path / "files"), two_workers.address
-    for find, request, options in (
-        (find_rare, RareRequest, {"flights": 2000, "target_cov": 0.5}),
-        (find_worst, WorstRequest, {"flights": 200}),
-    ):
-        local, remote = (
-            find(
-                request(line, tmp_path / f"{find.__name__}{i}", METRIC, scheduler=where, **options),
-                LINE,
-            ).numbers()
-            for i, where in enumerate((None, address))
-        )
-        assert local == remote
-    request = write_tuned(tmp_path)
-    local = tune_controller(request, TUNED).as_json()
-    elsewhere = replace(request, output=tmp_path / "there.yaml", scheduler=address)
-    assert tune_controller(elsewhere, TUNED).as_json() == local
 
 
 def test_a_user_simulator_runs_on_a_cluster(two_workers, tmp_path, monkeypatch):

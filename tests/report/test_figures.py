@@ -4,18 +4,16 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from PIL import Image
 
 from abhv_mc.flights.metrics import MARGINS
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
-from abhv_mc.report.pages.flights_view import template_text
 from abhv_mc.topics import registry
 from abhv_mc.topics.comparison.figures import plot_error_against_usage
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
-from abhv_mc.topics.figure_style import BLUE, CYCLE, INK
+from abhv_mc.topics.figure_style import BLUE, CYCLE
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.model import channel_of
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
@@ -77,31 +75,6 @@ def test_with_unknowns_the_median_has_two_lines(panel):
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
 
 
-# CSS's invert(1) hue-rotate(180deg) of red, green and blue: the matrix of the Filter Effects
-# specification.
-HUES_ROTATED = np.array([[-0.574, 1.43, 0.144], [0.426, 0.43, 0.144], [0.426, 1.43, -0.856]])
-
-
-def test_ink_and_colours_are_legible_on_white_and_on_a_dark_page():
-    def luminance(channels):
-        linear = np.where(
-            channels <= 0.03928, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
-        )
-        return linear @ [0.2126, 0.7152, 0.0722]
-
-    def contrast(color, ground):
-        low, high = sorted([luminance(color), luminance(np.array(to_rgb(ground)))])
-        return (high + 0.05) / (low + 0.05)
-
-    filters = "figure img { filter: invert(1) hue-rotate(180deg) brightness(1.25); }"
-    assert filters in template_text("style.css")
-    for color, least in ((INK, 12.0), *((color, 3.0) for color in CYCLE)):
-        channels = np.array(to_rgb(color))
-        assert contrast(channels, "#ffffff") >= least, color
-        dark = np.clip(1.25 * np.clip(HUES_ROTATED @ (1.0 - channels), 0.0, 1.0), 0.0, 1.0)
-        assert contrast(dark, "#16181b") >= 2.0 * min(least, 3.0), color
-
-
 @pytest.fixture(scope="module")
 def figures(failing):
     """Return every figure of a report by its name."""
@@ -160,15 +133,6 @@ def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights
     ]
     assert len(track.collections) == len(altitude.collections) == 2
     assert len(edges[0]) == len(edges[1]) == 4
-
-
-def test_the_first_controller_is_drawn_last_and_no_two_look_alike_without_colour():
-    values = {name: np.arange(1.0, 9.0) for name in "abcd"}
-    labels, colors = dict(zip("abcd", "ABCD", strict=True)), dict(zip("abcd", CYCLE, strict=False))
-    lines = plot_distributions([Spread("x", values)], labels, colors).axes[0].lines
-    assert max(lines, key=lambda line: line.get_zorder()).get_label() == "A"
-    assert min(lines, key=lambda line: line.get_linewidth()).get_label() == "A"
-    assert len({str(line.get_linestyle()) + str(line._dash_pattern) for line in lines}) == 4
 
 
 def test_a_limit_beyond_the_axis_is_named_with_its_unit():

@@ -199,10 +199,6 @@ def test_two_flights_lie_over_one_another_and_a_link_restores_all_of_it(
 
 
 PLACE = 'flightPath(document.createElement("div"), {}).attitude(%s)'
-SLIDER = """((value) => { const slider = document.querySelector("#flight-path input");
-  if (value !== null) { slider.value = value; slider.dispatchEvent(new Event("input")); }
-  return Number(slider.value); })(%s)"""
-PIXELS = 'document.querySelector("#flight-path canvas").toDataURL()'
 
 
 @pytest.mark.parametrize("angles", [(90, 0, 0, 0, 0), (100, 5, -50, 3, 0), (-170, -20, 65, 12, -4)])
@@ -220,23 +216,6 @@ def test_body_axes_are_those_of_the_angles(view, angles):
     body = wind * Rotation.from_euler("ZY", [-slip, attack], degrees=True)
     axes = view.ask(PLACE % json.dumps(dict(zip(names, angles, strict=True))))
     np.testing.assert_allclose(axes, body.as_matrix().T, atol=1e-12)
-
-
-def test_a_flight_is_played_and_moved_through_in_space(view):
-    view.ask("document.querySelector('#flight-rows button').click()")
-    assert view.ask(SLIDER % "null") == 0.0
-    first = view.ask(PIXELS)
-    assert view.ask(SLIDER % 30) == pytest.approx(30.0, abs=0.1)
-    later = view.ask(PIXELS)
-    assert later != first
-    view.ask("document.querySelector('#flight-path canvas').focus()")
-    view.press("ArrowDown")
-    assert view.ask(PIXELS) != later
-    view.ask("document.querySelector('#flight-path button').focus()")
-    view.press("Enter")
-    view.wait_for(f"{SLIDER % 'null'} > 32")
-    view.press("Enter")
-    assert view.ask("document.querySelector('#flight-path button').textContent") == "Play"
 
 
 def test_flights_of_a_users_simulator_are_shown_in_its_words(page, tmp_path, monkeypatch):

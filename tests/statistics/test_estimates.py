@@ -32,6 +32,10 @@ def test_interval_is_the_published_order_statistics():
     # Conover, Practical Nonparametric Statistics: 16 values, median, ranks 4 and 13 give 97.9 %
     interval = quantile(np.arange(1.0, 17.0), 0.5)
     assert (interval.low, interval.high) == (4.0, 13.0)
+    # The bounds of a high quantile are those of the low quantile of the negated values.
+    values = np.arange(100.0)
+    high, low = quantile(values, 0.9), quantile(-values, 0.1)
+    assert (high.low, high.high) == (-low.high, -low.low) == (83.0, 95.0)
 
 
 def test_failed_flights_are_the_worst():

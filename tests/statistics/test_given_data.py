@@ -42,10 +42,10 @@ def test_shares_are_the_analytic_ones():
 
 def test_nothing_is_named_where_nothing_drives():
     named = 0
-    for seed in range(100):
+    for seed in range(60):
         noise = np.random.default_rng(300 + seed).standard_t(3, size=(400, 1))
         named += indices_of(draw_inputs(600 + seed, 12, 400), noise).found.any()
-    assert named <= 5
+    assert named <= 3
 
 
 @pytest.mark.parametrize("together", [0.5, 0.9])

@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,11 +25,6 @@ from abhv_mc_vehicle.control.design.lqr_design import attitude_slopes, make_lqr_
 from abhv_mc_vehicle.control.design.reference import make_mission_trim_tables, solve_reference
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.vehicle_code import (
-    evaluate_coefficients,
-    evaluate_fixed,
-    make_variables,
-)
 
 VALUES = box.first_mean(np.random.default_rng(5))
 GHAMES = dict.fromkeys(box.FREE, 1.0) | {
@@ -41,29 +35,12 @@ GHAMES = dict.fromkeys(box.FREE, 1.0) | {
 }
 
 
-def coefficients(values: dict[str, float], **conditions: float) -> Any:
-    vehicle = box.make_vehicle(values)
-    variables = make_variables(vehicle, mach=4.744, mass=1300.0, **conditions)
-    return evaluate_coefficients(vehicle, variables)[:, 0], evaluate_fixed(vehicle, variables)
-
-
 def test_factors_of_one_are_ghame() -> None:
     """Drag is excepted because it is a polar."""
     ours = box.make_vehicle(GHAMES).tables.data.copy()
     drag = box.cells_of("drag_basic")
     ours[drag] = box.BASE.tables.data[drag]
     np.testing.assert_allclose(ours, box.BASE.tables.data, rtol=1e-6, atol=1e-12)
-
-
-def test_the_base_has_the_inertias_of_ghame_x_times_a_factor() -> None:
-    """The factor applies to the mass and the inertias at each mass."""
-    light = load_vehicle(ROOT / "configs/vehicle/ghame_x.yaml")
-    ours, theirs = (
-        evaluate_fixed(vehicle, make_variables(vehicle, mach=4.744, mass=mass))
-        for vehicle, mass in ((box.BASE, 1300.0 * box.HEAVIER), (light, 1300.0))
-    )
-    for name in ("inertia_xx", "inertia_yy", "inertia_zz", "inertia_13"):
-        assert ours[name][0] == pytest.approx(box.HEAVIER * theirs[name][0])
 
 
 def test_drag_is_a_polar() -> None:
@@ -80,18 +57,6 @@ def test_drag_is_a_polar() -> None:
         - sides.polar(box.make_vehicle(values), box.MACH, alphas)[1]
     )
     np.testing.assert_allclose(difference, values["drag_zero_lift"], rtol=1e-9)
-
-
-def test_each_factor_changes_only_its_coefficient() -> None:
-    conditions = {"angle_of_attack": np.deg2rad(5.0), "sideslip": 0.01}
-    plain, _ = coefficients(GHAMES, **conditions)
-    changed, fixed = coefficients(
-        GHAMES | {"yaw_sideslip": 0.5, "pitch_slope": 0.002, "inertia_xx": 1.5}, **conditions
-    )
-    assert changed[5] == pytest.approx(0.5 * plain[5])
-    assert changed[4] == pytest.approx(plain[4] + 0.004)  # 0.002 (5 - 3)
-    np.testing.assert_allclose(changed[:4], plain[:4])
-    assert fixed["inertia_xx"][0] == pytest.approx(1.5 * coefficients(GHAMES)[1]["inertia_xx"][0])
 
 
 def test_ends_of_an_axis() -> None:
@@ -174,32 +139,6 @@ def test_a_front_has_the_pareto_optimal_designs_within_limits() -> None:
 ENSEMBLE = json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="utf-8"))["ensemble"]
 
 
-def test_lift_at_the_radius_of_pitch_damping_has_the_damping() -> None:
-    """At a distance r behind the centre of gravity a pitch rate q adds q r/V to the angle."""
-    vehicle = box.make_vehicle(ENSEMBLE[0]["values"])
-    point = sides.find_trim(vehicle)
-    radius, chord = sides.measure(vehicle, *point)["damping_radius"], vehicle.constants.chord
-    slope = sides.slopes_at(vehicle, *point[:2])
-    rate = 0.1  # rad/s
-    lift = slope["CL", "alpha"] * rate * radius / sides.SPEED
-    unit = rate * chord / (2.0 * sides.SPEED)
-    assert slope["Cm", "q"] * unit == pytest.approx(-lift * radius / chord)
-    assert radius <= sides.HALF_LENGTH
-
-
-def test_the_rudder_damps_yaw_as_the_sideslip_at_its_arm_would() -> None:
-    """At a distance r behind the centre of gravity a yaw rate adds as much sideslip as rudder."""
-    vehicle = box.make_vehicle(ENSEMBLE[0]["values"])
-    point = sides.find_trim(vehicle)
-    traits, span = sides.measure(vehicle, *point), vehicle.constants.span
-    rate = 0.1  # rad/s
-    rudder = rate * traits["rudder_arm"] / sides.SPEED
-    slope = sides.slopes_at(vehicle, *point[:2])
-    own = slope["Cn", "rudder"] * rudder / (rate * span / (2.0 * sides.SPEED))
-    assert own == pytest.approx(traits["rudder_damping"] * slope["Cn", "r"])
-    assert traits["rudder_damping"] <= 1.0
-
-
 @pytest.mark.parametrize("name", [member["name"] for member in ENSEMBLE])
 def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name: str) -> None:
     member = next(entry for entry in ENSEMBLE if entry["name"] == name)
@@ -213,20 +152,6 @@ def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name
             assert distance >= np.log(search.DIFFERENT) - 1e-3
 
 
-STARTS = json.loads(ensemble.STARTS.read_text(encoding="utf-8"))
-
-
-@pytest.mark.parametrize("name", ["seed-2", "seed-22", "seed-23"])
-def test_the_limits_of_damping_change_a_search_result_to_the_member(name: str) -> None:
-    """The first is beyond the radius of pitch damping, the last below the rudder's damping."""
-    member = next(member for member in ENSEMBLE if member["name"] == name)
-    candidate = flights.fly_candidate(STARTS[name])
-    limited = search.limit_damping(STARTS[name], candidate.class_traits)
-    different = {key for key, value in limited.items() if value != member["values"][key]}
-    assert different == ({"pitch_pitch_rate"} if name == "seed-23" else set())
-    assert candidate.keeps_sides == (name == "seed-22")
-
-
 @pytest.mark.thorough
 def test_the_stored_searches_give_the_stored_members() -> None:
     members = ensemble.choose_members(ensemble.read_starts())
@@ -236,42 +161,6 @@ def test_the_stored_searches_give_the_stored_members() -> None:
             assert member.pop(traits) == pytest.approx(stored[traits], rel=1e-3)
         assert member.pop("worst") == pytest.approx(stored["worst"], abs=2e-4)
         assert member.items() <= stored.items()
-
-
-def test_a_search_aims_where_a_vehicle_would_enlarge_the_ensemble() -> None:
-    """If a member is removed, the set with the aim is as large as before."""
-    vehicles = {
-        member["name"]: search.Found(
-            member["worst"], member["values"], tuple(member["traits"].values())
-        )
-        for member in ENSEMBLE
-    }
-    assert set(ensemble.choose_members(vehicles)) == set(vehicles)
-    del vehicles[ENSEMBLE[-1]["name"]]
-    aimed_search = ensemble.aim_search(1, vehicles)
-    assert aimed_search.start in [vehicle.values for vehicle in vehicles.values()]
-    assert vehicles[ensemble.FIRST].traits in aimed_search.members
-    assert len(aimed_search.members) >= len(vehicles) - 1
-    (start,) = (vehicle for vehicle in vehicles.values() if vehicle.values == aimed_search.start)
-    signs = np.sign(start.traits)
-    assert aimed_search.is_different((*(signs[:6] * np.array(aimed_search.aim)), *start.traits[6:]))
-
-
-def test_a_search_is_pulled_to_its_aim_and_away_from_others() -> None:
-    traits = (117.0, -19.9, -2.0, 10.9, -3.4, -0.55, 0.55, 0.2)
-    free = search.Search("one", 1)
-    assert free.pulls(traits) == []
-    assert free.is_different(traits)
-    aimed = search.Search("two", 1, aim=traits[:6], members=(traits,))
-    near, away = np.split(np.array(aimed.pulls(traits)), [6])
-    np.testing.assert_allclose(near, 0.0)
-    assert away[0] > 0.0
-    assert not aimed.is_different(traits)
-    differs = tuple(1.6 * trait for trait in traits)
-    assert aimed.is_different(differs)
-    near, away = np.split(np.array(aimed.pulls(differs)), [6])
-    assert (near > 0.0).all()
-    assert away[0] == 0.0
 
 
 JUDGED = json.loads((ROOT / "studies/paper_vehicle_claim.json").read_text(encoding="utf-8"))

@@ -8,7 +8,7 @@ from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import bounds, estimate, percent, spoken_name
 from abhv_mc.topics.names import full_labels
-from abhv_mc.topics.section import Cell, Fold, Section, Table, grouped
+from abhv_mc.topics.section import Cell, Table, grouped
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
 
@@ -84,20 +84,3 @@ def test_a_cell_is_repeated_in_the_rows_that_it_spans():
         ["altitude", "LQR", "0", "2 %", DASH],
     ]
     assert [row[0].rows for row in GROUP] == [2, 0]
-
-
-def test_columns_that_are_empty_or_zero_throughout_are_not_drawn():
-    (fold,) = Section("s", (Fold("f", (table(GROUP),)),)).without_idle().items
-    (item,) = fold.items
-    assert item.heads == ("Requirement", "Controller", "Room")
-    lost = (*GROUP[1][:2], Cell("3"), *GROUP[1][3:])
-    assert table((GROUP[0], lost)).without_idle().heads == (
-        "Requirement",
-        "Controller",
-        "Ended early",
-        "Room",
-    )
-    assert item.plain_rows() == [
-        ["altitude", "TLC", "1 %"],
-        ["altitude", "LQR", "2 %"],
-    ]

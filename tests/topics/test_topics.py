@@ -27,11 +27,10 @@ from abhv_mc.topics import Topic, register
 from abhv_mc.topics.failure_cases.figures import still_flying
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.figures import worst_channels
-from abhv_mc.topics.flights.model import ended_words, worst_flights
+from abhv_mc.topics.flights.model import worst_flights
 from abhv_mc.topics.formatting import json_data
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.section import Cell, Table
 from abhv_mc.topics.topic import REGISTERED, Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell
@@ -198,27 +197,6 @@ def test_worst_flights_show_every_required_metric_and_how_many_are_missed(flown)
         assert "ok" not in [row[1] for row in table.plain_rows()]
 
 
-@pytest.mark.parametrize(
-    ("outcome", "missed", "text"),
-    [
-        ("ok", 2, "completed; misses 2 of 5"),
-        ("ok", 0, "completed"),
-        ("sideslip_limit", 5, "sideslip limit"),
-    ],
-)
-def test_how_a_flight_ended(outcome, missed, text):
-    assert ended_words(outcome, missed, 5) == text
-
-
-def test_columns_of_one_text_move_into_the_caption():
-    rows = tuple((Cell(str(k), head=True), Cell("same"), Cell(f"{k} m")) for k in range(3))
-    table = Table("Flights", ("Flight", "Outcome", "Error"), (rows,)).without_constant()
-    assert table.heads == ("Flight", "Error") and table.plain_rows()[2] == ["2", "2 m"]
-    assert re.fullmatch(r"Flights\. .*: Outcome: same", table.caption)
-    alone = Table("Flights", ("Flight", "Outcome", "Error"), (rows[:1],))
-    assert alone.without_constant() == alone
-
-
 def test_the_worst_flights_are_drawn_in_what_they_are_worst_in(flown):
     """Regression: four channels were fixed, but all listed flights were worst in speed."""
     results = flown(80)
@@ -243,6 +221,11 @@ def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
         assert max(bar.high for bar in bars) == pytest.approx(LIMIT_POSITION)
         assert all(bar.low >= 0.0 and not bar.beyond for bar in bars)
         assert all(bar.edge.startswith("median ") for bar in bars)
+    for low, size in ((0.4, 1.0), (0.6, 0.4)):  # The scale begins at zero if that is near.
+        cells = {"tlc": GlanceCell(low, 0.8, 1.0, 1.0)}
+        row = replace(models[VERDICTS].glance[0], below=True, cells=cells)
+        ((entry, _),) = chart_rows([row], names, names)
+        assert entry.size == pytest.approx(size)
 
 
 EXAMPLE = Path(__file__).parents[2] / "docs/how-to/correlate.py"

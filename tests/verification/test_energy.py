@@ -1,7 +1,6 @@
 """A vehicle without thrust loses energy at each tick, whatever it does with its surfaces."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,6 @@ from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.kernel.world.earth import Earth
 from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
-from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-from abhv_mc_vehicle.vehicle.table_file import nodes_of
-from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_coefficients, make_variables
 
 VEHICLES = shipped_configs() / "vehicle"
 # A push-over gains speed by gravity alone.
@@ -35,7 +31,6 @@ MISSIONS: dict[str, tuple[Any, ...]] = {
     "f16": ("f16_level",),
 }
 _NO_THRUST = 1.0  # N: a failed engine's thrust dies away with its lag; drag is a hundred times more
-DEFLECTION, SIDESLIP = np.deg2rad(20.0), np.deg2rad(15.0)
 
 
 def test_every_shipped_vehicle_is_here() -> None:
@@ -80,39 +75,3 @@ def test_energy_falls_at_each_tick_without_thrust(
     assert np.sum(~without) * plan.timing.tick < 2.0 < ticks * plan.timing.tick
     change = np.diff(energy(plan.earth, altitude, np.deg2rad(latitude), speed))
     assert change[without].max() < 0.0
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", [name for name in MISSIONS if name != "f16"])
-def test_the_air_never_pushes_forward(name: str) -> None:
-    """At each node inside the limits: -CD cos(beta) + CY sin(beta) < 0."""
-    vehicle = load_vehicle(Path(VEHICLES / f"{name}.yaml"))
-    assert vehicle.constants.drag_in_wind_axes == 0.0
-    low, high = vehicle.constants.angle_of_attack_min, vehicle.constants.angle_of_attack_max
-
-    def nodes(variable: str, least: float, greatest: float) -> Floats:
-        inside = nodes_of(vehicle.tables, variable)
-        inside = inside[(inside >= least) & (inside <= greatest)]
-        return np.unique([least, *inside, greatest])
-
-    machs = nodes_of(vehicle.tables, "mach")
-    angles, sideslips = nodes("angle_of_attack", low, high), np.linspace(0.0, SIDESLIP, 16)
-    surfaces = np.linspace(-DEFLECTION, DEFLECTION, 5)
-    grid = np.meshgrid(machs, angles, sideslips, surfaces, surfaces, indexing="ij")
-    mach, alpha, beta, aileron, rudder = (values.ravel() for values in grid)
-    variables = make_variables(
-        vehicle,
-        mach=mach,
-        angle_of_attack=alpha,
-        sideslip=beta,
-        aileron=aileron,
-        rudder=rudder,
-        altitude=np.full(mach.size, 20e3),
-        mass=np.full(mach.size, vehicle.constants.mass_start),
-    )
-    _, drag, side, *_ = evaluate_coefficients(vehicle, variables)
-    forward = -drag * np.cos(beta) + side * np.sin(beta)
-    pushed = forward >= 0.0
-    assert not pushed.any(), (
-        f"{pushed.sum()} of {pushed.size} nodes, at Mach {np.unique(mach[pushed])}"
-    )

@@ -1,6 +1,7 @@
 """Recommended next step of a campaign."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from report.synthetic import write_campaign
@@ -111,3 +112,8 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
             [judge(0, runs, 0.95)] * verdicts.held_together.verdicts, verdicts.held_together.risk
         )
         assert all(verdict.status == "PASS" for verdict in verdicts_after) is stand
+    # Holm's procedure gives the verdict with the larger p-value the whole risk.
+    own = {"a": judge(0, 400, 0.95), "b": judge(3, 400, 0.95)}
+    joint = SimpleNamespace(dropped=((0, "b"),), risk=0.1, verdicts=2)
+    stub = SimpleNamespace(held_together=joint, requirements=[SimpleNamespace(controllers=own)])
+    assert flights_for_joint_verdicts(stub) == flights_to_pass(3, 0.95, 0.1)

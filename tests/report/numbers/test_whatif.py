@@ -14,7 +14,11 @@ from abhv_mc.cli.app import app
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.whatif import make_whatif
+from abhv_mc.report.numbers.whatif import (
+    _reweight_quantiles,
+    _reweight_requirement,
+    make_whatif,
+)
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.topics.topic import Models
 
@@ -104,6 +108,20 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
     weights = weigh_flights(campaign, change, samples)
     np.testing.assert_allclose(weights, joint(1.01, 0.04) / joint(1.0, 0.05), rtol=1e-9)
     assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / np.sqrt(4000))
+
+
+def test_upper_bounds_include_what_no_flight_represents(flown):
+    results = read_flown(flown)
+    flights, (item,) = results.flights["one"], results.campaign.requirements
+    weights = np.ones(flights.flight.size)
+    (quantile, share), (wide_quantile, wide_share) = (
+        (
+            _reweight_quantiles(flights, item.metric, weights, unseen)["q50"].after.high,
+            _reweight_requirement(flights, item, weights, unseen).failure_share.after.high,
+        )
+        for unseen in (0.0, 0.04)
+    )
+    assert wide_quantile > quantile and wide_share == pytest.approx(share + 0.04)
 
 
 @pytest.mark.parametrize(("settings", "message"), [

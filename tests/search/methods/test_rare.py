@@ -1,7 +1,6 @@
 """Subset simulation, and the estimates made of it, on probabilities that are known."""
 
 import numpy as np
-import openturns as ot
 import pytest
 from scipy.stats import norm
 from search.methods import known_probabilities as known
@@ -42,43 +41,6 @@ def test_right_within_its_interval():
             assert result.flights <= 20_000
     assert right >= 0.9 * count
     assert refused <= 0.1 * count
-
-
-def test_openturns_says_the_same():
-    case = known.parallel(4, 2, 2.7)
-    ot.RandomGenerator.SetSeed(3)
-    function = ot.PythonFunction(4, 1, func_sample=lambda u: case.severity(np.asarray(u))[:, None])
-    event = ot.ThresholdEvent(
-        ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(4))),
-        ot.Greater(),
-        case.threshold,
-    )
-    algorithm = ot.SubsetSampling(event)
-    algorithm.setMaximumOuterSampling(10_000)
-    algorithm.setBlockSize(1)
-    algorithm.run()
-    theirs = algorithm.getResult()
-    ours = estimate_rare(case.severity, SubsetPlan(4, case.threshold, 5, chains=256), 0.1, 100_000)
-    assert ours.refusal is None
-    log_ratio = abs(np.log(ours.probability / theirs.getProbabilityEstimate()))
-    assert log_ratio < 3.0 * np.hypot(ours.cov, theirs.getCoefficientOfVariation())
-
-
-def test_severities_may_have_random_numbers_of_their_own():
-    """Estimate if half of the variance is due to no parameter.
-
-    A chain with a lucky start moves little, and a third of the estimates are rejected.
-    """
-    draw = np.random.default_rng(4)
-
-    def noisy(points):
-        return (points[:, 0] + draw.standard_normal(len(points))) / np.sqrt(2.0)
-
-    estimates = [
-        estimate_rare(noisy, SubsetPlan(1, 3.7190, seed), flights=40_000) for seed in range(6)
-    ]  # 1e-4
-    accepted = [item for item in estimates if item.refusal is None]
-    assert len(accepted) >= 2 and all(item.low <= 1e-4 <= item.high for item in accepted)
 
 
 def test_refused_where_the_event_is_never_met():

@@ -68,17 +68,9 @@ def test_left_out_values_are_predicted_by_all_others():
     assert left_out[i] == pytest.approx(error, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "case",
-    [
-        known.masked(2),
-        pytest.param(known.four_branch(4.0), marks=pytest.mark.thorough),
-        pytest.param(known.linear(10, 4.5), marks=pytest.mark.thorough),
-    ],
-    ids=lambda case: case.name,
-)
-def test_right_within_its_interval(case):
-    """Check one seed; benchmarks/others/surrogate.py checks twenty."""
+def test_right_within_its_interval():
+    """Check one seed; benchmarks/others/surrogate.py checks twenty, of more cases."""
+    case = known.masked(2)
     result = estimate(case, 11)
     assert result.refusal is None and result.low <= case.probability <= result.high
     assert result.high < 3.0 * result.low and result.flights <= 400

@@ -23,23 +23,21 @@ def slope(dimension):
     return lambda x: x @ weights + 0.05 * np.sin(np.pi * (x**2 - 0.5)).sum(axis=1), np.sign(weights)
 
 
-@pytest.mark.parametrize("dimension", [3, 12, pytest.param(24, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("dimension", [3, 12])
 @pytest.mark.parametrize("sharpness, gap", [(2.0, 1e-4), (1.5, 5e-3), (3.0, 1e-4)])
-def test_finds_a_top_inside(dimension, seed, sharpness, gap):
+def test_finds_a_top_inside(dimension, sharpness, gap):
     value, top = bowl(dimension, sharpness)
-    worst_case = search_worst(value, dimension, seed=seed)
+    worst_case = search_worst(value, dimension, seed=0)
     drawn = value(np.random.default_rng(1).uniform(-1.0, 1.0, (10_000, dimension)))
     assert worst_case.value > -gap * (drawn.max() - drawn.min())
-    assert np.abs(worst_case.place - top).max() < {3: 0.01, 12: 0.1, 24: 0.2}[dimension]
+    assert np.abs(worst_case.place - top).max() < {3: 0.01, 12: 0.1}[dimension]
     assert not worst_case.at_bounds.any()
 
 
-@pytest.mark.parametrize("dimension", [1, 3, 12, pytest.param(24, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
-def test_finds_a_corner(dimension, seed):
+@pytest.mark.parametrize("dimension", [1, 3, 12])
+def test_finds_a_corner(dimension):
     value, corner = slope(dimension)
-    worst_case = search_worst(value, dimension, seed=seed)
+    worst_case = search_worst(value, dimension, seed=0)
     np.testing.assert_array_equal(worst_case.place, corner)
     assert worst_case.at_bounds.all()
 
@@ -51,10 +49,10 @@ def test_what_changes_nothing_sits_on_no_end():
     assert worst_case.at_bounds.tolist() == [False, True, False]
 
 
-@pytest.mark.parametrize("dimension", [12, pytest.param(24, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("seed", [1, 3, 6])
-def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
+def test_finds_a_corner_behind_a_broad_hill(seed):
     """Check a hill that dominates most of the box, with a higher corner."""
+    dimension = 12
     draw = np.random.default_rng(seed)
     corner, top = draw.choice([-1.0, 1.0], dimension), draw.uniform(-0.3, 0.3, dimension)
 
@@ -65,19 +63,6 @@ def test_finds_a_corner_behind_a_broad_hill(dimension, seed):
 
     worst_case = search_worst(value, dimension, seed=seed)
     np.testing.assert_array_equal(worst_case.place, corner)
-
-
-@pytest.mark.parametrize("dimension", [3, pytest.param(12, marks=pytest.mark.thorough)])
-def test_never_below_as_many_random_points(dimension):
-    for seed in range(20):
-        draw = np.random.default_rng(seed)
-        waves, phases = draw.normal(0.0, 1.5, (8, dimension)), draw.uniform(0.0, 6.0, 8)
-
-        def value(x, waves=waves, phases=phases):
-            return np.sin(x @ waves.T + phases).sum(axis=1)
-
-        random = value(draw.uniform(-1.0, 1.0, (1000, dimension))).max()
-        assert search_worst(value, dimension, 1000, seed).value >= random
 
 
 def test_batches_fill_lanes_and_stay_within_what_is_allowed():

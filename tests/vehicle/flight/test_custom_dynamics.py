@@ -1,11 +1,8 @@
 """Custom dynamics against independent integrations and eigenvalues, and rejected inputs."""
 
-import ctypes
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,16 +13,13 @@ from short_flights import change_vehicle
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.timing import Timing
 from abhv_mc.io.input_error import InputError
-from abhv_mc_vehicle.flight import user_law
 from abhv_mc_vehicle.flight.fly import fly, fly_until, nominal_parameters
-from abhv_mc_vehicle.flight.vehicle_parameters import vehicle_parameters
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.state import variable_row
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
 from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
-from abhv_mc_vehicle.stability.linearize import closed_loop, linearize
-from abhv_mc_vehicle.stability.points import flown_points, fly_disturbed
+from abhv_mc_vehicle.stability.linearize import linearize
+from abhv_mc_vehicle.stability.points import flown_points
 from abhv_mc_vehicle.stability.probe import plant_states
 
 AREA, CHORD = 8.026848, 2.7432
@@ -183,108 +177,6 @@ def flexible():
 
 
 # Rows of the lane memory: the inputs of the modes, then displacement and rate of each mode.
-RECORDED = (
-    *(s.MOTION + s.MASS - s.U, s.RHO, s.AIRSPEED),
-    *map(variable_row, ("angle_of_attack", "elevator", "equivalence_ratio")),
-    *range(s.CUSTOM_STATE, s.CUSTOM_STATE + 6),
-)
-
-
-def record_stages(plan, parameters, monkeypatch):
-    """Return what the custom dynamics read, [tick, step, stage, row of RECORDED, flight]."""
-    compiled, calls = user_law.compile_functions, []
-
-    def compile_recorder(code, width):
-        functions = compiled(code, width)
-
-        def call(context, Z, *arguments):
-            functions.dynamics.ctypes(context, Z, *arguments)
-            block = np.ctypeslib.as_array(Z, (s.LAW, width))
-            calls.append(block[list(RECORDED), : len(parameters)])
-
-        pointers = [ctypes.POINTER(ctypes.c_double)] * 4
-        kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *pointers, ctypes.c_int64, ctypes.c_double)
-        callback = kind(call)
-        address = ctypes.cast(callback, ctypes.c_void_p).value
-        return functions._replace(dynamics=SimpleNamespace(address=address, callback=callback))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(user_law, "compile_functions", compile_recorder)
-        assert fly(plan, parameters).outcome.tolist() == [Outcome.OK] * len(parameters)
-    steps, ticks = plan.timing.steps_per_tick, plan.timing.ticks
-    # Sensors are evaluated first at each tick; without TLC's model this is the first stage, too.
-    per_tick = (len(calls) - 1) // ticks
-    stages = np.array(calls[: ticks * per_tick]).reshape(ticks, per_tick, len(RECORDED), -1)
-    return stages[:, per_tick - 4 * steps :].reshape(ticks, steps, 4, len(RECORDED), -1)
-
-
-def integrate_modes(plan, stages, frequency, damping):
-    """Integrate the modes with recorded inputs; return [tick, step, state, flight].
-
-    Commands and gusts change at ticks, so the inputs are smooth only within a tick: a spline goes
-    through the values at its steps and the last stage before the next tick.
-    """
-    knots = np.concatenate([stages[:, :, 0], stages[:, -1:, 3]], axis=1)
-    mass, density, speed, alpha, elevator, eta = np.moveaxis(knots[:, :, :6], 2, 0)
-    load = 0.5 * density * speed**2 * AREA / mass
-    drive = MODE_EXCITATION * load * (alpha + elevator + 0.01 * eta)
-    times = plan.timing.step * np.arange(knots.shape[1])
-    x = stages[0, 0, 0, 6:].reshape(3, 2, -1).swapaxes(0, 1)
-    integrated = []
-    for values in drive:
-        push = CubicSpline(times, values)
-
-        def rates(time, y, push=push, shape=x.shape):
-            mode, rate = y.reshape(shape)
-            friction = 2.0 * damping * frequency * rate
-            return np.ravel([rate, push(time) - friction - frequency**2 * mode])
-
-        solution = solve_ivp(
-            rates, times[[0, -1]], x.ravel(), "DOP853", times, rtol=1e-12, atol=1e-18
-        )
-        y = solution.y.T.reshape(len(times), *x.shape)
-        x = y[-1]
-        integrated.append(y[:-1].swapaxes(1, 2).reshape(len(times) - 1, 6, -1))
-    return np.array(integrated)
-
-
-FLIGHTS = {
-    "nominal": {},
-    "gust": {"wind.gust_down": 10.0, "wind.gust_length": 300.0, "wind.gust_start": 3.0},
-    "short gust": {"wind.gust_down": -10.0, "wind.gust_length": 100.0, "wind.gust_start": 3.0},
-    # The modes of the other flights ring: the air moves or they start out of equilibrium.
-    "turbulence": {"wind.turbulence": 3.0, "wind.turbulence_seed": 6.0},
-    "aerodynamics": {"aero.lift": 0.9, "aero.drag": 1.1, "atmosphere.density": 1.1},
-    "modes": {"dynamics.frequency_3": 115.0, "dynamics.damping_3": 0.015},
-}
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("law", ["lqr_robust_abhv", "tlc"])
-def test_three_modes_follow_an_independent_integration_with_recorded_inputs(law, monkeypatch):
-    plan = at_step(plan_of("flexible", mission="flexible", law=law), 0.5e-3)
-    names = vehicle_parameters(plan.vehicle_code).index
-    parameters = np.repeat(parameters_of(plan), len(FLIGHTS), axis=0)
-    for row, values in zip(parameters, FLIGHTS.values(), strict=True):
-        for name, value in values.items():
-            row[names[name]] = value
-    frequency, damping = (
-        parameters[:, [names[f"dynamics.{name}_{i}"] for i in (1, 2, 3)]].T
-        for name in ("frequency", "damping")
-    )
-    stages = record_stages(plan, parameters, monkeypatch)
-    assert stages.shape[:3] == (1000, 20, 4)
-    integrated = integrate_modes(plan, stages, frequency, damping)
-    largest = np.abs(integrated).max(axis=(0, 1))
-    error = np.abs(stages[:, :, 0, 6:] - integrated).max(axis=(0, 1)) / largest
-    # The phase of a mode lags by (w h)^4 w t / 120; damping limits t to about 1 / (damping w).
-    lag = (frequency * plan.timing.step) ** 4 / (120.0 * damping)
-    tolerance = np.repeat(np.maximum(1e-6, lag), 2, axis=0)
-    tolerance[::2] = 1e-6  # displacements; the largest error is 1.5e-7
-    tolerance[:, :3] = 1e-6  # displacements and rates; the largest error is 6.3e-7
-    assert (error < tolerance).all(), error
-    # The flights differ and excite all modes.
-    assert (np.ptp(largest, axis=1) > 0.1 * largest[:, 0]).all()
 
 
 def test_the_flexible_vehicle_has_the_eigenvalues_of_its_equations(flexible):
@@ -386,22 +278,6 @@ def test_linear_model_has_the_mode(mode):
     assert np.abs(poles - bending_pole).min() < 1e-6
 
 
-def test_linear_model_predicts_a_small_disturbance(mode):
-    plan = at_step(plan_of(mode, 3.0), 1e-3)
-    parameters = parameters_of(plan)
-    names = [*plant_states(plan.vehicle)]
-    change = np.zeros(len(names))
-    change[names.index("state.mode")] = 1e-6
-    flown = fly_disturbed(plan, parameters, 100, change, 20)
-    flown -= fly_disturbed(plan, parameters, 100, 0.0 * change, 20)
-    linear = linearize(plan, flown_points(plan, parameters, 1.1).points)
-    expected = np.linalg.matrix_power(closed_loop(linear, 0), 20) @ change
-    scale = np.abs(flown).max(axis=0)
-    for name in ("state.mode", "state.mode_rate", "pitch_rate", "angle_of_attack", "elevator"):
-        i = names.index(name)
-        assert flown[-1, i] == pytest.approx(expected[i], abs=3e-3 * scale[i]), name
-
-
 ERRORS = {
     "rates": (
         "rates=(states.mode_rate, ",
@@ -465,34 +341,3 @@ def test_a_step_too_long_for_the_states_is_rejected(tmp_path):
     assert any(re.search(r"\b60 rad/s\b.*\b10 ms\b", warning) for warning in plan.warnings)
     with pytest.raises(InputError, match=r"at most 1\.6 ms"):
         make_flight_plan("level", str(write_vehicle(tmp_path, keys=keys(250.0))), LAW)
-
-
-def test_a_mode_decays_with_its_damping(tmp_path):
-    keys = MODE_KEYS.replace("excitation: 0.05", "excitation: 0.0").replace(
-        "damping: 0.01", "damping: 0.02"
-    )
-    plan = at_step(plan_of(write_vehicle(tmp_path, keys=keys), 2.0, "level"), 1e-3)
-    w, zeta = FREQUENCY, 0.02
-    wd = w * math.sqrt(1.0 - zeta**2)
-    amplitude = states_of(plan, 200, initial__mode=0.01)[0]
-    analytic = (
-        0.01 * math.exp(-zeta * w * 2.0) * (math.cos(wd * 2.0) + zeta * w / wd * math.sin(wd * 2.0))
-    )
-    assert amplitude == pytest.approx(analytic, abs=1e-8)
-
-
-def test_a_mode_at_the_step_of_the_mission_lags_by_its_bound(tmp_path):
-    keys = MODE_KEYS.replace("excitation: 0.05", "excitation: 0.0")
-    plan = plan_of(write_vehicle(tmp_path, keys=keys), mission="level")
-    block = fly(plan, parameters_of(plan, initial__mode=0.01), 1)
-    names = [channel.name for channel in plan.channels]
-    flown, t = block.history[0][:, names.index("state.mode")], block.times
-    w, zeta = FREQUENCY, DAMPING
-    wd = w * math.sqrt(1.0 - zeta**2)
-    analytic = 0.01 * np.exp(-zeta * w * t) * (np.cos(wd * t) + zeta * w / wd * np.sin(wd * t))
-    wh = w * plan.timing.step
-    bound = 0.01 * wh**4 * w * t / 120.0
-    error = np.abs(flown - analytic)
-    assert (error <= bound + 1e-8).all()
-    # The phase lags by (w h)^4 w t / 120, which the damping of the amplitude leaves visible.
-    assert (error / np.maximum(bound, 1e-6)).max() > 0.5

@@ -16,7 +16,6 @@ from abhv_mc_vehicle.kernel.plant.vehicle import (
     MORE_SENSORS,
     SCALED_SENSORS,
 )
-from abhv_mc_vehicle.user_code.law_interface import Measured
 
 DT = 0.01
 WATCH = """\
@@ -53,10 +52,6 @@ def measure(Z, name, truth):
         sensors.sense(Z, 1, active, DT, tick)
         measured.append(Z[row, 0])
     return np.array(measured)
-
-
-def test_the_names_are_those_that_a_law_measures():
-    assert Measured._fields == ALL_SENSORS
 
 
 @pytest.mark.parametrize("lag", [0.002, 0.1])

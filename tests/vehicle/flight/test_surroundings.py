@@ -209,18 +209,6 @@ def test_profile_is_the_density_factor_at_its_knots(plan):
     assert q_bar[0] == pytest.approx(q_bar[1], rel=1e-6)
 
 
-def test_the_wind_of_ten_thousand_levels_is_that_of_two():
-    plan = make_flight_plan({"base": "turn", "duration": "5 s"}, "ghame_x")
-    levels = np.linspace(0.0, 40e3, 10_000)
-    ends = np.array([[0.0, -20.0, 5.0, 1.1, 1.0], [40e3, 60.0, 5.0, 0.9, 1.0]])
-    profile = np.column_stack([levels, *(np.interp(levels, ends[:, 0], c) for c in ends[:, 1:].T)])
-    few, many = (
-        fly(replace(plan, profile=np.ascontiguousarray(table)), rows_of({}), 1).history[0]
-        for table in (ends, profile)
-    )
-    assert many == pytest.approx(few, rel=1e-6, abs=1e-9, nan_ok=True)
-
-
 def test_a_wind_table_equals_the_wind_parameter(tmp_path):
     (tmp_path / "wind.csv").write_text(
         "altitude_m,wind_north_mps,wind_east_mps\n0,0,5\n40000,40,5\n"

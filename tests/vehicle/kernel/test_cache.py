@@ -16,7 +16,6 @@ from pathlib import Path
 
 import llvmlite.binding as llvm
 import numba
-import numpy as np
 import pytest
 
 from abhv_mc import cache_root
@@ -280,18 +279,3 @@ def test_a_processor_with_512_bit_vectors_uses_them(monkeypatch, features, chose
     for name in ("CPU_NAME", "CPU_FEATURES"):
         monkeypatch.setattr(numba.config, name, "haswell" if name == chosen else None)
     assert find_features() == expected
-
-
-@pytest.mark.skipif(
-    not llvm.get_host_cpu_features().get("avx512f"), reason="no 512-bit vectors here"
-)
-def test_machine_code_uses_512_bit_vectors():
-    @numba.njit  # not a kernel, as numba has no assembly code of cached functions
-    def add(a, b):
-        for i in range(a.size):
-            a[i] += b[i]
-
-    assert jit.compiler()  # which has chosen the target
-    add(np.zeros(64), np.ones(64))
-    (code,) = add.inspect_asm().values()
-    assert "%zmm" in code

@@ -14,9 +14,8 @@ from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.fly_once import make_document, make_flight_plan, make_parameters
+from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.one_flight.linear_models import take_point
-from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 
 def test_a_flight_is_a_table_with_units_and_metrics():
@@ -145,13 +144,6 @@ def test_what_is_wrong_is_said(call, arguments, message):
         call(**({} if call is abhv_mc.trim else {"mission": "level"}) | arguments)
 
 
-def test_numbers_of_numpy_are_numbers():
-    assert abhv_mc.trim(speed=np.float32(1400)).equals(abhv_mc.trim(speed=np.int64(1400)))
-    vehicle = load_vehicle(make_document("vehicle", "ghame_x"))
-    rows = [make_parameters({"aero.lift": lift}, vehicle) for lift in (np.float32(1.5), "150 %")]
-    assert (rows[0] == rows[1]).all()
-
-
 LOOPS = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
 
 
@@ -169,39 +161,6 @@ def test_margins_are_a_table_by_loop_with_units():
     assert any(
         re.search(r"equivalence_ratio .* 1\.0000\b", warning) for warning in table.attrs["warnings"]
     )
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("controller", "pole", "end"),
-    [("tlc", 8.55, 22.5), ("tlc_robust_ghame_x", 4.08, 25.0), ("lqr_robust_ghame_x", None, 60.0)],
-)
-def test_a_stuck_aileron_is_lost_where_the_loop_without_it_grows(controller, pole, end):
-    """The table of docs/how-to/failures.md."""
-    without = abhv_mc.margins(
-        "level",
-        "ghame_x",
-        controller=controller,
-        dispersions={"control.aileron_effectiveness": 0.001},
-    )
-    fastest = without.attrs["poles"][0]
-    assert without.attrs["stable"] == (pole is None)
-    assert pole is None or (fastest.imag == 0.0 and fastest.real == pytest.approx(pole, abs=0.01))
-    flight = abhv_mc.fly(
-        "level",
-        "ghame_x",
-        controller=controller,
-        dispersions={"failure.aileron.stuck_time": 20.0},
-        every=10,
-    )
-    assert flight.attrs["end_time_s"] == pytest.approx(end, abs=0.1)
-    plant = abhv_mc.linearize("level", "ghame_x", controller=controller).plant_continuous.A
-    effect = plant.loc[["roll_rate", "yaw_rate"], ["aileron", "rudder"]].to_numpy()
-    aileron, rudder = np.linalg.solve(effect, [0.0, 1.0])
-    np.testing.assert_allclose(
-        [rudder, aileron, effect[0, 1] * rudder], [-0.31, 0.16, -14.3], atol=0.05
-    )
-    assert np.linalg.cond(effect) == pytest.approx(36.0, abs=0.5)
 
 
 def test_a_linear_model_has_names_and_units_and_goes_to_python_control():

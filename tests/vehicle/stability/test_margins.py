@@ -39,6 +39,8 @@ def test_three_lags_have_the_margins_of_the_textbook():
     np.testing.assert_allclose(margins.crossover[:, 0], crossover, rtol=1e-10)
     np.testing.assert_allclose(margins.phase[:, 0], phase, rtol=1e-10)
     np.testing.assert_allclose(margins.delay[:, 0], phase / crossover, rtol=1e-10)
+    # The disk margin of a single loop, 1 / max |S - 1/2|, is that of all loops.
+    np.testing.assert_allclose(margins.disk[:, 0], margins.all_disk, rtol=1e-6)
 
 
 def test_a_conditionally_stable_loop_has_a_margin_on_each_side():

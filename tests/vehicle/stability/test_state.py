@@ -43,18 +43,6 @@ def test_the_maps_of_the_ticks_predict_the_flight_after_a_failure(case):
     assert_predicted(plan, parameters(**CALM, **CASES[case]), 200, 100)
 
 
-@pytest.mark.thorough
-def test_a_slow_effector_is_held_over_each_tick():
-    """Simulate a light wind.
-
-    In still air the rudder is on its table's node at zero, where each side has its own map.
-    """
-    vehicle, mission, law = read("tlc", "level_mach15", "winged_cone")
-    plan = make_plan(vehicle, mission.model_copy(update={"duration": 4.0}), law, "tlc")
-    slow = {"failure__effector_0__slow_time": 1.0, "failure__effector_0__rate_limit": 0.5}
-    assert_predicted(plan, parameters(**CALM, **slow, wind__north=5.0), 200, 100, every=4)
-
-
 def test_the_thrust_of_a_flame_out_decays_tick_by_tick():
     """Under the paper's LQR, which comes to no limit of the throttle within the second."""
     vehicle, mission, law = read("lqr")

@@ -3,10 +3,8 @@
 import types
 
 import numpy as np
-import pandas as pd
 import pytest
 
-import abhv_mc
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError
 from abhv_mc_vehicle.one_flight.fly_once import make_document
@@ -108,24 +106,3 @@ def test_what_has_no_text_is_refused_by_name(cells):
         make_law_text(cells.law)
     with pytest.raises(InputError, match="a function"):
         make_document("vehicle", cells.law)
-
-
-@pytest.mark.thorough
-def test_a_law_of_a_cell_flies_alone_and_in_a_campaign(cells, tmp_path, capfd):
-    (tmp_path / "law.py").write_text(make_law_text(cells.law))
-    (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\n")
-    flight = {
-        "mission": {"base": "level", "duration": "1 s"},
-        "dispersions": {"initial.bank": "5 deg"},
-    }
-    cell, file = (
-        abhv_mc.fly(**flight, controller=law) for law in (cells.law, str(tmp_path / "law.yaml"))
-    )
-    assert cell.aileron_command_deg.abs().max() > 1.0
-    pd.testing.assert_frame_equal(cell, file)
-    data = {"name": "cells", "vehicle": "ghame_x", "mission": "level", "runs": 4, "seed": 1}
-    data |= {"controllers": {"mine": cells.law, "lqr": "lqr"}}
-    data["dispersions"] = {"aero.lift": {"distribution": "uniform", "half_width": "5 %"}}
-    results = abhv_mc.Campaign.make(data).run(output=tmp_path / "out", workers=1)
-    assert set(results.manifest.controllers) == {"mine", "lqr"}
-    assert "inputs/controllers/mine/law.py" in results.manifest.inputs

@@ -108,6 +108,7 @@ def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     Raise InputErrors with source locations in the requirement set.
     """
     changed = read_requirement_set(source)
+    _check_metrics(campaign.document.entries, changed)
     data = with_requirements(campaign.document.entries, changed.entries)
     locations = {**campaign.document.value_places, **changed.value_places}
     keys = {**campaign.document.key_places, **changed.key_places}
@@ -126,6 +127,23 @@ def judge_by(campaign: Experiment, source: RequirementSource) -> Experiment:
     except InputError as error:
         raise _named(error, changed.path) from None
     return replace(judged, repeatability=campaign.repeatability, systems=campaign.systems)
+
+
+def _check_metrics(stored: Mapping[str, Any], changed: Document) -> None:
+    """Raise InputError if a required metric has another definition, such as another window."""
+    metrics = changed.entries.get("metrics") or {}
+    if isinstance(metrics, str):
+        metrics = read_document(changed.resolve(metrics)).entries
+    for name in {entry["metric"] for entry in changed.entries["requirements"]}:
+        pair = [data.get(name) for data in (stored.get("metrics") or {}, metrics)]
+        old, new = (entry if isinstance(entry, dict) else {} for entry in pair)
+        for key in old.keys() | new.keys() if old and new else ():
+            if key not in ("label", "doc") and old.get(key) != new.get(key):
+                change = f"{key} {_text(old.get(key))} -> {_text(new.get(key))}"
+                problem = f"the definition of the metric '{name}' differs ({change})"
+                raise changed.error(
+                    ("metrics", name), problem, "the definition of the stored flights"
+                )
 
 
 def _named(error: InputError, file: Path) -> InputError:
