@@ -37,6 +37,7 @@ def main(source: Path) -> None:
                 "XDG_CACHE_HOME": folder,
                 "NUMBA_CPU_NAME": level.cpu,
                 "NUMBA_CPU_FEATURES": level.features,
+                "PYTHONHASHSEED": "0",
             }
             run = "-m", "abhv_mc", "run", str(source / "campaigns/s_manoeuvre.yaml")
             words = sys.executable, *run, "--runs", "64", "-o", f"{folder}/flown"

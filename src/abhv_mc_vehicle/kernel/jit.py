@@ -18,6 +18,7 @@ import contextlib
 import functools
 import gc
 import hashlib
+import io
 import os
 import signal
 import threading
@@ -223,6 +224,7 @@ def _make_private() -> tuple[Any, Any]:
     from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
     from numba.core.runtime.nrt import rtsys
+    from numba.core.serialize import NumbaPickler
 
     def count_arrays(kinds: Any) -> int:
         tuples = [kind for kind in kinds if isinstance(kind, types.BaseTuple)]
@@ -300,6 +302,9 @@ def _make_private() -> tuple[Any, Any]:
             # literal its own type.
             return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
+        def __repr__(self) -> str:  # The name of the type is part of symbols of compiled code.
+            return f"{self.py_func.__module__}.{self.py_func.__qualname__}"
+
         @functools.cached_property
         def kernel(self) -> Any:
             return Kernel(self.py_func, **{**self.targetoptions, "no_cpython_wrapper": False})
@@ -336,6 +341,25 @@ def _make_private() -> tuple[Any, Any]:
     class KernelCacheImpl(CompileResultCacheImpl):
         _locator_classes = [ContentLocator, *CompileResultCacheImpl._locator_classes]
 
+        def reduce(self, data: Any) -> Any:
+            # The annotation of types contains the paths of files.
+            return data._replace(type_annotation="")._reduce()
+
+    class KernelPickler(NumbaPickler):
+        """Pickler without the numbers of types, which depend on the order of compilation."""
+
+        def reducer_override(self, obj: Any) -> Any:
+            if not isinstance(obj, types.Type):
+                return super().reducer_override(obj)
+            reduced: Any = obj.__reduce__()
+            build, (function, arguments, state) = reduced
+            return build, (function, arguments, {**state, "_code": 0})
+
+    def dump(obj: Any) -> bytes:
+        content = io.BytesIO()
+        KernelPickler(content, protocol=4).dump(obj)
+        return content.getvalue()
+
     class KernelCache(FunctionCache):
         """Cache that loads kernels without numpy's typing rules, which only compiling needs."""
 
@@ -344,10 +368,11 @@ def _make_private() -> tuple[Any, Any]:
         def save_overload(self, sig: Any, data: Any) -> None:
             # A name of the kernel's content instead of a number: without a folder lock, two
             # processes could give two kernels the same number, and builds would differ.
-            name = self._impl.filename_base
+            file: Any = self._cache_file
             key = repr(self._index_key(sig, data.codegen)).encode()
             digest = hashlib.sha256(key).hexdigest()[:16]
-            self._cache_file._data_name_pattern = f"{name}.{digest}.nbc"
+            file._data_name_pattern = f"{self._impl.filename_base}.{digest}.nbc"
+            file._dump = dump
             super().save_overload(sig, data)
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
