@@ -59,7 +59,7 @@ example: $(DEV_INSTALLED)
 	$(BIN)/python studies/example.py
 
 dist: $(DEV_INSTALLED)
-	.ci/dist $(BIN)/python
+	.ci/dist $(BIN)/python $(INTERPRETERS)
 
 verify: $(DEV_INSTALLED)
 	$(BIN)/python -m benchmarks.verification all tests/reference

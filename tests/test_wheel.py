@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 from pathlib import Path
 
@@ -47,6 +48,13 @@ def installed(repository, tmp_path_factory):
 def test_a_package_index_would_accept_the_metadata(installed):
     (wheel,) = installed.parents[1].glob("*.whl")
     subprocess.run([sys.executable, "-m", "twine", "check", "--strict", str(wheel)], check=True)
+
+
+def test_the_extra_kernels_has_the_locked_compilers(repository):
+    """`make dist` compiles the wheel's kernels with the versions of the extra."""
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    locked = (repository / "requirements.lock").read_text().split()
+    assert set(project["optional-dependencies"]["kernels"]) < set(locked)
 
 
 def test_every_shipped_file_comes_with_it(installed, repository):

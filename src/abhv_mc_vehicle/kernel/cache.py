@@ -189,7 +189,10 @@ def _find_misfit(archive: Path) -> str:
         manifest = json.loads(archive.with_suffix(".json").read_text("utf-8"))
         for name in _COMPILERS:
             if manifest[name] != version(name):
-                return f"the wheel's kernels were compiled with {name} {manifest[name]}"
+                return (
+                    f"the wheel's kernels were compiled with {name} {manifest[name]}, which the "
+                    "extra 'kernels' of the wheel installs"
+                )
         if manifest["source"] != source_hash():
             return "the wheel's kernels were compiled from a different source"
         if manifest["sha256"] != hashlib.sha256(archive.read_bytes()).hexdigest():
