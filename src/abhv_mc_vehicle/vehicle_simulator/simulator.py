@@ -13,7 +13,7 @@ from abhv_mc.custom_code.source import UserSource
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome
 from abhv_mc.flights.signals import Signal
-from abhv_mc.identity import code_hash
+from abhv_mc.identity import code_hash, count_cores
 from abhv_mc.interfaces import (
     FEW_FLIGHTS,
     Engine,
@@ -31,6 +31,8 @@ from abhv_mc_vehicle.flight.channels import (
 )
 from abhv_mc_vehicle.flight.plan import FlightPlan
 
+# Number of workers up to which threads cost less than worker processes for any number of flights.
+_MOST_THREADS = 4
 _EXCHANGE = 1e-4  # assumed time in s of a control tick of a law in a program
 
 
@@ -62,9 +64,11 @@ class VehicleSimulator(Simulator):
         return engine if self._needs_processes() else replace(engine, isolation=THREADS)
 
     def _needs_processes(self) -> bool:
+        execution = self.experiment.model.execution
         is_large = self.experiment.runs * len(self.systems) > FEW_FLIGHTS
-        has_limit = self.experiment.model.execution.flight_time_limit is not None
-        return is_large or has_limit or bool(self.find_code())
+        has_many = (execution.workers or count_cores()) > _MOST_THREADS
+        has_limit = execution.flight_time_limit is not None
+        return (is_large and has_many) or has_limit or bool(self.find_code())
 
     def check(self, feature: str) -> None:
         pass
