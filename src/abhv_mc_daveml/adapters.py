@@ -179,21 +179,21 @@ def _return(kind: str, model: Model, expected: tuple[str, ...]) -> Line:
 def write_coefficients(
     model: Model,
     answers: Mapping[str, Answer],
-    span: float,
-    chord: float,
+    lengths: Mapping[str, float],
     effectors: Collection[str] = (),
 ) -> list[Line]:
-    """Return a coefficient function for the section ``aerodynamics`` of a vehicle file."""
+    """Return a coefficient function for the section ``aerodynamics`` of a vehicle file.
+
+    ``lengths`` are the reference lengths SPAN and CHORD of the reduced rates.
+    """
     frame = frame_of(model)
     called = _call(model, "aerodynamics", answers, effectors)
     about = f"Coefficients in {frame} axes about the moment reference of the file."
     body = [called, _return("Coefficients", model, (*FORCES[frame], *MOMENTS))]
-    lengths = (("SPAN", span), ("CHORD", chord))
-    read = names_in([called])
     used = [
-        Line(f"{key} = {number(value)}", "reference length of the reduced rates, m")
-        for key, value in lengths
-        if key in read
+        Line(f"{key} = {number(lengths[key])}", "reference length of the reduced rates, m")
+        for key in lengths
+        if key in names_in([called])
     ]
     return [*used, *define("def coefficients(air, controls, rates, settings):", about, body)]
 

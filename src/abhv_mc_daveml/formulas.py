@@ -9,29 +9,16 @@ import functools
 import math
 from collections.abc import Mapping
 
-from abhv_mc import extend
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.phrases import counted
 from abhv_mc.io.xml_reader import Node
+from abhv_mc_vehicle.imported_vehicle import RESERVED, tidy
 from abhv_mc_vehicle.user_code.module_text import number
 
-FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 OUTPUTS = "Outputs"
 MODEL = "model"
-_OWN = (
-    OUTPUTS,
-    MODEL,
-    "NamedTuple",
-    "DEGREE",
-    "SPAN",
-    "CHORD",
-    "Commands",
-    "coefficients",
-    "thrust",
-    "law",
-    "out",
-)
-TAKEN = frozenset((*extend.__all__, *FROM_MATH, *_OWN))  # names that variables cannot have
+# names that variables cannot have
+TAKEN = RESERVED | {OUTPUTS, MODEL, "Commands", "coefficients", "thrust", "law", "out"}
 
 _LOGIC = ("and", "or", "xor", "not")  # operators on truth values
 _RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
@@ -193,10 +180,4 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         text, is_truth = read(element)
         return text if is_truth else f"({text} != 0.0)"
 
-    try:
-        return ast.unparse(ast.parse(value(node), mode="eval")), needs
-    # These errors may be raised by Python's parser.
-    except (SyntaxError, RecursionError, MemoryError):
-        raise node.refuse(
-            "the calculation is nested too deeply", "intermediate results as separate variables"
-        ) from None
+    return tidy(node, value(node)), needs

@@ -6,6 +6,7 @@ Units are in S-119 notation: ``ft_s`` for feet per second, ``_deg`` for one per 
 import hashlib
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,25 +17,16 @@ from abhv_mc_daveml.formulas import TAKEN, read_formula
 from abhv_mc_daveml.look_ups import LookUp, read_look_ups
 from abhv_mc_vehicle.user_code.module_text import free_name
 
-_SPELLINGS = {
-    "r": "rad",
-    "f": "ft",
-    "sec": "s",
-    "d": "deg",
-    "hr": "h",
-    "lbm": "lb",
-    "nim": "nmi",
-    "kn": "kt",
+_SYMBOLS = {  # symbol of :mod:`abhv_mc.io.units` by spelling in lower case
+    **{symbol.lower(): symbol for symbol in (
+        "slug", "kPa", "nmi", "lbf", "rad", "deg", "min", "kg", "km", "cm", "mm", "ft", "in", "kt",
+        "Pa", "lb", "Hz", "N", "W", "m", "s", "h")},
+    "r": "rad", "f": "ft", "sec": "s", "d": "deg", "hr": "h", "lbm": "lb", "nim": "nmi", "kn": "kt",
     "knot": "kt",
-}
-_SYMBOLS = (
-    "slug", "kPa", "nmi", "nim", "knot", "lbm", "lbf", "rad", "deg", "min", "sec", "kg", "km", "cm",
-    "mm", "ft", "in", "kt", "kn", "Pa", "hr", "lb", "Hz", "N", "W", "m", "s", "h", "r", "d", "f",
-)  # fmt: skip  # longest first
-_UNIT = re.compile(f"({'|'.join(_SYMBOLS)})([0-9]?)")
-# pattern that also matches spellings such as FT, Deg and LBF
-_ANY_CASE = re.compile(_UNIT.pattern, re.IGNORECASE)
-_EXACT = {symbol.lower(): symbol for symbol in reversed(_SYMBOLS)}
+}  # fmt: skip
+_UNIT = re.compile(  # The longest spelling matches first; spellings such as FT and Deg also match.
+    f"({'|'.join(sorted(_SYMBOLS, key=len, reverse=True))})([0-9]?)", re.IGNORECASE
+)
 _NUMBERS = {"nd": 1.0, "frac": 1.0, "pct": 0.01, "": 1.0}
 
 
@@ -42,28 +34,17 @@ def parse_s119_unit(text: str) -> tuple[float, Exponents]:
     """Return the factor from a unit to SI, and its exponents. Raise Refusal if unknown."""
     if text.lower() in _NUMBERS:
         return _NUMBERS[text.lower()], (0, 0, 0, 0, 0)
+    if _UNIT.sub("", text) not in ("", "_"):
+        raise Refusal(
+            f"unknown unit '{text}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd"
+        )
     above, _, below = text.partition("_")
     symbols = [
-        _unit_symbols(above, text),
-        *(f"/{word}" for word in _unit_symbols(below, text).split()),
+        f"{sign}{_SYMBOLS[name.lower()]}{power}"
+        for sign, factors in (("", above), ("/", below))
+        for name, power in _UNIT.findall(factors)
     ]
-    return parse_unit("1" + "".join(symbols[1:]) if not above else " ".join(symbols))
-
-
-def _unit_symbols(text: str, unit: str) -> str:
-    """Split a unit into symbols with exponents, for :func:`abhv_mc.io.units.parse_unit`."""
-    symbols = []
-    position = 0
-    while position < len(text):
-        match = _UNIT.match(text, position) or _ANY_CASE.match(text, position)
-        if match is None:
-            raise Refusal(
-                f"unknown unit '{unit}'", "a unit of S-119 such as ft_s, slugft2, _deg, pct or nd"
-            )
-        symbol = match[1] if match[1] in _SYMBOLS else _EXACT[match[1].lower()]
-        symbols.append(_SPELLINGS.get(symbol, symbol) + match[2])
-        position = match.end()
-    return " ".join(symbols)
+    return parse_unit(" ".join(symbols))
 
 
 _WITHOUT_TOLERANCE = 1e-6  # default tolerance of check values
@@ -176,10 +157,10 @@ def read_model(path: Path) -> Model:
         )
     look_ups = read_look_ups(root)
     names = _name_variables(root.all("variableDef"))
-    variables = {}
-    for node in root.all("variableDef"):
-        variable = _read_variable(node, look_ups, names)
-        variables[variable.identifier] = variable
+    variables = {
+        node.attributes["varID"]: _read_variable(node, look_ups, names)
+        for node in root.all("variableDef")
+    }
     for name, look_up in look_ups.items():
         for used in (name, *(argument.variable for argument in look_up.arguments)):
             if used not in variables:
@@ -302,30 +283,27 @@ def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]
 
 
 def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
-    by_name: dict[str, list[Variable]] = {}
-    for variable in variables.values():
-        by_name.setdefault(variable.name, []).append(variable)
-
-    def find(name: str, units: str) -> str:
-        """Return the varID of a name; units distinguish variables with the same name."""
-        several = by_name.get(name, [])
-        same = [variable for variable in several if variable.units == units] or several
-        return same[0].identifier if len(same) == 1 else name
+    def find(signal: Node) -> Variable:
+        """Return the variable of a signal; units distinguish variables with the same name."""
+        name = signal.words("signalName")
+        identifier = signal.words("varID") or signal.words("signalID")
+        named = [variable for variable in variables.values() if variable.name == name]
+        same = [v for v in named if v.units == signal.words("signalUnits")] or named
+        variable = variables.get(identifier) or variables.get(name)
+        if identifier not in variables and len(same) == 1:
+            variable = same[0]
+        if variable is None:
+            label = name or identifier
+            names = (*(v.name for v in variables.values()), *variables)
+            raise signal.refuse(f"unknown signal '{label}'", one_of(dict.fromkeys(names), label))
+        return variable
 
     def read(group: str) -> Iterator[tuple[Node, str, float]]:
         """Yield each signal with its variable and the factor to the variable's units."""
-        for signal in (signal for section in shot.all(group) for signal in section.all("signal")):
-            name = signal.words("signalName")
-            identified = signal.words("varID") or signal.words("signalID")
-            identifier = identified
-            if identified not in variables:
-                identifier = find(name, signal.words("signalUnits"))
-            if identifier not in variables:
-                label = name or identified
-                raise signal.refuse(
-                    f"unknown signal '{label}'", one_of((*by_name, *variables), label)
-                )
-            yield signal, identifier, _conversion(signal, variables[identifier])
+        for section in shot.all(group):
+            for signal in section.all("signal"):
+                variable = find(signal)
+                yield signal, variable.identifier, _conversion(signal, variable)
 
     inputs = {
         variable_id: factor * signal.number(signal.words("signalValue"))
@@ -351,15 +329,12 @@ def _conversion(signal: Node, variable: Variable) -> float:
     units = signal.words("signalUnits")
     if not units or units == variable.units:
         return 1.0
-    try:
+    with suppress(Refusal):
         factor, dimension = parse_s119_unit(units)
         own_factor, own_dimension = parse_s119_unit(variable.units)
-    except Refusal:
-        dimension = (1, 0, 0, 0, 0)
-        own_dimension = (0, 0, 0, 0, 0)
-    if dimension != own_dimension:
-        raise signal.refuse(
-            f"'{variable.name}' has the unit '{units}'",
-            f"'{variable.units}', the units of the variable",
-        )
-    return factor / own_factor
+        if dimension == own_dimension:
+            return factor / own_factor
+    raise signal.refuse(
+        f"'{variable.name}' has the unit '{units}'",
+        f"'{variable.units}', the units of the variable",
+    )

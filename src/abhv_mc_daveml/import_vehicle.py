@@ -5,15 +5,22 @@ The air profile is computed from a model of the atmosphere.
 
 import json
 import math
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
-from abhv_mc.io.documents import InputError, Refusal, found_value, one_of, read_document
+from abhv_mc.io.documents import (
+    InputError,
+    Refusal,
+    StrictModel,
+    one_of,
+    read_document,
+    validate,
+)
 from abhv_mc.io.phrases import joined, quoted
 from abhv_mc.io.units import KELVIN
 from abhv_mc.io.xml_reader import fold
@@ -33,8 +40,14 @@ from abhv_mc_daveml.adapters import (
 from abhv_mc_daveml.graph import Model, Variable, read_model
 from abhv_mc_daveml.signals import find_signals, kinds_of, quantity_of
 from abhv_mc_daveml.uncertainties import write_dispersions
-from abhv_mc_daveml.writer import make_function, run_shots, write_module
-from abhv_mc_vehicle.user_code.module_text import Line, write_text, write_unless_edited
+from abhv_mc_daveml.writer import make_function, run_shots, write_model
+from abhv_mc_vehicle.imported_vehicle import Body, write_vehicle
+from abhv_mc_vehicle.user_code.module_text import (
+    Line,
+    free_name,
+    write_text,
+    write_unless_edited,
+)
 
 ALTITUDES = np.arange(0.0, 80_001.0, 50.0)  # altitudes of the table in m
 # specific gas constant of air in J/(kg K), as in the plant (U.S. Standard Atmosphere 1976)
@@ -50,7 +63,7 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
     inputs. Raise InputError if one of these quantities is not positive at an altitude of the table.
     """
     function = make_function(model)
-    inputs = dict[str, tuple[float, float]]()
+    inputs = dict[str, tuple[float, float]]()  # value at altitude 0, and slope
     for variable in model.inputs:
         answer = answers.get(variable.identifier, variable.initial)
         if isinstance(answer, str) or answer is None:
@@ -61,26 +74,25 @@ def write_air_profile(model: Model, answers: Mapping[str, Answer]) -> str:
             inputs[variable.key] = float(answer), 0.0
     outputs = find_signals(model.outputs)
     quantities = next(names for names in _CHOICES if outputs.keys() >= set(names))
-    scales = [_scale_of(model, outputs[name], name) for name in quantities]
-    rows = []
+    scales = {outputs[name].key: _scale_of(model, outputs[name], name) for name in quantities}
+    columns = "density [kg/m3]" if len(quantities) == 1 else "pressure [Pa],temperature [K]"
+    rows = [f"altitude [m],{columns}"]
     for altitude in ALTITUDES.tolist():
         result = function(**{key: a + b * altitude for key, (a, b) in inputs.items()})
         values = [
-            getattr(result, outputs[name].key) * factor + offset
-            for name, (factor, offset) in zip(quantities, scales, strict=True)
+            getattr(result, key) * factor + offset for key, (factor, offset) in scales.items()
         ]
         if not all(0.0 < value < math.inf for value in values):
             raise InputError(
                 model.path,
-                f"the {joined(list(quantities), 'or')} at {altitude:g} m is not positive",
+                f"the {joined(quantities, 'or')} at {altitude:g} m is not positive",
                 f"positive values up to {ALTITUDES[-1]:g} m",
             )
         if quantities == ("density", "pressure"):
             density, pressure = values
             values = [pressure, pressure / (density * _GAS_CONSTANT)]
         rows.append(",".join(map(repr, (altitude, *values))))
-    columns = "density [kg/m3]" if len(quantities) == 1 else "pressure [Pa],temperature [K]"
-    return "\n".join([f"altitude [m],{columns}", *rows]) + "\n"
+    return "\n".join(rows) + "\n"
 
 
 def _scale_of(model: Model, variable: Variable, quantity: str) -> tuple[float, float]:
@@ -98,8 +110,14 @@ def _scale_of(model: Model, variable: Variable, quantity: str) -> tuple[float, f
 
 
 ANSWERS = "import.yaml"
-EFFECTORS = "effectors"
 Answers = dict[str, dict[str, Answer]]  # answers by file name and varID
+
+
+class _AnswerFile(StrictModel, extra="allow"):
+    """Content of ``import.yaml``: answers by file name, and custom effectors."""
+
+    __pydantic_extra__: Answers
+    effectors: dict[Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")], Any] = {}
 
 
 @dataclass(frozen=True)
@@ -121,58 +139,32 @@ def import_daveml(files: Sequence[Path], folder: Path) -> Imported:
     for model in models:
         run_shots(model)
     questions = {model.path.name: find_questions(model) for model in models}
-    values, effectors, is_given = _read_answers(folder / ANSWERS, models, questions)
-    lines = [
-        (
-            "# Inputs that no signal of the program supplies: numbers in the units of the file, "
-            "or sums of signals such as"
-        ),
-        (
-            "# elevator + aileron. Custom surfaces: effectors: "
-            "{left_flap: {elevator: 1, aileron: 1}}."
-        ),
-    ]
-    if effectors:
-        lines.append(f"{EFFECTORS}: {json.dumps(effectors)}")
-    for name, variables in questions.items():
-        lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if variables else []
-        for variable in variables:
-            value = values[name][variable.identifier]
-            line = (
-                f"  {json.dumps(variable.identifier, ensure_ascii=False)}: "
-                f"{'' if value is None else value}"
-            )
-            lines += [f"  # {variable.words}", line.rstrip()]
-    texts = {} if is_given or not any(questions.values()) else {ANSWERS: "\n".join(lines) + "\n"}
-    left = [
+    path = folder / ANSWERS
+    values, effectors, is_complete = _read_answers(path, models, questions)
+    if not is_complete:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(path, _write_answers(values, effectors, questions))
+    missing = [
         f"{name}: {key}"
         for name, file_answers in values.items()
         for key, value in file_answers.items()
         if value is None
     ]
-    if left:
-        path = folder / ANSWERS
-        if texts:
-            folder.mkdir(parents=True, exist_ok=True)
-            write_text(path, texts[ANSWERS])
+    if missing:
         raise InputError(
             path,
-            f"values are missing for {quoted(left)}",
+            f"values are missing for {quoted(missing)}",
             "values in this file (enter them and repeat the command)",
         )
-    if texts:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_text(folder / ANSWERS, texts[ANSWERS])
     paths, kept = write_unless_edited(folder, _write_parts(models, values, effectors))
-    answers = (folder / ANSWERS,) if texts else ()
     shots = {model.path.name: len(model.shots) for model in models}
-    return Imported((*answers, *paths), shots, kept)
+    return Imported((*(() if is_complete else (path,)), *paths), shots, kept)
 
 
 def _read_answers(
     path: Path, models: Sequence[Model], questions: Mapping[str, Sequence[Variable]]
 ) -> tuple[Answers, dict[str, Any], bool]:
-    """Return the answers, the custom effectors, and whether the answers are complete.
+    """Return the answers, the custom effectors, and whether the file lists all questions.
 
     Raise InputError if the file is invalid.
     """
@@ -181,89 +173,80 @@ def _read_answers(
         for name, variables in questions.items()
     }
     if not path.exists():
-        return values, {}, False
+        return values, {}, not any(questions.values())
     document = read_document(path)
-    answers: Any = document.data
-    if not isinstance(answers, dict):
-        raise document.error((), found_value(answers), "names of files with their missing inputs")
-    effectors = answers.get(EFFECTORS, {})
-    if not isinstance(effectors, dict) or not all(map(str.isidentifier, effectors)):
-        raise document.error(
-            (EFFECTORS,), found_value(effectors), "names of effectors with shares of each axis"
-        )
+    content = validate(document, _AnswerFile)
+    answers = content.model_extra or {}
     by_name = {model.path.name: model for model in models}
-    for name, content in answers.items():
-        if name == EFFECTORS:
-            continue
+    for name, file_answers in answers.items():
         if name not in by_name:
             raise document.key_error(
-                (name,), f"unknown name '{name}'", one_of((*by_name, EFFECTORS), name)
-            )
-        if not isinstance(content, dict):
-            raise document.error(
-                (name,), found_value(content), "names of signals with their values"
+                (name,), f"unknown name '{name}'", one_of((*by_name, "effectors"), name)
             )
         variables = {variable.identifier: variable for variable in questions[name]}
-        for key, value in content.items():
+        for key, value in file_answers.items():
             if key not in variables:
                 raise document.key_error(
                     (name, key), f"unknown signal '{key}'", one_of(variables, key)
                 )
-            if isinstance(value, bool) or not isinstance(value, float | int | str | None):
-                raise document.error(
-                    (name, key),
-                    found_value(value),
-                    "a number in the units of the file, or a sum of signals",
-                )
             if isinstance(value, str):
                 try:
-                    parse_answer(by_name[name], variables[key], value, effectors)
+                    parse_answer(by_name[name], variables[key], value, content.effectors)
                 except Refusal as refusal:
                     raise document.error((name, key), refusal.found, refusal.expected) from None
-            values[name][key] = values[name][key] if value is None else value
-    is_given = all(
-        set(file_answers) <= set(answers.get(name) or {}) for name, file_answers in values.items()
-    )
-    return values, effectors, is_given
+            if value is not None:
+                values[name][key] = value
+    is_complete = all(set(values[name]) <= set(answers.get(name, ())) for name in values)
+    return values, content.effectors, is_complete
 
 
-def _plain(text: str) -> str:
-    """Return a name of letters, digits and underscores that begins with a letter."""
-    plain = re.sub(r"\W", "_", text.lower(), flags=re.ASCII)
-    return plain if plain[:1].isalpha() else f"x{plain}"
+def _write_answers(
+    values: Answers, effectors: Mapping[str, Any], questions: Mapping[str, Sequence[Variable]]
+) -> str:
+    """Return the text of ``import.yaml``, in which missing values are empty."""
+    lines = [
+        "# Inputs that no signal of the program supplies: numbers in the units of the file, "
+        "or sums of signals such as",
+        "# elevator + aileron. Custom surfaces: effectors: {left_flap: {elevator: 1, aileron: 1}}.",
+    ]
+    if effectors:
+        lines.append(f"effectors: {json.dumps(effectors)}")
+    for name, variables in questions.items():
+        lines += [f"{json.dumps(name, ensure_ascii=False)}:"] if variables else []
+        for variable in variables:
+            value = values[name][variable.identifier]
+            key = json.dumps(variable.identifier, ensure_ascii=False)
+            lines += [f"  # {variable.words}", f"  {key}:{'' if value is None else f' {value}'}"]
+    return "\n".join(lines) + "\n"
 
 
 def _write_parts(
     models: Sequence[Model], answers: Answers, effectors: Mapping[str, Any]
 ) -> dict[str, str]:
     values = _constants(models, answers)
-    span = values.get("span", 1.0)
-    chord = values.get("chord", 1.0)
     texts: dict[str, str] = {}
     sections: dict[str, str] = {}
     for model in models:
         extra: list[Line] = []
-        module = f"{_plain(model.path.stem)}.py"
+        stem = free_name(model.path.stem.lower())
         file_answers = answers[model.path.name]
         for kind in kinds_of(model):
+            section = f"{kind}:\n  python: {stem}.py\n  "
             if kind == "aerodynamics":
-                extra += write_coefficients(model, file_answers, span, chord, effectors)
-                sections[kind] = (
-                    f"  python: {module}\n  function: coefficients\n  frame: {frame_of(model)}"
-                )
+                lengths = {"SPAN": values.get("span", 1.0), "CHORD": values.get("chord", 1.0)}
+                extra += write_coefficients(model, file_answers, lengths, effectors)
+                sections[kind] = f"{section}function: coefficients\n  frame: {frame_of(model)}"
             elif kind == "propulsion":
                 extra += write_thrust(model, file_answers)
-                sections[kind] = (
-                    f"  python: {module}\n  function: thrust\n  throttle: [0, 1]\n  ideal: true"
-                )
+                sections[kind] = f"{section}function: thrust\n  throttle: [0, 1]\n  ideal: true"
             elif kind == "control":
                 extra += write_law(model, file_answers)
-                texts[f"{Path(module).stem}.yaml"] = _controller(model, module)
+                texts[f"{stem}.yaml"] = _controller(model, f"{stem}.py")
             elif kind == "atmosphere":
-                texts[f"{Path(module).stem}.csv"] = write_air_profile(model, file_answers)
-        texts[module] = write_module(model, extra)
+                texts[f"{stem}.csv"] = write_air_profile(model, file_answers)
+        texts[f"{stem}.py"] = write_model(model, extra)
     if "aerodynamics" in sections and "mass" in values:
-        texts["vehicle.yaml"] = _vehicle(models, values, sections, effectors)
+        texts["vehicle.yaml"] = _vehicle(models, values, effectors, sections.values())
     if dispersions := write_dispersions(models):
         texts["dispersions.yaml"] = dispersions
     return texts
@@ -302,8 +285,8 @@ def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
 def _vehicle(
     models: Sequence[Model],
     values: Mapping[str, float],
-    sections: Mapping[str, str],
     effectors: Mapping[str, Any],
+    sections: Iterable[str],
 ) -> str:
     for name in ("inertia_xy", "inertia_yz", "center_of_gravity_y"):
         if abs(values.get(name, 0.0)) > 1e-9 * values["mass"]:
@@ -312,80 +295,51 @@ def _vehicle(
                 f"the {name.replace('_', ' ')} is {values[name]:g}",
                 "a vehicle that is symmetric about the x-z plane",
             )
-    lines = [
-        (
-            f"# Imported from {', '.join(fold(model.path.name) for model in models)} (DAVE-ML, "
-            "ANSI/AIAA S-119)."
+    names = ", ".join(model.path.name for model in models)
+    body = Body(
+        area=values["area"],
+        span=values.get("span", 1.0),
+        chord=values.get("chord", 1.0),
+        mass=values["mass"],
+        inertia=(
+            *(values[f"inertia_{axis}"] for axis in ("xx", "yy", "zz")),
+            -values.get("inertia_zx", 0.0),
         ),
-        f"name: {_plain(models[0].path.stem.split('_')[0])}",
-        "",
-        "reference:",
-        f"  area: {values['area']!r} m2",
-        f"  span: {values.get('span', 1.0)!r} m",
-        f"  chord: {values.get('chord', 1.0)!r} m",
-        "",
-        "mass:",
-        f"  start: {values['mass']!r} kg",
-        "  points:",
-        f"    - mass: {values['mass']!r} kg",
-        *(
-            f"      inertia_{axis}: {values[f'inertia_{axis}']!r} kg m2"
-            for axis in ("xx", "yy", "zz")
-        ),
-        (
-            f"      inertia_matrix_element_13: {-values.get('inertia_zx', 0.0)!r} kg m2 # minus "
-            "the product of inertia"
-        ),
-        *(
-            f"      center_of_gravity_{axis}: {values.get(f'center_of_gravity_{axis}', 0.0)!r} m"
-            for axis in ("x", "z")
-        ),
-        "",
-        "surfaces: # the files do not describe actuators",
-        "  ideal: true",
-        "  limit: 30 deg",
-    ]
-    if effectors:
-        lines += ["", "effectors:"]
-        lines += [f"  {name}: {json.dumps(entry)}" for name, entry in effectors.items()]
-    for name, section in sections.items():
-        lines += ["", f"{name}:", section]
-    lines += _limits(models)
-    return "\n".join(lines) + "\n"
+        center=[values.get(f"center_of_gravity_{axis}", 0.0) for axis in "xz"],
+    )
+    own = [f"effectors: {json.dumps(effectors)}"] if effectors else []
+    return write_vehicle(
+        models[0].path.stem.split("_")[0],
+        [f"Imported from {names} (DAVE-ML, ANSI/AIAA S-119)."],
+        body,
+        (*own, *sections, *_limits(models)),
+    )
 
 
 def _limits(models: Sequence[Model]) -> list[str]:
     """Return limits on angle of attack and sideslip at the ends of the tables' ranges."""
     ends: dict[str, list[float]] = {"angle_of_attack": [], "sideslip": []}
     for model in models:
-        for look_up in (
-            variable.look_up for variable in model.variables.values() if variable.look_up
-        ):
+        for look_up in filter(None, (v.look_up for v in model.variables.values())):
             for axis, argument in enumerate(look_up.arguments):
-                input_variable = model.variables[argument.variable]
-                quantity = quantity_of(input_variable)
-                if input_variable.computed or quantity not in ends:
+                variable = model.variables[argument.variable]
+                quantity = quantity_of(variable)
+                if variable.computed or quantity not in ends:
                     continue
-                degree = math.degrees(factor_to_si(model, input_variable, quantity))
-                points = look_up.coordinates(axis)
-                ends[quantity] += [degree * float(points.min()), degree * float(points.max())]
-    lines = []
-    if ends["angle_of_attack"]:
-        lines.append(
-            f"  angle_of_attack: [{min(ends['angle_of_attack']):g} deg, "
-            f"{max(ends['angle_of_attack']):g} deg]"
-        )
-    if min(ends["sideslip"], default=0.0) < 0.0:
-        lines.append(f"  sideslip: {max(map(abs, ends['sideslip'])):g} deg")
-    return ["", "limits: # ends of the tables", *lines] if lines else []
+                degree = math.degrees(factor_to_si(model, variable, quantity))
+                points = degree * look_up.coordinates(axis)
+                ends[quantity] += [float(points.min()), float(points.max())]
+    alpha, beta = ends.values()
+    lines = [f"  angle_of_attack: [{min(alpha):g} deg, {max(alpha):g} deg]"] if alpha else []
+    if min(beta, default=0.0) < 0.0:
+        lines.append(f"  sideslip: {max(map(abs, beta)):g} deg")
+    return ["\n".join(["limits: # ends of the tables", *lines])] if lines else []
 
 
 def _controller(model: Model, module: str) -> str:
     lines = [
-        (
-            f"# The control law of {fold(model.path.name)}; commands can change over time: {{0 s: "
-            "..., 5 s: ...}."
-        ),
+        f"# The control law of {fold(model.path.name)}; commands can change over time: {{0 s: "
+        "..., 5 s: ...}.",
         "law: python",
         f"file: {module}",
         "rate: 200 Hz",
@@ -394,13 +348,8 @@ def _controller(model: Model, module: str) -> str:
     lines += ["commands:"] if commands else []
     for variable in commands:
         unit, _ = command_unit(variable)
-        value = f"{variable.initial or 0.0!r}"
-        written = (
-            {"m": "ft", "m/s": "kt", "rad": "deg"}.get(unit)
-            if variable.units in ("ft", "nmi_h", "deg")
-            else unit
-        )
-        lines.append(
-            f"  {variable.key}: {value}{'' if unit == '-' else f' {written}'} # {variable.name}"
-        )
+        if variable.units in ("ft", "nmi_h", "deg"):
+            unit = {"m": "ft", "m/s": "kt", "rad": "deg"}[unit]
+        value = f"{variable.initial or 0.0!r}{'' if unit == '-' else f' {unit}'}"
+        lines.append(f"  {variable.key}: {value} # {variable.name}")
     return "\n".join(lines) + "\n"

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc import extend
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.io.phrases import quoted
 from abhv_mc.io.xml_reader import fold
-from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, TAKEN
+from abhv_mc_daveml.formulas import MODEL, OUTPUTS, TAKEN
 from abhv_mc_daveml.graph import Model, Variable
 from abhv_mc_daveml.look_ups import LookUp
+from abhv_mc_vehicle.imported_vehicle import write_module
 from abhv_mc_vehicle.user_code.module import run_module
 from abhv_mc_vehicle.user_code.module_text import (
     INDENT,
@@ -28,15 +28,12 @@ from abhv_mc_vehicle.user_code.module_text import (
     declare,
     define,
     free_name,
-    import_names,
-    lay_out,
-    names_in,
     number,
     sequence,
 )
 
 
-def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
+def write_model(model: Model, extra: Sequence[Line] = ()) -> str:
     """Return the text of the module; `extra` follows the function of the model."""
     tables, functions = _tables(model)
     constants: list[Line] = []
@@ -58,14 +55,8 @@ def write_module(model: Model, extra: Sequence[Line] = ()) -> str:
         *define(f"def {call(MODEL, parameters)}:", _docstring(model), body),
         *extra,
     ]
-    used = names_in(lines)
-    modules = (
-        ("math", FROM_MATH),
-        ("typing", ("NamedTuple",)),
-        ("abhv_mc.extend", extend.__all__),
-    )
-    degree = [Line("DEGREE = 3.141592653589793 / 180.0", "rad")] if "DEGREE" in used else []
-    return lay_out(_head(model), [*import_names(used, modules), *degree, *lines])
+    degree = Line("DEGREE = 3.141592653589793 / 180.0", "rad")
+    return write_module(_head(model), [degree], lines)
 
 
 def _head(model: Model) -> str:
@@ -165,7 +156,7 @@ def _docstring(model: Model) -> str:
 def make_function(model: Model) -> Callable[..., Any]:
     """Return the model as a Python function that returns a named tuple of outputs."""
     function: Callable[..., Any] = run_module(
-        UserSource(write_module(model), str(model.path))
+        UserSource(write_model(model), str(model.path))
     ).names[MODEL]
     return function
 
