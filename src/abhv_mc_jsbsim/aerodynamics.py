@@ -15,6 +15,7 @@ from abhv_mc_jsbsim.expressions import Expressions, factors_of, operand_of, prop
 from abhv_mc_jsbsim.properties import (
     AREA,
     CHORD,
+    CONSTANTS,
     DYNAMIC_PRESSURE,
     GROUND,
     LIFT_SQUARED,
@@ -25,6 +26,7 @@ from abhv_mc_jsbsim.properties import (
     SPAN,
     UNKNOWN_RATES,
 )
+from abhv_mc_vehicle.imported_vehicle import RESERVED, tidy
 from abhv_mc_vehicle.user_code.module_text import INDENT, WIDTH, Line, free_name, number
 
 # Frame, and sign and coefficient of each axis, by the names of force axes.
@@ -36,17 +38,11 @@ _FRAMES = {
 }  # fmt: skip
 _STABILITY = {"LIFT": ("", "CL"), "DRAG": ("", "CD"), "SIDE": ("", "CY")}
 _MOMENTS = {"ROLL": ("Cl", SPAN), "PITCH": ("Cm", CHORD), "YAW": ("Cn", SPAN)}
-_NAMES = (
-    "NamedTuple",
-    "Settings",
-    "Coefficients",
-    "coefficients",
-    "air",
-    "controls",
-    "rates",
-    "settings",
+# names that the generated module must not define again
+_TAKEN = RESERVED | {
+    *CONSTANTS, "Settings", "Coefficients", "coefficients", "air", "controls", "rates", "settings",
     "cl_squared",
-)
+}  # fmt: skip
 _LEFT_OUT = {
     "alphalimits": "limits of the angle of attack",
     "hysteresis_limits": "hysteresis of the stall",
@@ -72,17 +68,15 @@ class Aerodynamics:
         metrics: dict[str, float],
         values: dict[str, float],
         full_deflections: dict[str, float],
-        reserved: Iterable[str],
     ) -> None:
         """Read the functions of the element ``node``.
 
-        The keys of ``metrics``, ``values`` and ``full_deflections`` (rad) are property names;
-        ``reserved`` lists names that the generated module must not define.
+        The keys of ``metrics``, ``values`` and ``full_deflections`` (rad) are property names.
         """
         self.settings: dict[str, Setting] = {}  # settings by property
         self.notes: list[str] = []
         self.body: list[Line] = []
-        self._taken = {*reserved, *_NAMES}
+        self._taken = set(_TAKEN)
         self._expressions = Expressions(self._resolve, self._taken)
         self._known = metrics
         self._values = values
@@ -169,7 +163,7 @@ class Aerodynamics:
         operand = operand_of(function)
         value = key
         if axis is None:
-            text = self._expressions.read(operand, key)
+            text = tidy(operand, self._expressions.value(operand, key))
         else:
             text = self._coefficient(operand, key, axis)
             self._terms[axis].append(key)
@@ -198,9 +192,7 @@ class Aerodynamics:
         if PRESSURE_AREA not in names and not {DYNAMIC_PRESSURE, AREA} <= set(names):
             scale = number(self._known[AREA] * (self._known[length] if length else 1.0))
             text = self._expressions.value(operand, key)
-            return self._expressions.tidy(
-                operand, f"{text} / (larger(air.dynamic_pressure, 1e-9) / PSF * {scale})"
-            )
+            return tidy(operand, f"{text} / (larger(air.dynamic_pressure, 1e-9) / PSF * {scale})")
         remaining = list(range(len(factors)))
         signs = ""
 
@@ -224,7 +216,7 @@ class Aerodynamics:
                 terms.append(text)
         terms += [self._expressions.value(factors[k], key) for k in remaining]
         product = " * ".join(terms) or "1.0"
-        return self._expressions.tidy(operand, f"{'-' if len(signs) % 2 else ''}{product}{divisor}")
+        return tidy(operand, f"{'-' if len(signs) % 2 else ''}{product}{divisor}")
 
     def _resolve(self, name: str, node: Node) -> str:
         """Return the expression of a property. Raise InputError if it is not available."""

@@ -48,7 +48,6 @@ _OPERATORS = (
     *_JOINED, *_FOLDED, *_ONE, *_TWO, *_TRUTHS, "pow", "avg", "ifthen", "pi", "property", "value",
     "table",
 )  # fmt: skip
-FROM_MATH = ("ceil", "floor", "fmod", "trunc")
 Resolve = Callable[[str, Node], str]
 
 
@@ -91,25 +90,12 @@ class Expressions:
         """Python statements that define the tables."""
         return [Line(f"{name} = {text}") for text, name in self._tables.items()]
 
-    def read(self, node: Node, name: str) -> str:
+    def value(self, node: Node, name: str) -> str:
         """Return the expression of an element; its tables are named after ``name``.
 
-        Raise InputError if the element is not supported.
+        The expression may have superfluous brackets. Raise InputError if the element is not
+        supported.
         """
-        return self.tidy(node, self.value(node, name))
-
-    @staticmethod
-    def tidy(node: Node, text: str) -> str:
-        """Return an expression without superfluous brackets."""
-        try:
-            return ast.unparse(ast.parse(text, mode="eval"))
-        except (SyntaxError, RecursionError, MemoryError):
-            raise node.refuse(
-                "the function is too deeply nested for Python", "several smaller functions"
-            ) from None
-
-    def value(self, node: Node, name: str) -> str:
-        """Return the expression of an element; it may have superfluous brackets."""
         kind = node.name
         if kind in _PROPERTY:
             sign, property_name = property_of(node)

@@ -7,20 +7,17 @@ import hashlib
 import math
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
-from abhv_mc import extend
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.xml_reader import Node, fold, read_xml
 from abhv_mc_jsbsim.aerodynamics import Aerodynamics
-from abhv_mc_jsbsim.expressions import FROM_MATH
 from abhv_mc_jsbsim.properties import (
     AREA,
     CHORD,
@@ -32,54 +29,50 @@ from abhv_mc_jsbsim.properties import (
     SPAN,
     SQUARE_FOOT,
 )
+from abhv_mc_vehicle.imported_vehicle import LIMIT, Body, write_module, write_vehicle
 from abhv_mc_vehicle.user_code.module import run_module
 from abhv_mc_vehicle.user_code.module_text import (
     WIDTH,
     Line,
     declare,
     define,
-    free_name,
-    import_names,
-    lay_out,
-    names_in,
     number,
     write_unless_edited,
 )
 
-_UNITS = {
+_AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+_UNITS = {  # factors to SI by quantity and unit
     "length": {"FT": FOOT, "IN": INCH, "M": 1.0},
     "area": {"FT2": SQUARE_FOOT, "M2": 1.0},
     "mass": {"LBS": POUND, "KG": 1.0, "SLUG": SLUG},
     "inertia": {"SLUG*FT2": SLUG * SQUARE_FOOT, "KG*M2": 1.0},
 }
-_AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-def quantity(node: Node | None, kind: str, unit: str) -> float:
-    """Return the number in an element in SI units; ``unit`` is the default unit.
+def _in_si(node: Node, text: str, kind: str, unit: str) -> float:
+    """Return a number of an element in SI units; ``unit`` is the default unit.
 
     Raise InputError if the number or its unit is invalid.
     """
-    if node is None:
-        return 0.0
     factors = _UNITS[kind]
     name = node.attributes.get("unit", unit)
     if name not in factors:
         raise node.refuse(f"found the unit '{name}'", one_of(factors, name))
-    return node.number(node.text) * factors[name]
+    return node.number(text) * factors[name]
+
+
+def quantity(node: Node | None, kind: str, unit: str) -> float:
+    """Return the number in an element in SI units, or 0 if there is no element."""
+    return _in_si(node, node.text, kind, unit) if node else 0.0
 
 
 def location(node: Node | None) -> Floats:
-    """Return a position [axis] in the structural frame (aft, right, up) in metres.
-
-    Raise InputError if the element is invalid.
-    """
+    """Return a position [axis] in the structural frame (aft, right, up) in metres."""
     if node is None:
         return np.zeros(3)
-    factor = _UNITS["length"].get(node.attributes.get("unit", "IN"))
-    if factor is None:
-        raise node.refuse(f"found the unit '{node.attributes['unit']}'", one_of(_UNITS["length"]))
-    return factor * np.array([node.number(node.words(axis) or "0") for axis in "xyz"])
+    return np.array([_in_si(node, node.words(axis) or "0", "length", "IN") for axis in "xyz"])
 
 
 @dataclass(frozen=True)
@@ -99,9 +92,12 @@ def read_mass(balance: Node, propulsion: Node | None) -> Mass:
     """Return the total mass of a model. Raise InputError if it is not positive."""
     empty = quantity(balance.first("emptywt"), "mass", "LBS")
     bodies = [(empty, location(_located(balance, "CG")))]
-    own = {axis: quantity(balance.first(f"i{axis}"), "inertia", "SLUG*FT2") for axis in _AXES}
+    xx, yy, zz, *products = (
+        quantity(balance.first(f"i{axis}"), "inertia", "SLUG*FT2") for axis in _AXES
+    )
     negated = balance.attributes.get("negated_crossproduct_inertia") != "false"
-    inertia = _matrix(own, 1.0 if negated else -1.0)
+    xy, xz, yz = (product if negated else -product for product in products)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     added = []
     for point in balance.all("pointmass"):
         mass = quantity(point.first("weight"), "mass", "LBS")
@@ -131,30 +127,12 @@ def to_body(structural: Floats) -> Floats:
 
 
 def _located(node: Node, name: str) -> Node | None:
-    locations = node.all("location")
-    return next(
-        (
-            node_location
-            for node_location in locations
-            if node_location.attributes.get("name") == name
-        ),
-        None,
-    )
-
-
-def reference_point(metrics: Node) -> Floats:
-    """Return the reference point (m) of the aerodynamic forces in the structural frame."""
-    return location(_located(metrics, "AERORP"))
-
-
-def _matrix(moments: dict[str, float], sign: float) -> Floats:
-    xy, xz, yz = (sign * moments[axis] for axis in ("xy", "xz", "yz"))
-    return np.array([[moments["xx"], xy, xz], [xy, moments["yy"], yz], [xz, yz, moments["zz"]]])
+    locations = (entry for entry in node.all("location") if entry.attributes.get("name") == name)
+    return next(locations, None)
 
 
 _MODULE = "aerodynamics.py"
 _VEHICLE = "vehicle.yaml"
-_LIMIT = 30.0  # assumed deflection limit, deg; the limits in the model are not read
 _ANGLES = (-20.0, 45.0)  # widest range of angles of attack in deg
 _LOW_SPEED = {
     "altitude": 0.0,
@@ -197,7 +175,7 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
     metrics = _section(root, "metrics")
     node = _section(root, "aerodynamics")
     mass = read_mass(_section(root, "mass_balance"), root.first("propulsion"))
-    center = to_body(mass.center - reference_point(metrics))
+    center = to_body(mass.center - location(_located(metrics, "AERORP")))
     properties = _read_metrics(metrics)
     properties |= {"inertia/weight-lbs": mass.mass / POUND, "inertia/mass-slugs": mass.mass / SLUG}
     values = {
@@ -206,8 +184,7 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
         for child in parent.all("property")
         if "value" in child.attributes
     }
-    reserved = (*extend.__all__, *FROM_MATH, *CONSTANTS, "SPAN", "CHORD")
-    aerodynamics = Aerodynamics(node, properties, values, _full_deflections(root), reserved)
+    aerodynamics = Aerodynamics(node, properties, values, _full_deflections(root))
     origin = (
         f"Imported from {fold(path.name)} (JSBSim), SHA-256 {hashlib.sha256(content).hexdigest()}."
     )
@@ -218,11 +195,30 @@ def import_jsbsim(path: Path, folder: Path) -> Imported:
         if f"controls.{name}" not in module
     ]
     left_out = (*_left_out(root, mass, center), *aerodynamics.notes, *idle)
-    angles = _rising_lift(module, aerodynamics)
+    low, high = _rising_lift(module, aerodynamics)
+    limits = f"""\
+limits: # range in which the lift increases at low speed
+  angle_of_attack: [{low:g} deg, {high:g} deg]
+  sideslip: 30 deg"""
+    body = Body(
+        area=properties[AREA] * SQUARE_FOOT,
+        span=properties[SPAN] * FOOT,
+        chord=properties[CHORD] * FOOT,
+        mass=float(mass.mass),
+        inertia=mass.inertia[[0, 1, 2, 0], [0, 1, 2, 2]].tolist(),
+        center=center[[0, 2]].tolist(),
+    )
     texts = {
         _MODULE: module,
-        _VEHICLE: _write_vehicle(
-            path, aerodynamics, mass, center, properties, angles=angles, left_out=left_out
+        _VEHICLE: write_vehicle(
+            path.stem,
+            [
+                f"Imported from {path.name} (JSBSim). Parts that are not imported:",
+                *(f"- {note}" for note in left_out),
+                f"The mass is that of {', '.join(('the empty vehicle', *mass.added))}.",
+            ],
+            body,
+            (_write_section(aerodynamics), limits),
         ),
     }
     paths, edited = write_unless_edited(folder, texts)
@@ -249,17 +245,20 @@ def _read_metrics(metrics: Node) -> dict[str, float]:
     Raise InputError if a metric is invalid.
     """
     properties = {}
-    for name, kind, unit, key in (
-        ("wingarea", "area", SQUARE_FOOT, AREA),
-        ("wingspan", "length", FOOT, SPAN),
-        ("chord", "length", FOOT, CHORD),
-        ("htailarea", "area", SQUARE_FOOT, "metrics/Sh-sqft"),
-        ("htailarm", "length", FOOT, "metrics/lh-ft"),
-        ("vtailarea", "area", SQUARE_FOOT, "metrics/Sv-sqft"),
-        ("vtailarm", "length", FOOT, "metrics/lv-ft"),
+    for name, key in (
+        ("wingarea", AREA),
+        ("wingspan", SPAN),
+        ("chord", CHORD),
+        ("htailarea", "metrics/Sh-sqft"),
+        ("htailarm", "metrics/lh-ft"),
+        ("vtailarea", "metrics/Sv-sqft"),
+        ("vtailarm", "metrics/lv-ft"),
     ):
         node = metrics.first(name)
-        properties[key] = quantity(node, kind, {"area": "FT2", "length": "FT"}[kind]) / unit
+        if key.endswith("-sqft"):
+            properties[key] = quantity(node, "area", "FT2") / SQUARE_FOOT
+        else:
+            properties[key] = quantity(node, "length", "FT") / FOOT
         if key in (AREA, SPAN, CHORD) and not properties[key] > 0.0:
             raise (node or metrics).refuse(
                 f"the {name} is {properties[key]:g}", "a positive number"
@@ -269,7 +268,7 @@ def _read_metrics(metrics: Node) -> dict[str, float]:
 
 def _full_deflections(root: Node) -> dict[str, float]:
     """Return full deflections (rad) by output property of flight-control components."""
-    deflections = {"": math.radians(_LIMIT)}
+    deflections = {"": math.radians(LIMIT)}
     pending = list(root.all("flight_control"))
     while pending:
         node = pending.pop()
@@ -321,32 +320,24 @@ def _write_module(aerodynamics: Aerodynamics, origin: str, properties: dict[str,
     ]
     signature = "def coefficients(air, controls, rates, settings):"
     doc = f"Coefficients in {aerodynamics.frame} axes, moments about the model's reference point."
+    about = "Constants of the vehicle file."
     lines = [
-        *(
-            define("class Settings(NamedTuple):", "Constants of the vehicle file.", settings)
-            if settings
-            else ()
-        ),
+        *(define("class Settings(NamedTuple):", about, settings) if settings else ()),
         *aerodynamics.tables,
         *define(signature, doc, aerodynamics.body),
     ]
-    used = names_in(lines)
-    modules = (("math", FROM_MATH), ("typing", ("NamedTuple",)), ("abhv_mc.extend", extend.__all__))
     lengths = {"SPAN": (properties[SPAN] * FOOT, "m"), "CHORD": (properties[CHORD] * FOOT, "m")}
     constants = [
         Line(f"{name} = {number(value)}", unit)
         for name, (value, unit) in (CONSTANTS | lengths).items()
-        if name in used
     ]
-    return lay_out(textwrap.fill(origin, WIDTH), [*import_names(used, modules), *constants, *lines])
+    return write_module(textwrap.fill(origin, WIDTH), constants, lines)
 
 
 def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]:
     """Return the range of angles of attack around 0 (deg) in which the lift increases."""
     function = run_module(UserSource(module, _MODULE)).names["coefficients"]
-    settings = SimpleNamespace(
-        **{setting.key: setting.value for setting in aerodynamics.settings.values()}
-    )
+    settings = SimpleNamespace(**{s.key: s.value for s in aerodynamics.settings.values()})
     controls, rates = (
         SimpleNamespace(**dict.fromkeys(names, 0.0))
         for names in (_SURFACES, ("roll_rate", "pitch_rate", "yaw_rate"))
@@ -370,54 +361,11 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
     return (float(angles[first]), float(angles[last])) if first < last else _ANGLES
 
 
-def _write_vehicle(
-    path: Path,
-    aerodynamics: Aerodynamics,
-    mass: Mass,
-    center: Floats,
-    properties: dict[str, float],
-    *,
-    angles: tuple[float, float],
-    left_out: Sequence[str],
-) -> str:
-    inertia = mass.inertia
-    settings = [
-        f"    {setting.key}: {setting.value!r} # {fold(name)}"
-        for name, setting in aerodynamics.settings.items()
-    ]
-    lines = [
-        f"# Imported from {fold(path.name)} (JSBSim). Parts that are not imported:",
-        *(f"# - {fold(note)}" for note in left_out),
-        f"name: {free_name(path.stem.lower())}",
-        "",
-        "reference:",
-        f"  area: {properties[AREA] * SQUARE_FOOT!r} m2",
-        f"  span: {properties[SPAN] * FOOT!r} m",
-        f"  chord: {properties[CHORD] * FOOT!r} m",
-        "",
-        f"mass: # the empty vehicle{''.join(f', {fold(note)}' for note in mass.added)}",
-        f"  start: {float(mass.mass)!r} kg",
-        "  points:",
-        f"    - mass: {float(mass.mass)!r} kg",
-        *(
-            f"      inertia_{axis * 2}: {float(inertia[k, k])!r} kg m2"
-            for k, axis in enumerate("xyz")
-        ),
-        f"      inertia_matrix_element_13: {float(inertia[0, 2])!r} kg m2",
-        f"      center_of_gravity_x: {float(center[0])!r} m",
-        f"      center_of_gravity_z: {float(center[2])!r} m",
-        "",
-        "surfaces: # the flight control of the model is not imported",
-        "  ideal: true",
-        f"  limit: {_LIMIT:g} deg",
-        "",
-        "aerodynamics:",
-        f"  python: {_MODULE}",
-        f"  frame: {aerodynamics.frame}",
-        *(["  settings: # properties that abhv-mc does not model", *settings] if settings else ()),
-        "",
-        "limits: # range in which the lift increases at low speed",
-        f"  angle_of_attack: [{angles[0]:g} deg, {angles[1]:g} deg]",
-        "  sideslip: 30 deg",
-    ]
-    return "\n".join(lines) + "\n"
+def _write_section(aerodynamics: Aerodynamics) -> str:
+    """Return the section ``aerodynamics`` of the vehicle file."""
+    lines = ["aerodynamics:", f"  python: {_MODULE}", f"  frame: {aerodynamics.frame}"]
+    if aerodynamics.settings:
+        lines.append("  settings: # properties that abhv-mc does not model")
+    for name, setting in aerodynamics.settings.items():
+        lines.append(f"    {setting.key}: {setting.value!r} # {fold(name)}")
+    return "\n".join(lines)

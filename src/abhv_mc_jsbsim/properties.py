@@ -3,12 +3,8 @@
 The arguments are in SI units and radians, the properties in the units of JSBSim.
 """
 
-FOOT, INCH, POUND, SLUG = (
-    0.3048,
-    0.0254,
-    0.45359237,
-    14.593902937206364,
-)  # conversion factors to m, m, kg and kg
+# conversion factors to m, m, kg and kg
+FOOT, INCH, POUND, SLUG = 0.3048, 0.0254, 0.45359237, 14.593902937206364
 SQUARE_FOOT = FOOT**2
 CONSTANTS = {  # constants that a generated module defines if it uses them
     "DEGREE": (3.141592653589793 / 180.0, "rad"),
