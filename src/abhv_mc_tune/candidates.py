@@ -5,13 +5,16 @@ Trials are flights, stability margins and scores.
 
 import functools
 import hashlib
+import operator
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -81,15 +84,17 @@ class ControllerNumbers:
 
         Paths of the files of a custom law are adapted to the new folder.
         """
-        data = dict(self.document.entries)
-        for key in NAMING_KEYS:
-            if key in data:
-                names = data[key] if isinstance(data[key], list) else [data[key]]
-                files = [(self.document.path.parent / name).resolve() for name in names]
-                relative = [os.path.relpath(file, path.parent.resolve()) for file in files]
-                data[key] = relative if isinstance(data[key], list) else relative[0]
+        data = deepcopy(self.document.entries)
+        for key in data.keys() & NAMING_KEYS:
+            is_list = isinstance(data[key], list)
+            files = [
+                os.path.relpath(self.document.resolve(name).resolve(), path.parent.resolve())
+                for name in (data[key] if is_list else [data[key]])
+            ]
+            data[key] = files if is_list else files[0]
         for key, value in self.values(point).items():
-            data = _replaced(data, key.split("."), value)
+            *parents, last = key.split(".")
+            functools.reduce(operator.getitem, parents, data)[last] = value
         write_document(path, data, comment)
 
 
@@ -121,19 +126,18 @@ def check_free_numbers(campaign: Experiment) -> None:
     The error refers to the first controller, which is tuned by default.
     """
     block = campaign.model.tune
-    document = campaign.document
     if block is None:
         return
-    first: InputError | None = None
+    errors = []
     for path in campaign.model.controllers.values():
         try:
-            read_controller_numbers(path, block.free, document, ("tune",))
+            read_controller_numbers(path, block.free, campaign.document, ("tune",))
         except InputError as error:
-            first = first or error
+            errors.append(error)
         else:
             return
-    if first is not None:
-        raise first
+    if errors:
+        raise errors[0]
 
 
 def _numbers(data: Any, prefix: str = "") -> Any:
@@ -155,70 +159,11 @@ def _scaled(entry: Any, factor: float) -> str | float:
     return f"{value} {unit}" if unit else float(value)
 
 
-def _replaced(data: Any, keys: list[str], value: str | float) -> Any:
-    """Return nested data with the value at ``keys`` replaced."""
-    if not keys:
-        return value
-    return {
-        key: _replaced(inner, keys[1:], value) if key == keys[0] else inner
-        for key, inner in data.items()
-    }
-
-
-@dataclass(frozen=True)
-class Candidate:
+class Candidate(NamedTuple):
     """Plan of a controller with the parameters of a candidate."""
 
     plan: FlightPlan
     steady: FlightPlan | None  # plan of steady flight, if a trim exists and margins are required
-
-    def with_margins(self, times: Sequence[Time]) -> FlightPlan:
-        """Return the plan with margins at ``times``, or without margins if there is no trim."""
-        return (
-            self.plan if self.steady is None else add_margins(self.plan, self.steady, tuple(times))
-        )
-
-    def margins(self, vehicles: Floats, times: Sequence[Time]) -> Floats:
-        """Return the smallest margins [vehicle, margin] for parameter rows ``vehicles``.
-
-        Margins are zero if there is no trim.
-        """
-        if self.steady is None:
-            return np.zeros((len(vehicles), len(MARGIN_NAMES)))
-        return margins_of_flights(self.plan, self.steady, vehicles, tuple(times)).table
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Factory of the candidates of one controller of a campaign."""
-
-    campaign: Experiment
-    name: str  # name of the controller
-    numbers: ControllerNumbers
-    engine: Engine
-
-    def make(self, point: Floats, file: Path, steady: bool) -> Candidate | None:
-        """Return the candidate of a point, or None if its parameters are invalid.
-
-        The controller is written to ``file``, which is deleted before the method returns. Raise
-        InputError if the initial parameters are invalid.
-        """
-        model = self.campaign.model
-        try:
-            self.numbers.write(file, point)
-            plan = declare(
-                self.campaign, self.engine.prepare(model.vehicle, model.mission, file, self.name)
-            )
-            try:
-                return Candidate(plan, make_steady(self.campaign, plan, file) if steady else None)
-            except (InputError, np.linalg.LinAlgError):
-                return Candidate(plan, None)
-        except InputError:
-            if not np.any(point):
-                raise
-            return None
-        finally:
-            file.unlink(missing_ok=True)
 
 
 _BLOCK = 128  # number of flights per call
@@ -251,7 +196,9 @@ class Trials:
     """Simulation of the candidates of one controller of a campaign."""
 
     campaign: Experiment
-    candidates: Candidates
+    name: str  # name of the controller
+    numbers: ControllerNumbers
+    engine: Engine
     space: Space
     folder: Path  # folder of stored results
     identity: str  # hash of all inputs except point and parameters
@@ -278,7 +225,7 @@ class Trials:
     def nominal_margins(self, points: Floats) -> Floats:
         """Return the smallest margins [candidate, margin] of the nominal vehicle."""
         trials = replace(self, vehicles=nominal_parameters())
-        return np.stack([trials.margins_of(trials._make(point)())[0] for point in points])
+        return np.concatenate([trials.margins_of(trials._make(point)) for point in points])
 
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:
@@ -287,32 +234,26 @@ class Trials:
         return tuple(signal.name for signal in (*self.campaign.measured, *margins))
 
     def _run(self, point: Floats, parameters: Floats) -> Trial:
-        candidate = self._make(point)
-        columns = self.columns
+        candidate = functools.cache(lambda: self._make(point))
         metrics = self._remember(
-            point, parameters, len(columns), lambda: self._fly(candidate(), parameters)
+            point, parameters, self.columns, lambda: self._fly(candidate(), parameters)
         )
-        if not len(self.vehicles):
-            return Trial(columns, metrics, np.empty((0, len(MARGIN_NAMES))))
-        margins = self._remember(
-            point, self.vehicles, len(MARGIN_NAMES), lambda: self.margins_of(candidate())
-        )
-        return Trial(columns, metrics, margins)
+        margins = np.empty((0, len(MARGIN_NAMES)))
+        if len(self.vehicles):
+            margins = self._remember(
+                point, self.vehicles, MARGIN_NAMES, lambda: self.margins_of(candidate())
+            )
+        return Trial(self.columns, metrics, margins)
 
     def _remember(
-        self, point: Floats, parameters: Floats, columns: int, make: Callable[[], Floats]
+        self, point: Floats, parameters: Floats, columns: Sequence[str], make: Callable[[], Floats]
     ) -> Floats:
         """Return stored values [row, column], or compute and store the values."""
-        key = hashlib.sha256(
-            point.tobytes() + parameters.tobytes() + self.identity.encode()
-        ).hexdigest()[:32]
-        path = self.folder / f"{key}.npy"
+        key = point.tobytes() + parameters.tobytes() + self.identity.encode()
+        path = self.folder / f"{_digest(key)}.npy"
         stored = read_array(path)
-        if (
-            stored is not None
-            and stored.shape == (len(parameters), columns)
-            and stored.dtype == np.float64
-        ):
+        shape = len(parameters), len(columns)
+        if stored is not None and (stored.shape, stored.dtype) == (shape, np.float64):
             return np.array(stored)
         values = make()
         write_array(path, values)
@@ -322,36 +263,63 @@ class Trials:
         """Return the metrics [flight, metric] of a candidate, NaN if it is invalid."""
         if candidate is None:
             return np.full((len(parameters), len(self.columns)), np.nan)
-        plan = candidate.with_margins(self.flights_at) if self.flights_at else candidate.plan
-        name = self.candidates.name
+        plan = candidate.plan
+        if self.flights_at and candidate.steady is not None:
+            plan = add_margins(plan, candidate.steady, self.flights_at)
         experiment = replace(
-            self.campaign, systems={name: System(plan)}, columns=self.space.columns
+            self.campaign, systems={self.name: System(plan)}, columns=self.space.columns
         )
-        starts = range(0, len(parameters), _BLOCK)
         blocks = [
-            simulate(experiment, name, parameters[start : start + _BLOCK], None, self.executor.fly)
-            for start in starts
+            simulate(
+                experiment, self.name, parameters[start : start + _BLOCK], None, self.executor.fly
+            )
+            for start in range(0, len(parameters), _BLOCK)
         ]
         metrics = np.concatenate([block.metrics for block in blocks])
         missing = len(self.columns) - metrics.shape[1]  # Margins are missing if there is no trim.
-        metrics = np.hstack([metrics, np.zeros((len(metrics), missing))])
-        lost = np.concatenate([block.outcome for block in blocks]) != Outcome.OK
-        return np.where(lost[:, None], np.nan, metrics)
+        metrics = np.pad(metrics, ((0, 0), (0, missing)))
+        metrics[np.concatenate([block.outcome for block in blocks]) != Outcome.OK] = np.nan
+        return metrics
 
     def margins_of(self, candidate: Candidate | None) -> Floats:
         """Return the smallest margins [vehicle, margin] of a candidate.
 
         Margins are zero if the candidate is invalid or has no trim.
         """
-        if candidate is None:
+        if candidate is None or candidate.steady is None:
             return np.zeros((len(self.vehicles), len(MARGIN_NAMES)))
-        return candidate.margins(self.vehicles, self.margins_at)
+        return margins_of_flights(
+            candidate.plan, candidate.steady, self.vehicles, self.margins_at
+        ).table
 
-    def _make(self, point: Floats) -> Callable[[], Candidate | None]:
-        """Return a cached function that returns the candidate, or None if it is invalid."""
-        file = self.folder / f"{hashlib.sha256(point.tobytes()).hexdigest()[:32]}.yaml"
-        steady = bool(self.flights_at or len(self.vehicles))
-        return functools.cache(lambda: self.candidates.make(point, file, steady))
+    def _make(self, point: Floats) -> Candidate | None:
+        """Return the candidate of a point, or None if its parameters are invalid.
+
+        The controller is written to a file, which is deleted before the method returns. Raise
+        InputError if the initial parameters are invalid.
+        """
+        model = self.campaign.model
+        file = self.folder / f"{_digest(point.tobytes())}.yaml"
+        try:
+            self.numbers.write(file, point)
+            plan = declare(
+                self.campaign, self.engine.prepare(model.vehicle, model.mission, file, self.name)
+            )
+            steady = None
+            if self.flights_at or len(self.vehicles):
+                with suppress(InputError, np.linalg.LinAlgError):
+                    steady = make_steady(self.campaign, plan, file)
+            return Candidate(plan, steady)
+        except InputError:
+            if not np.any(point):
+                raise
+            return None
+        finally:
+            file.unlink(missing_ok=True)
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
 
 
 def severities_of(trial: Trial, metric: Metric) -> Floats:
@@ -371,16 +339,24 @@ def value_of(trial: Trial, metric: Metric, quantile: float) -> float:
 
     Early terminations count as the worst value.
     """
-    value = sorted_quantile(np.sort(severities_of(trial, metric)), quantile)
+    value = _quantile(severities_of(trial, metric), quantile)
     return -value if metric.bad == "low" and not metric.band else value
+
+
+def _quantile(values: Floats, quantile: float) -> float:
+    return sorted_quantile(np.sort(values), quantile)
+
+
+def _sign(limit: Limit) -> float:
+    """Return -1 for a lower limit, and 1 for an upper limit."""
+    return -1.0 if limit.above is not None else 1.0
 
 
 def limited_value(trial: Trial, limit: Limit) -> float:
     """Return the limited quantity: a quantile over the flights, or the smallest margin."""
     if not limit.is_margin:
-        sign = -1.0 if limit.above is not None else 1.0
-        worse = severity(sign * trial.column(limit.metric), "high")
-        return sign * sorted_quantile(np.sort(worse), limit.quantile)
+        worse = severity(_sign(limit) * trial.column(limit.metric), "high")
+        return _sign(limit) * _quantile(worse, limit.quantile)
     margins = trial.margins[:, MARGIN_NAMES.index(limit.metric)]
     return float(margins.min() if limit.vehicles == "corners" else margins[0])
 
@@ -394,8 +370,7 @@ def bound_of(limit: Limit, start: Trial) -> float:
 
 def excess_of(trial: Trial, limit: Limit, bound: float) -> float:
     """Return the relative violation of a limit, positive if the limit is violated."""
-    sign = -1.0 if limit.above is not None else 1.0
-    return sign * (limited_value(trial, limit) - bound) / (abs(bound) or 1.0)
+    return _sign(limit) * (limited_value(trial, limit) - bound) / (abs(bound) or 1.0)
 
 
 def score(
@@ -408,8 +383,8 @@ def score(
     ]
 
     def scores(aim: Aim) -> Floats:
-        severities = [np.sort(severities_of(trial, metrics[aim.metric])) for trial in trials]
-        return np.array([sorted_quantile(values, aim.quantile) for values in severities])
+        metric = metrics[aim.metric]
+        return np.array([_quantile(severities_of(trial, metric), aim.quantile) for trial in trials])
 
     return Scores(
         scores(block.minimise),

@@ -110,7 +110,7 @@ def _answers(result: TuneFound) -> Records:
         f"{start} -> {best}, difference {gain.value:.4g} (95 % interval {gain.low:.4g} to "
         f"{gain.high:.4g})"
     )
-    missed = ", ".join(item.phrase for item in result.comparisons if not item.keeps)
+    missed = "; ".join(item.label for item in result.comparisons if not item.keeps)
     return make_records(
         (
             ("New file", "written" if result.shown else "none: improvement and limits not shown"),
@@ -128,8 +128,7 @@ def _comparisons(result: TuneFound) -> Table:
     """Return the table of initial value, result and limit of each metric and margin."""
     rows = []
     for item in result.comparisons:
-        limit = ""
-        is_met = ""
+        limit = is_met = ""
         if item.limit is not None:
             limit = f"{'above' if item.floor else 'below'} {item.limit:.4g}"
             is_met = "yes" if item.keeps else "no"

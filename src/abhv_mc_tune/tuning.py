@@ -31,7 +31,6 @@ from abhv_mc.search.space import make_space
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 from abhv_mc_tune.candidates import (
-    Candidates,
     ControllerNumbers,
     Trials,
     bound_of,
@@ -76,18 +75,6 @@ class Comparison:
             return f"{self.metric}, {vehicles}"
         outside = f", distance outside the band {self.band}" if self.band else ""
         return f"{self.metric}{outside}, {100 * self.quantile:g} % quantile"
-
-    @property
-    def phrase(self) -> str:
-        """Label for a sentence, such as "the 95 % quantile of 'altitude_error_rms_m'"."""
-        if self.quantile is None:
-            vehicles = "nominal vehicle and the corners"
-            vehicles = vehicles if self.vehicles == "corners" else "nominal vehicle"
-            return f"the margin '{self.metric}' of the {vehicles}"
-        quantity = f"'{self.metric}'"
-        if self.band:
-            quantity = f"the distance of {quantity} outside the band {self.band}"
-        return f"the {100 * self.quantile:g} % quantile of {quantity}"
 
 
 @dataclass(frozen=True)
@@ -191,17 +178,6 @@ def read_tune_block(
     return block, document, keys
 
 
-def _check_margins(block: Tune, document: Document, keys: tuple[str, ...], duration: float) -> None:
-    """Raise InputError if a time for margins is outside the mission."""
-    for i, time in enumerate(block.margins_at):
-        if time != "trim" and not 0.0 <= time <= duration:
-            raise document.error(
-                (*keys, "margins_at", i),
-                f"found {time:g} s",
-                f"trim, or a time of the mission, 0 to {duration:g} s",
-            )
-
-
 def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
     """Search for the best parameters, validate them with another seed, and write the file.
 
@@ -231,7 +207,14 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
     space = make_space(campaign)
     if any(limit.is_margin for limit in block.limits):
         plan = engine.prepare(model.vehicle, model.mission, model.controllers[name], name)
-        _check_margins(block, document, keys, plan.timing.duration)
+        duration = plan.timing.duration
+        for i, time in enumerate(block.margins_at):
+            if time != "trim" and not 0.0 <= time <= duration:
+                raise document.error(
+                    (*keys, "margins_at", i),
+                    f"found {time:g} s",
+                    f"trim, or a time of the mission, 0 to {duration:g} s",
+                )
     # Threads are used, because worker processes would keep the plans of all candidates. After a
     # crash, running the same command again resumes the tuning.
     execution = model.execution.model_copy(update={"isolation": THREADS})
@@ -249,17 +232,17 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
         scheduler = stack.enter_context(connect(request.scheduler))
         executor = stack.enter_context(open_executor(engine, execution, request.workers, scheduler))
         identity = hashlib.sha256(text.encode()).hexdigest()
-        vehicles = vehicles_of(campaign, block)
-        candidates = Candidates(campaign, name, numbers, engine)
         needs_margins = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
         trials = Trials(
             campaign=campaign,
-            candidates=candidates,
+            name=name,
+            numbers=numbers,
+            engine=engine,
             space=space,
             folder=folder,
             identity=identity,
             executor=executor,
-            vehicles=vehicles,
+            vehicles=vehicles_of(campaign, block),
             margins_at=block.margins_at,
             flights_at=model.margins.at if model.margins and needs_margins else (),
         )
@@ -302,25 +285,18 @@ def _validate(
     severities = [severities_of(trial, metrics[aim.metric]) for trial in (start, best)]
 
     def compare(entry: Aim) -> Comparison:
-        at_start, at_best = (
-            value_of(trial, metrics[entry.metric], entry.quantile) for trial in (start, best)
-        )
-        return Comparison(
-            entry.metric, entry.quantile, None, at_start, at_best, band=metrics[entry.metric].band
-        )
+        metric = metrics[entry.metric]
+        at_start, at_best = (value_of(trial, metric, entry.quantile) for trial in (start, best))
+        return Comparison(entry.metric, entry.quantile, None, at_start, at_best, band=metric.band)
 
     def compare_limited(entry: Limit) -> Comparison:
         bound = bound_of(entry, start)
-        quantile, vehicles = (
-            (None, entry.vehicles or "nominal") if entry.is_margin else (entry.quantile, None)
-        )
-        at_start, at_best = (limited_value(trial, entry) for trial in (start, best))
         return Comparison(
             metric=entry.metric,
-            quantile=quantile,
-            vehicles=vehicles,
-            start=at_start,
-            best=at_best,
+            quantile=None if entry.is_margin else entry.quantile,
+            vehicles=(entry.vehicles or "nominal") if entry.is_margin else None,
+            start=limited_value(start, entry),
+            best=limited_value(best, entry),
             limit=bound,
             keeps=excess_of(best, entry, bound) <= 0.0,
             floor=entry.above is not None,
@@ -343,7 +319,7 @@ def _validate(
     return TuneFound(
         controller=name,
         block=block,
-        numbers=trials.candidates.numbers,
+        numbers=trials.numbers,
         tuning=tuning,
         validation=quantile_difference(severities[1], severities[0], aim.quantile),
         comparisons=(compare(aim), *limits, *effort, *margins),
@@ -361,12 +337,12 @@ def _comment(result: TuneFound, request: TuneRequest, seed: int) -> str:
         f" --seed {seed}"
     )
     command += f" --tune {request.block}" if request.block else ""
-    lines = (
-        []
-        if result.shown
-        else ["REJECTED: not shown to be better than the start within the limits."]
-    )
-    lines += [
+    lines = [
+        *(
+            ()
+            if result.shown
+            else ("REJECTED: not shown to be better than the start within the limits.",)
+        ),
         f"Made by `{command}`:",
         f"{counted(len(result.tuning.points), 'candidate')} on the same "
         f"{counted(block.flights, 'flight')}.",
