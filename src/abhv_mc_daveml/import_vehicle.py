@@ -327,7 +327,7 @@ def _limits(models: Sequence[Model]) -> list[str]:
                 if variable.computed or quantity not in ends:
                     continue
                 degree = math.degrees(factor_to_si(model, variable, quantity))
-                points = degree * look_up.coordinates(axis)
+                points = degree * look_up.table.coordinates(axis)
                 ends[quantity] += [float(points.min()), float(points.max())]
     alpha, beta = ends.values()
     lines = [f"  angle_of_attack: [{min(alpha):g} deg, {max(alpha):g} deg]"] if alpha else []

@@ -1,8 +1,9 @@
 """Look-up functions of a DAVE-ML file, with gridded and ungridded tables."""
 
-import itertools
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,9 +13,6 @@ from abhv_mc.io.phrases import counted
 from abhv_mc.io.xml_reader import Node
 
 Grids = tuple[tuple[str, Floats], ...]  # name and ascending breakpoints of each axis
-_Held = tuple[
-    str, str, Grids, Floats | None, Floats
-]  # name, description, grids, scattered points and values of a table
 _EXTRAPOLATE = ("neither", "min", "max", "both")
 _GRIDDED = ("griddedTableDef", "griddedTable")
 _UNGRIDDED = ("ungriddedTableDef", "ungriddedTable")
@@ -32,22 +30,29 @@ class Argument:
     )
 
 
-@dataclass(frozen=True)
-class LookUp:
-    """Look-up function: a table on grids, or values at scattered points."""
+class Table(NamedTuple):
+    """Table on grids, or values at scattered points."""
 
     name: str
     title: str
-    table: str  # name of the table
-    arguments: tuple[Argument, ...]
     grids: Grids
     points: Floats | None  # [point, axis] for scattered points
     values: Floats  # values [axis_0, axis_1, ...] or [point]
-    line: int
 
     def coordinates(self, axis: int) -> Floats:
         """Return the coordinates of the table values along an axis."""
         return self.grids[axis][1] if self.points is None else self.points[:, axis]
+
+
+@dataclass(frozen=True)
+class LookUp:
+    """Look-up function: a table and its arguments."""
+
+    name: str
+    title: str
+    table: Table
+    arguments: tuple[Argument, ...]
+    line: int
 
 
 def read_look_ups(root: Node) -> dict[str, LookUp]:
@@ -68,18 +73,14 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
             raise node.refuse(
                 f"the function '{name}' has no dependent variable", "dependentVarRef with its varID"
             )
-        arguments = tuple(map(_read_argument, node.all("independentVarRef", "independentVarPts")))
+        axes = node.all("independentVarRef", "independentVarPts")
+        arguments = tuple(map(_read_argument, axes))
         if dependent.name == "dependentVarPts":  # The function element itself contains the points.
-            parts = node.all("independentVarPts")
-            axes = tuple(
-                (axis_node.attributes.get("varID", ""), _rising(axis_node, axis_node))
-                for axis_node in parts
-            )
-            contents: _Held = name, "", axes, None, _shaped(dependent, axes)
+            own = tuple((axis.attributes.get("varID", ""), _rising(axis, axis)) for axis in axes)
+            table = Table(name, "", own, None, _shaped(dependent, own))
         else:
-            contents = _read_table(_find_table(node, tables), grids, len(arguments))
-        table, title, axes, points, values = contents
-        number = len(axes) if points is None else points.shape[1]
+            table = _read_table(_find_table(node, tables), grids, len(arguments))
+        number = len(table.grids) if table.points is None else table.points.shape[1]
         if len(arguments) != number:
             raise node.refuse(
                 f"found {counted(len(arguments), 'argument')} for a table of "
@@ -91,17 +92,8 @@ def read_look_ups(root: Node) -> dict[str, LookUp]:
             raise node.refuse(
                 f"'{variable}' has a second function", "only one function of each variable"
             )
-        title = node.words("description") or title or name
-        look_ups[variable] = LookUp(
-            name=name,
-            title=title,
-            table=table,
-            arguments=arguments,
-            grids=axes,
-            points=points,
-            values=values,
-            line=node.line,
-        )
+        title = node.words("description") or table.title or name
+        look_ups[variable] = LookUp(name, title, table, arguments, node.line)
     return look_ups
 
 
@@ -136,23 +128,18 @@ def _find_table(node: Node, tables_by_key: Mapping[str, Node]) -> Node:
     return tables[0]
 
 
-def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Held:
-    """Return the name, description, grids, scattered points and values of a table.
-
-    Scattered points that form a complete grid become a gridded table.
-    """
+def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> Table:
+    """Return a table; scattered points that form a complete grid become a gridded table."""
     name = node.attributes.get("name") or _key(node) or "table"
     title = node.words("description")
     if node.name in _GRIDDED:
-        keys = [
-            reference.attributes.get("bpID", "")
-            for reference in (node.first("breakpointRefs") or node).all("bpRef")
-        ]
+        references = (node.first("breakpointRefs") or node).all("bpRef")
+        keys = [reference.attributes.get("bpID", "") for reference in references]
         for key in keys:
             if key not in grids:
                 raise node.refuse(f"unknown breakpoints '{key}'", one_of(grids, key))
         axes = tuple((key, grids[key]) for key in keys)
-        return name, title, axes, None, _shaped(node.first("dataTable") or node, axes)
+        return Table(name, title, axes, None, _shaped(node.first("dataTable") or node, axes))
     rows = [_numbers(point) for point in node.all("dataPoint")]
     if len(rows) < 2 or any(row.size != arguments + 1 for row in rows):
         raise node.refuse(
@@ -160,23 +147,17 @@ def _read_table(node: Node, grids: Mapping[str, Floats], arguments: int) -> _Hel
             f"at least two points with {counted(arguments, 'coordinate')} and one value each",
         )
     points, values = np.split(np.array(rows), [-1], axis=1)
-    order = np.lexsort(points.T[::-1])
-    along = [np.unique(column) for column in points.T]
-    shape = [axis.size for axis in along]
-    if len(rows) == np.prod(shape) and np.array_equal(
-        points[order], np.array(list(itertools.product(*along)))
-    ):
-        axes = tuple((f"{name}_{i}", axis) for i, axis in enumerate(along))
-        return name, title, axes, None, values[order].reshape(shape)
     if len(np.unique(points, axis=0)) != len(points):
         raise node.refuse("a point is repeated", "each point only once")
-    return name, title, (), points, values[:, 0]
+    axes = tuple((f"{name}_{i}", np.unique(column)) for i, column in enumerate(points.T))
+    shape = [axis.size for _, axis in axes]
+    if len(points) == np.prod(shape):
+        return Table(name, title, axes, None, values[np.lexsort(points.T[::-1])].reshape(shape))
+    return Table(name, title, (), points, values[:, 0])
 
 
 def _numbers(node: Node) -> Floats:
-    return np.array(
-        [node.number(word) for word in node.text.replace(",", " ").replace(";", " ").split()]
-    )
+    return np.array([node.number(word) for word in re.findall(r"[^\s,;]+", node.text)])
 
 
 def _rising(node: Node, source: Node) -> Floats:
@@ -190,12 +171,10 @@ def _shaped(node: Node, axes: Grids) -> Floats:
     values = _numbers(node)
     shape = [points.size for _, points in axes]
     if not axes or values.size != np.prod(shape):
-        expected = (
-            f"{' x '.join(map(str, shape))} values, as given by the breakpoints"
-            if axes
-            else "breakpoints"
+        expected = f"{' x '.join(map(str, shape))} values, as given by the breakpoints"
+        raise node.refuse(
+            f"the table has {counted(values.size, 'value')}", expected if axes else "breakpoints"
         )
-        raise node.refuse(f"the table has {counted(values.size, 'value')}", expected)
     return values.reshape(shape)
 
 

@@ -27,16 +27,14 @@ def write_dispersions(models: Sequence[Model]) -> str:
     The text also lists the uncertainties that no campaign parameter represents.
     """
     stated = [(v, v.uncertainty) for model in models for v in model.outputs if v.uncertainty]
-    inner = [
-        variable
-        for model in models
-        for variable in model.variables.values()
-        if variable.uncertainty and variable not in model.outputs
-    ]
     entries = {v.identifier: entry for v, own in stated if (entry := _entry(v, own))}
-    left = [v.identifier for v, _ in stated if v.identifier not in entries]
-    left += [variable.identifier for variable in inner]
-    if not stated and not inner:
+    left = [
+        key
+        for model in models
+        for key, variable in model.variables.items()
+        if variable.uncertainty and key not in entries
+    ]
+    if not entries and not left:
         return ""
     lines = ["# Uncertainties of the files, to be copied into a campaign."]
     if left:

@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, InputErrors
 from abhv_mc.io.phrases import quoted
@@ -96,17 +94,14 @@ def _limited(value: str, low: float | None, high: float | None) -> str:
 def _held(model: Model, look_up: LookUp, axis: int) -> str:
     """Return an argument, clamped if the function has a narrower range than the table."""
     argument = look_up.arguments[axis]
-    ends = (
-        look_up.coordinates(axis)[[0, -1]]
-        if look_up.points is None
-        else np.array([-np.inf, np.inf])
-    )
+    points = look_up.table.coordinates(axis)
     low = argument.low if argument.extrapolate in ("neither", "max") else None
     high = argument.high if argument.extrapolate in ("neither", "min") else None
-    value = _limited(
-        model.variables[argument.variable].key, None if low is None or low <= ends[0] else low, None
-    )
-    return _limited(value, None, None if high is None or high >= ends[1] else high)
+    if look_up.table.points is None:  # A table on grids is constant beyond its ends.
+        low = None if low is None or low <= points[0] else low
+        high = None if high is None or high >= points[-1] else high
+    value = _limited(model.variables[argument.variable].key, low, None)
+    return _limited(value, None, high)
 
 
 def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
@@ -126,19 +121,18 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
         look_up = variable.look_up
         if look_up is None:
             continue
-        name = (
-            look_up.table if look_up.table.lower().endswith("table") else f"{look_up.table}_table"
-        )
-        if look_up.points is None:
-            arguments = [add(f"GRID_{grid}", sequence(points)) for grid, points in look_up.grids]
-            arguments.append(sequence(look_up.values))
+        table = look_up.table
+        name = table.name if table.name.lower().endswith("table") else f"{table.name}_table"
+        if table.points is None:
+            arguments = [add(f"GRID_{grid}", sequence(points)) for grid, points in table.grids]
+            arguments.append(sequence(table.values))
             ends = tuple(argument.extrapolate for argument in look_up.arguments)
             if set(ends) != {"neither"}:  # A function that extrapolates has its own table.
                 arguments.append(f"extrapolate={ends!r}")
                 name = f"{name}_to_{'_'.join(ends)}"
             value = call("table", arguments)
         else:
-            value = call("scattered", map(sequence, (look_up.points, look_up.values)))
+            value = call("scattered", map(sequence, (table.points, table.values)))
         functions[identifier] = add(name, value, f"{look_up.name}: {look_up.title}")
     return list(definitions.values()), functions
 
@@ -146,18 +140,15 @@ def _tables(model: Model) -> tuple[list[Line], dict[str, str]]:
 def _docstring(model: Model) -> str:
     lines = ["Outputs in the units of the file.", ""]
     for variable in model.inputs:
-        sign = f" ({variable.sign})" if variable.sign else ""
-        description = f" - {variable.description}" if variable.description else ""
-        text = f"{variable.key}: {variable.name}, {variable.units}{sign}{description}"
+        text = f"{variable.key}: {variable.words}"
         lines += textwrap.wrap(text, WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT)
     return "\n".join([*lines, INDENT]) if model.inputs else "The outputs."
 
 
 def make_function(model: Model) -> Callable[..., Any]:
     """Return the model as a Python function that returns a named tuple of outputs."""
-    function: Callable[..., Any] = run_module(
-        UserSource(write_model(model), str(model.path))
-    ).names[MODEL]
+    source = UserSource(write_model(model), str(model.path))
+    function: Callable[..., Any] = run_module(source).names[MODEL]
     return function
 
 
@@ -167,12 +158,11 @@ def run_shots(model: Model) -> None:
     Raise InputErrors with all differences from the expected values.
     """
     checked = {signal.identifier for shot in model.shots for signal in shot.outputs}
-    seen = {
+    variables = {
         key: replace(v, is_output=v.is_output or key in checked)
         for key, v in model.variables.items()
     }
-    errors = list(_differences(replace(model, variables=seen))) if model.shots else []
-    if errors:
+    if model.shots and (errors := [*_differences(replace(model, variables=variables))]):
         raise InputErrors(errors)
 
 
@@ -191,12 +181,11 @@ def _differences(model: Model) -> Iterator[InputError]:
                 shot.line,
             )
             continue
-        found_values = function(**inputs)
+        outputs = function(**inputs)
         for signal in shot.outputs:
-            value = float(getattr(found_values, model.variables[signal.identifier].key))
-            if (
-                not abs(value - signal.value) <= signal.tolerance
-            ):  # The condition is also true for NaN.
+            value = float(getattr(outputs, model.variables[signal.identifier].key))
+            # The condition is also true for NaN.
+            if not abs(value - signal.value) <= signal.tolerance:
                 yield InputError(
                     model.path,
                     f"'{signal.identifier}' is {value!r} in the check shot '{shot.name}'",
