@@ -4,15 +4,12 @@ No text of a file becomes code: names are converted to identifiers, and numbers 
 rewritten.
 """
 
-import ast
-import functools
 import math
 from collections.abc import Mapping
 
 from abhv_mc.io.input_error import one_of
-from abhv_mc.io.phrases import counted
 from abhv_mc.io.xml_reader import Node
-from abhv_mc_vehicle.imported_vehicle import RESERVED, tidy
+from abhv_mc_vehicle.imported_vehicle import RESERVED, Operators, power, tidy
 from abhv_mc_vehicle.user_code.module_text import number
 
 OUTPUTS = "Outputs"
@@ -22,44 +19,51 @@ TAKEN = RESERVED | {OUTPUTS, MODEL, "Commands", "coefficients", "thrust", "law",
 
 _LOGIC = ("and", "or", "xor", "not")  # operators on truth values
 _RELATIONS = {"gt": ">", "lt": "<", "geq": ">=", "leq": "<=", "eq": "==", "neq": "!="}
-_BETWEEN = {
-    "plus": "+",
-    "times": "*",
-    "and": "and",
-    "or": "or",
-    **_RELATIONS,
-}  # operators that accept any number of operands
-_ONE = {
-    "not": "(not {})",
-    **{name: f"{name}({{}})" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
-    "minus": "(-{})",
-    "ln": "log({})",
-    "log": "(log({}) / log(10.0))",
-    "root": "sqrt({})",
-    "ceiling": "ceil({})",
-    "sec": "(1.0 / cos({}))",
-    "csc": "(1.0 / sin({}))",
-    "cot": "(1.0 / tan({}))",
-    "sinh": "(0.5 * (exp({0}) - exp(-{0})))",
-    "cosh": "(0.5 * (exp({0}) + exp(-{0})))",
-    "tanh": "(1.0 - 2.0 / (exp(2.0 * {}) + 1.0))",
-    "arcsin": "asin({})",
-    "arccos": "acos({})",
-    "arctan": "atan2({}, 1.0)",
-}
-_TWO = {
-    "minus": "({} - {})",
-    "divide": "({} / {})",
-    "power": "power({}, {})",
-    "quotient": "trunc({} / {})",
-    "rem": "fmod({}, {})",
-    "atan2": "atan2({}, {})",
-    "log": "(log({}) / log({}))",
-    "root": "power({}, 1.0 / {})",
-}
-_MANY = {"max": "larger({}, {})", "min": "smaller({}, {})", "xor": "({} != {})"}
-OPERATORS = (*_ONE, *_TWO, *_MANY, *_BETWEEN, "piecewise")
+_OPERATORS = Operators(
+    between={"plus": "+", "times": "*", "and": "and", "or": "or", **_RELATIONS},
+    folded={"max": "larger({}, {})", "min": "smaller({}, {})", "xor": "({} != {})"},
+    fixed={
+        1: {
+            **dict.fromkeys(("plus", "times", "and", "or"), "{}"),
+            "not": "(not {})",
+            **{name: f"{name}({{}})" for name in ("abs", "exp", "floor", "sin", "cos", "tan")},
+            "minus": "(-{})",
+            "ln": "log({})",
+            "log": "(log({}) / log(10.0))",
+            "root": "sqrt({})",
+            "ceiling": "ceil({})",
+            "sec": "(1.0 / cos({}))",
+            "csc": "(1.0 / sin({}))",
+            "cot": "(1.0 / tan({}))",
+            "sinh": "(0.5 * (exp({0}) - exp(-{0})))",
+            "cosh": "(0.5 * (exp({0}) + exp(-{0})))",
+            "tanh": "(1.0 - 2.0 / (exp(2.0 * {}) + 1.0))",
+            "arcsin": "asin({})",
+            "arccos": "acos({})",
+            "arctan": "atan2({}, 1.0)",
+        },
+        2: {
+            "minus": "({} - {})",
+            "divide": "({} / {})",
+            "power": "power({}, {})",
+            "quotient": "trunc({} / {})",
+            "rem": "fmod({}, {})",
+            "atan2": "atan2({}, {})",
+            "log": "(log({}) / log({}))",
+            "root": "power({}, 1.0 / {})",
+        },
+    },
+)
 _CONSTANTS = {"pi": math.pi, "exponentiale": math.e}
+
+
+def _power(base: str, exponent: str) -> str:
+    repeated = {"(2.0)": 2, "(3.0)": 3}.get(exponent)
+    if exponent == "(0.5)":
+        return f"sqrt({base})"
+    if repeated and base.isidentifier():
+        return f"({' * '.join([base] * repeated)})"
+    return power(base, exponent)
 
 
 def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
@@ -86,34 +90,17 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
     def piecewise(element: Node) -> str:
         pieces = element.all("piece")
         otherwise = element.first("otherwise")
-        if otherwise is None or [
-            len(piece_node.children) for piece_node in (*pieces, otherwise)
-        ] != [2] * len(pieces) + [1]:
+        sizes = [len(piece.children) for piece in (*pieces, *element.all("otherwise"))]
+        if otherwise is None or sizes != [2] * len(pieces) + [1]:
             raise element.refuse(
                 "the element 'piecewise' is invalid",
                 "pieces with a value and a condition, and 'otherwise' with a value",
             )
         expression = value(otherwise.children[0])
         for piece in reversed(pieces):
-            expression = (
-                f"{value(piece.children[0])} if {truth(piece.children[1])} else {expression}"
-            )
+            result, condition = piece.children
+            expression = f"{value(result)} if {truth(condition)} else {expression}"
         return f"({expression})"
-
-    def power(base: str, exponent: str) -> str:
-        try:
-            exponent_value = float(ast.literal_eval(exponent))
-        except ValueError:
-            return f"power({base}, {exponent})"
-        if exponent_value == 0.5:
-            return f"sqrt({base})"
-        if exponent_value in (2.0, 3.0) and base.isidentifier():
-            return f"({' * '.join([base] * int(exponent_value))})"
-        if abs(exponent_value) <= 64 and exponent_value == int(
-            exponent_value
-        ):  # Integer exponents are valid for a negative base.
-            return f"({base} ** {int(exponent_value)})"
-        return f"power({base}, {exponent})"
 
     def apply(element: Node) -> tuple[str, bool]:
         if not element.children:
@@ -124,28 +111,18 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
         operator = head.name
         if operator == "csymbol":
             operator = head.text or head.attributes.get("definitionURL", "").rpartition("#")[2]
-        if operator not in OPERATORS or operator == "piecewise":
-            raise head.refuse(f"unknown operator '{operator}'", one_of(OPERATORS, operator))
+        if operator not in _OPERATORS.names:
+            raise head.refuse(f"unknown operator '{operator}'", one_of(_OPERATORS.names, operator))
         qualifier = {"root": "degree", "log": "logbase"}.get(operator)
-        operand_nodes = [child for child in arguments if child.name != qualifier]
-        operand_nodes += [
+        nodes = [child for child in arguments if child.name != qualifier]
+        nodes += [
             inner for child in arguments if child.name == qualifier for inner in child.children
         ]
-        operands = [(truth if operator in _LOGIC else value)(child) for child in operand_nodes]
-        is_truth = operator in _LOGIC or operator in _RELATIONS
-        if operator in _BETWEEN and len(operands) > (operator in _RELATIONS):
-            return f"({f' {_BETWEEN[operator]} '.join(operands)})", is_truth
-        if operator in _MANY and operands:
-            return functools.reduce(_MANY[operator].format, operands), is_truth
+        operands = [(truth if operator in _LOGIC else value)(child) for child in nodes]
         if operator == "power" and len(operands) == 2:
-            return power(*operands), False
-        patterns = {1: _ONE, 2: _TWO}.get(len(operands), {})
-        if operator not in patterns:
-            raise element.refuse(
-                f"'{operator}' has {counted(len(operands), 'operand')}",
-                "the number of operands that the operator requires",
-            )
-        return patterns[operator].format(*operands), is_truth
+            return _power(*operands), False
+        is_truth = operator in _LOGIC or operator in _RELATIONS
+        return _OPERATORS.apply(element, operator, operands), is_truth
 
     def read(element: Node) -> tuple[str, bool]:
         """Return the Python expression, and whether its value is a truth value."""

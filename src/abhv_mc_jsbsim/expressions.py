@@ -4,8 +4,6 @@ Only a fixed list of elements is supported. No text of a file becomes code: name
 identifiers, and numbers are parsed.
 """
 
-import ast
-import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -14,6 +12,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.io.input_error import one_of
 from abhv_mc.io.phrases import counted, joined, quoted
 from abhv_mc.io.xml_reader import Node
+from abhv_mc_vehicle.imported_vehicle import Operators, power
 from abhv_mc_vehicle.user_code.module_text import Line, call, free_name, number, sequence
 
 _PROPERTY = ("property", "p")
@@ -21,33 +20,36 @@ _VALUE = ("value", "v")
 _TABLE = ("table", "t")
 _WORDS = ("description", "documentation", "title")
 _JOINED = {"sum": "+", "difference": "-", "product": "*", "quotient": "/"}
-_FOLDED = {"max": "larger({}, {})", "min": "smaller({}, {})"}
-_ONE = {
-    **{name: f"{name}({{}})"
-       for name in ("abs", "exp", "sin", "cos", "tan", "asin", "acos", "sqrt", "floor", "ceil")},
-    "ln": "log({})",
-    "log10": "(log({}) / log(10.0))",
-    "log2": "(log({}) / log(2.0))",
-    "atan": "atan2({}, 1.0)",
-    "toradians": "({} * DEGREE)",
-    "todegrees": "({} / DEGREE)",
-    "sign": "(-1.0 if {} < 0.0 else 1.0)",
-    "integer": "trunc({})",
-    "fraction": "({0} - trunc({0}))",
-    "not": "(1.0 if {} == 0.0 else 0.0)",
-}  # fmt: skip
-_TWO = {
-    "atan2": "atan2({}, {})",
-    "fmod": "fmod({}, {})",
-    **{name: f"(1.0 if {{}} {sign} {{}} else 0.0)"
-       for name, sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="),
-                          ("nq", "!="))},
-}  # fmt: skip
 _TRUTHS = {"and": " and ", "or": " or "}
-_OPERATORS = (
-    *_JOINED, *_FOLDED, *_ONE, *_TWO, *_TRUTHS, "pow", "avg", "ifthen", "pi", "property", "value",
-    "table",
+_OPERATORS = Operators(
+    between=_JOINED,
+    folded={"max": "larger({}, {})", "min": "smaller({}, {})"},
+    fixed={
+        1: {
+            **dict.fromkeys(_JOINED, "{}"),
+            **{name: f"{name}({{}})" for name in (
+                "abs", "exp", "sin", "cos", "tan", "asin", "acos", "sqrt", "floor", "ceil")},
+            "ln": "log({})",
+            "log10": "(log({}) / log(10.0))",
+            "log2": "(log({}) / log(2.0))",
+            "atan": "atan2({}, 1.0)",
+            "toradians": "({} * DEGREE)",
+            "todegrees": "({} / DEGREE)",
+            "sign": "(-1.0 if {} < 0.0 else 1.0)",
+            "integer": "trunc({})",
+            "fraction": "({0} - trunc({0}))",
+            "not": "(1.0 if {} == 0.0 else 0.0)",
+        },
+        2: {
+            "atan2": "atan2({}, {})",
+            "fmod": "fmod({}, {})",
+            **{name: f"(1.0 if {{}} {sign} {{}} else 0.0)" for name, sign in (
+                ("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("nq", "!="))},
+        },
+        3: {"ifthen": "({1} if {0} != 0.0 else {2})"},
+    },
 )  # fmt: skip
+_NAMES = (*_OPERATORS.names, *_TRUTHS, "pow", "avg", "pi", "property", "value", "table")
 Resolve = Callable[[str, Node], str]
 
 
@@ -109,38 +111,16 @@ class Expressions:
             return number(np.pi)
         operands = [self.value(child, name) for child in node.children if child.name not in _WORDS]
         count = len(operands)
-        if kind in _JOINED and count:
-            return f"({f' {_JOINED[kind]} '.join(operands)})"
         if kind == "avg" and count:
             return f"(({' + '.join(operands)}) / {count})"
-        if kind in _FOLDED and count:
-            return functools.reduce(_FOLDED[kind].format, operands)
         if kind in _TRUTHS and count:
             condition = _TRUTHS[kind].join(f"{operand} != 0.0" for operand in operands)
             return f"(1.0 if {condition} else 0.0)"
-        if kind == "ifthen" and count == 3:
-            return f"({operands[1]} if {operands[0]} != 0.0 else {operands[2]})"
         if kind == "pow" and count == 2:
-            return self._power(*operands)
-        patterns = {1: _ONE, 2: _TWO}.get(count, {})
-        if kind in patterns:
-            return patterns[kind].format(*operands)
-        if kind in _OPERATORS:
-            raise node.refuse(
-                f"'{kind}' has {counted(count, 'operand')}",
-                "the number of operands that the element requires",
-            )
-        raise node.refuse(f"unknown element '{kind}'", one_of(_OPERATORS, kind))
-
-    @staticmethod
-    def _power(base: str, exponent: str) -> str:
-        try:
-            value = float(ast.literal_eval(exponent))
-        except ValueError:
-            return f"power({base}, {exponent})"
-        # An integer exponent is valid for a negative base.
-        is_integer = abs(value) <= 64 and value == int(value)
-        return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
+            return power(*operands)
+        if kind not in _NAMES:
+            raise node.refuse(f"unknown element '{kind}'", one_of(_NAMES, kind))
+        return _OPERATORS.apply(node, kind, operands)
 
     def _table(self, node: Node, name: str) -> str:
         by_axis = {}
@@ -156,7 +136,7 @@ class Expressions:
                 f"the axes {quoted(axes)}",
             )
         long_axes = [k for k, grid in enumerate(grids) if len(grid) > 1]
-        values = values.squeeze(tuple(k for k in range(len(grids)) if k not in long_axes))
+        values = values.squeeze()
         if not long_axes:
             return f"({number(float(values))})"
         for k in long_axes:

@@ -1,10 +1,13 @@
 """Python module and vehicle file of an imported vehicle, as all importers write them."""
 
 import ast
-from collections.abc import Iterable, Sequence
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from abhv_mc import extend
+from abhv_mc.io.phrases import counted
 from abhv_mc.io.xml_reader import Node, fold
 from abhv_mc_vehicle.user_code.module_text import Line, free_name, import_names, lay_out, names_in
 
@@ -26,6 +29,43 @@ def tidy(node: Node, text: str) -> str:
         raise node.refuse(
             "the calculation is nested too deeply", "intermediate results as separate variables"
         ) from None
+
+
+def power(base: str, exponent: str) -> str:
+    """Return the expression of a power; an integer exponent is valid for a negative base."""
+    try:
+        value = float(ast.literal_eval(exponent))
+    except ValueError:
+        return f"power({base}, {exponent})"
+    is_integer = abs(value) <= 64 and value == int(value)
+    return f"({base} ** {int(value)})" if is_integer else f"power({base}, {exponent})"
+
+
+class Operators(NamedTuple):
+    """Python expressions of the operators of a file format."""
+
+    between: Mapping[str, str]  # Python operator between two or more operands
+    folded: Mapping[str, str]  # pattern of two operands, applied to the first and each further one
+    fixed: Mapping[int, Mapping[str, str]]  # patterns by number of operands
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the operators."""
+        return list(dict.fromkeys(chain(self.between, self.folded, *self.fixed.values())))
+
+    def apply(self, node: Node, name: str, operands: Sequence[str]) -> str:
+        """Return an operator's expression. Raise InputError for a wrong number of operands."""
+        count = len(operands)
+        if name in self.between and count > 1:
+            return f"({f' {self.between[name]} '.join(operands)})"
+        if name in self.folded and count:
+            return functools.reduce(self.folded[name].format, operands)
+        if pattern := self.fixed.get(count, {}).get(name):
+            return pattern.format(*operands)
+        raise node.refuse(
+            f"'{name}' has {counted(count, 'operand')}",
+            "the number of operands that the operator requires",
+        )
 
 
 def write_module(docstring: str, constants: Iterable[Line], lines: Sequence[Line]) -> str:
