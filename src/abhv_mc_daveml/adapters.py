@@ -45,13 +45,14 @@ MOMENTS = ("Cl", "Cm", "Cn")
 def find_questions(model: Model) -> list[Variable]:
     """Return the inputs, other than commands, that no signal of abhv-mc supplies."""
     kinds = kinds_of(model)
+    if not kinds or "control" in kinds:
+        return []
     supplied = {name for kind in kinds for name in SOURCES[kind]}
-    open_ones = [
+    return [
         v
         for v in model.inputs
         if (quantity := quantity_of(v)) not in supplied or sign_of(quantity, v) is None
     ]
-    return [] if not kinds or "control" in kinds else open_ones
 
 
 def parse_answer(
@@ -126,11 +127,8 @@ def _call(
             terms = parse_answer(model, variable, answer, effectors)
             if any(name not in sources for _, name in terms):
                 continue
-            first, *further_terms = (_scaled(sources[name], factor, "*") for factor, name in terms)
-            total = "".join(
-                [first, *(f" {t[0]} {t[1:]}" if t[0] == "-" else f" + {t}" for t in further_terms)]
-            )
-            value = f"({total})" if further_terms else total
+            total = " + ".join(_scaled(sources[name], factor, "*") for factor, name in terms)
+            value = f"({total.replace('+ -', '- ')})" if len(terms) > 1 else total
             arguments[key] = _scaled(value, _factor_of(model, variable, terms[0][1]), "/")
         elif quantity in sources:
             sign = sign_of(quantity, variable) or 1
@@ -139,9 +137,8 @@ def _call(
             )
         elif kind == "control":
             command = f"commands.{key}"
-            if (
-                quantity == "cross_track"
-            ):  # The cross-track error is positive to the right of the commanded track.
+            # The cross-track error is positive to the right of the commanded track.
+            if quantity == "cross_track":
                 command = f"({command} - {command}{MEASURED} * measured.cross_track)"
             arguments[key] = _scaled(command, command_unit(variable)[1], "/")
     return Line(f"out = {call(MODEL, (f'{key}={value}' for key, value in arguments.items()))}")
@@ -244,13 +241,8 @@ def write_law(model: Model, answers: Mapping[str, Answer]) -> list[Line]:
         about = variable.name if unit == "-" else f"{variable.name}, {unit}"
         fields.append(declare(key, about, (variable.initial or 0.0) * factor))
         if quantity_of(variable) == "cross_track":
-            fields.append(
-                declare(
-                    f"{key}{MEASURED}",
-                    "1: relative to the measured cross-track error, 0: as commanded",
-                    1.0,
-                )
-            )
+            about = "1: relative to the measured cross-track error, 0: as commanded"
+            fields.append(declare(f"{key}{MEASURED}", about, 1.0))
         if unit != "-":
             units[key] = unit
     body = [

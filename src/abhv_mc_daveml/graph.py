@@ -150,11 +150,7 @@ class Model:
 
 def read_model(path: Path) -> Model:
     """Read a DAVE-ML file. Raise InputError, with line and column, if it is invalid."""
-    root, content = read_xml(path, "a DAVE-ML file")
-    if root.name != "DAVEfunc":
-        raise root.refuse(
-            f"found the element '{root.name}'", "the element 'DAVEfunc' of a DAVE-ML file"
-        )
+    root, content = read_xml(path, "a DAVE-ML file", "DAVEfunc")
     look_ups = read_look_ups(root)
     names = _name_variables(root.all("variableDef"))
     variables = {
@@ -210,10 +206,7 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
                 f"'{identifier}' has {problem}", "one function, or one MathML element in 'math'"
             )
         formula, needs = read_formula(maths.children[0], names)
-    marked = any(
-        node.first(name) is not None
-        for name in ("isInput", "isControl", "isDisturbance", "isState")
-    )
+    marks = ("isInput", "isControl", "isDisturbance", "isState")
     initial = node.bound("initialValue")
     return Variable(
         identifier=identifier,
@@ -228,8 +221,10 @@ def _read_variable(node: Node, look_ups: dict[str, LookUp], names: dict[str, str
         formula=formula,
         look_up=look_up,
         needs=tuple(needs),
-        is_input=formula is None and look_up is None and (marked or initial is None),
-        is_output=node.first("isOutput") is not None,
+        is_input=formula is None
+        and look_up is None
+        and (bool(node.all(*marks)) or initial is None),
+        is_output=bool(node.all("isOutput")),
         line=node.line,
         uncertainty=_read_uncertainty(node),
     )
@@ -261,24 +256,23 @@ def _read_uncertainty(node: Node) -> Uncertainty | None:
 def _in_order(path: Path, variables: dict[str, Variable]) -> dict[str, Variable]:
     """Return the variables in an order in which each variable follows its operands."""
     done: dict[str, Variable] = {}
-    for start in variables:
-        pending = [start]
-        while pending:
-            name = pending[-1]
-            waiting = [needed for needed in variables[name].needs if needed not in done]
-            if name in done or not waiting:
-                done.setdefault(name, variables[name])
-                pending.pop()
-            elif waiting[0] in pending:
-                circle = " of ".join([*pending[pending.index(waiting[0]) :], waiting[0]])
-                raise InputError(
-                    path,
-                    f"the definition is circular ({circle})",
-                    "variables that do not depend on themselves",
-                    variables[name].line,
-                )
-            else:
-                pending.append(waiting[0])
+
+    def add(name: str, dependent: tuple[str, ...]) -> None:
+        if name in dependent:
+            circle = " of ".join([*dependent[dependent.index(name) :], name])
+            raise InputError(
+                path,
+                f"the definition is circular ({circle})",
+                "variables that do not depend on themselves",
+                variables[name].line,
+            )
+        if name not in done:
+            for needed in variables[name].needs:
+                add(needed, (*dependent, name))
+            done[name] = variables[name]
+
+    for name in variables:
+        add(name, ())
     return done
 
 

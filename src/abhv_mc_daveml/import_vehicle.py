@@ -254,28 +254,21 @@ def _write_parts(
 
 def _constants(models: Sequence[Model], answers: Answers) -> dict[str, float]:
     """Return reference dimensions and mass properties in SI, preferring earlier files."""
-    expected = ("area", "span", "chord", "mass", "inertia_xx", "inertia_yy", "inertia_zz",
-                "inertia_zx", "inertia_xy", "inertia_yz", "center_of_gravity_x",
-                "center_of_gravity_y", "center_of_gravity_z")  # fmt: skip
     constants: dict[str, float] = {}
     for model in models:
         outputs = {
             name: variable
             for name, variable in find_signals(model.outputs).items()
-            if name in expected
+            if name in ("area", "span", "chord", "mass")
+            or name.startswith(("inertia_", "center_of_gravity_"))
         }
-        if not outputs:
-            continue
-        input_values = {
-            v.key: answers[model.path.name].get(v.identifier, v.initial) for v in model.inputs
-        }
-        numbers = {
-            key: value if isinstance(value, float | int) else 0.0
-            for key, value in input_values.items()
-        }
-        results: Any = (
-            make_function(model)(**numbers) if any(v.computed for v in outputs.values()) else None
-        )
+        results: Any = None
+        if any(v.computed for v in outputs.values()):
+            file_answers = answers[model.path.name]
+            numbers = {v.key: file_answers.get(v.identifier, v.initial) for v in model.inputs}
+            results = make_function(model)(
+                **{k: x if isinstance(x, float | int) else 0.0 for k, x in numbers.items()}
+            )
         for name, variable in outputs.items():
             value = getattr(results, variable.key) if variable.computed else variable.initial
             constants.setdefault(name, float(value or 0.0) * signed_factor(model, variable, name))

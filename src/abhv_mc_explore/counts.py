@@ -32,15 +32,11 @@ _SHARES = {
     "failed": "and outcome <> 'ok'",
     "ok": "and outcome = 'ok'",
 }  # SQL conditions of the outcome filters; each requirement adds a further filter
-_OWN = (
-    "rank",
-    "flight",
-    "controller",
-    "outcome",
-)  # columns by which the list can be sorted in addition to the numeric columns
 # columns of the rank and worst metric; unlike names of metrics, their names contain spaces
 _RANK = '"its rank"'
 _BY = "worst in"
+# columns, besides the numeric columns, by which the list can be sorted
+_SORTED = {"rank": _RANK, "flight": "flight", "controller": "controller", "outcome": "outcome"}
 
 
 @dataclass(frozen=True)
@@ -100,24 +96,15 @@ def open_flights(root: Path) -> Iterator[FlightTable]:
             f"{listed} from flights join ranks using (controller, flight)"
         )
         connection.unregister("ranks")
-        extremes = (
-            connection.execute(f"select {', '.join(map(_ends, columns))} from shown").fetchone()
-            or ()
-        )
-        ends = {
-            name: (float(extremes[2 * i]), float(extremes[2 * i + 1]))
-            for i, name in enumerate(columns)
-        }
+        query = f"select count(*), {', '.join(map(_ends, columns))} from shown"
+        total, *extremes = connection.execute(query).fetchone() or (0,)
+        ends = dict(zip(columns, zip(extremes[::2], extremes[1::2], strict=True), strict=True))
         labels = full_labels(results.folder, names)
         colors = controller_colors(names)
         channels = [channel.name for channel in results.campaign.channels]
         view = describe_flights(results, labels, colors, ends, channels)
-        (total,) = connection.execute("select count(*) from shown").fetchone() or (0,)
-        view |= {
-            "total": total,
-            "left": "",
-            "histories": False,
-        }  # Flights are re-run; their histories are not read from files.
+        # Flights are re-run; their histories are not read from files.
+        view |= {"total": total, "left": "", "histories": False}
         yield FlightTable(
             connection,
             {column["name"]: column["ends"] for column in view["columns"]},
@@ -134,16 +121,17 @@ def _ranks(results: FlownCampaign) -> Any:
     import pyarrow as pa
 
     parts = []
-    required = results.campaign.requirements
     for name in results.controllers:
         flights = results.flights[name]
-        ranking = results.ranking
-        columns: dict[str, Any] = {"flight": flights.flight, _RANK[1:-1]: ranking.ranks_of(name)}
-        columns[_BY] = ranking.criterion_index[name]
-        columns |= {
-            f"missed {k}": requirement_failures(flights, item) for k, item in enumerate(required)
+        columns: dict[str, Any] = {
+            "controller": [name] * flights.flight.size,
+            "flight": flights.flight,
+            _RANK[1:-1]: results.ranking.ranks_of(name),
+            _BY: results.ranking.criterion_index[name],
         }
-        parts.append(pa.table({"controller": [name] * flights.flight.size, **columns}))
+        for k, item in enumerate(results.campaign.requirements):
+            columns[f"missed {k}"] = requirement_failures(flights, item)
+        parts.append(pa.table(columns))
     return pa.concat_tables(parts)
 
 
@@ -153,7 +141,12 @@ def parse_selection(data: Any, table: FlightTable) -> Selection:
     Raise InputError or ValueError if the selection is invalid.
     """
     selection = TypeAdapter(Selection).validate_python(data)
-    for name in (selection.x, selection.y, *selection.brushes, *({selection.sort} - set(_OWN))):
+    for name in (
+        selection.x,
+        selection.y,
+        *selection.brushes,
+        *({selection.sort} - _SORTED.keys()),
+    ):
         if name not in table.ranges:
             raise InputError(
                 "request", f"unknown column {describe(name)}", one_of(list(table.ranges), name)
@@ -228,22 +221,17 @@ def find_nearest(
     Distances are scaled by the ranges of the columns.
     """
     where, values = _condition(table, selection)
-    sizes = [
-        (table.ranges[name][1] - table.ranges[name][0]) or 1.0
-        for name in (selection.x, selection.y)
-    ]
-    x_column = _quoted(selection.x)
-    y_column = _quoted(selection.y)
-    nearest = (
-        table.cursor()
-        .execute(
-            f"select controller, flight from shown where {where} and isfinite({x_column}) and "
-            f"isfinite({y_column}) order by (({x_column} - ?) / ?)^2 + (({y_column} - ?) / ?)^2, "
-            f"{_RANK} limit 1",
-            [*values, x, sizes[0], y, sizes[1]],
-        )
-        .fetchone()
+    terms = []
+    for name, value in ((selection.x, x), (selection.y, y)):
+        low, high = table.ranges[name]
+        where += f" and isfinite({_quoted(name)})"
+        terms.append(f"(({_quoted(name)} - ?) / ?)^2")
+        values += [value, (high - low) or 1.0]
+    query = (
+        f"select controller, flight from shown where {where} order by {' + '.join(terms)}, "
+        f"{_RANK} limit 1"
     )
+    nearest = table.cursor().execute(query, values).fetchone()
     return None if nearest is None else (table.order[nearest[0]], int(nearest[1]))
 
 
@@ -263,15 +251,14 @@ def find_flight(table: FlightTable, controller: str, flight: int) -> dict[str, A
             "the number of a computed flight",
         )
     record = dict(zip(names, row, strict=True))
-    missed = [record[f"missed {k}"] for k in range(len(table.view["requirements"]))]
-    values = {name: record[name] for name in table.ranges}
-    entry = {
+    return {
         "controller": table.order[controller],
         "flight": flight,
         "outcome": record["outcome"],
         "by": record[_BY],
+        "missed": [record[f"missed {k}"] for k in range(len(table.view["requirements"]))],
+        "values": {name: record[name] for name in table.ranges},
     }
-    return {**entry, "missed": missed, "values": values}
 
 
 def list_flights(table: FlightTable, selection: Selection) -> tuple[list[str], Iterator[list[Any]]]:
@@ -316,23 +303,15 @@ def _condition(table: FlightTable, selection: Selection) -> tuple[str, list[Any]
 
 def _order(selection: Selection) -> str:
     """Return the SQL order of flights; ties are sorted worst first."""
-    key = (
-        _RANK
-        if selection.sort == "rank"
-        else selection.sort
-        if selection.sort in _OWN
-        else _finite(selection.sort)
-    )
+    key = _SORTED.get(selection.sort) or _finite(selection.sort)
     return f"order by {key} {'desc' if selection.down else 'asc'} nulls last, {_RANK}"
 
 
 def _bin(ends: Sequence[float], name: str, bins: int) -> tuple[str, list[float]]:
     """Return the SQL expression of a column's bin, 0 to `bins` - 1, with parameters."""
     low, high = ends
-    return f"least(floor(({_quoted(name)} - ?) / ?), {bins - 1})::integer", [
-        low,
-        ((high - low) or 1.0) / bins,
-    ]
+    width = ((high - low) or 1.0) / bins
+    return f"least(floor(({_quoted(name)} - ?) / ?), {bins - 1})::integer", [low, width]
 
 
 def _finite(name: str) -> str:

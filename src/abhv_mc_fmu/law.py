@@ -21,7 +21,7 @@ from abhv_mc.custom_code.child import check_may_run
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.input_error import InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_any, parse_unit, unit_of
-from abhv_mc_fmu.loop import FLAGS, FLOAT, Wire, compile_fmu_adapter, pack
+from abhv_mc_fmu.loop import FLAGS, FLOAT, INTEGERS, Wire, compile_fmu_adapter, pack
 from abhv_mc_vehicle.kernel.laws.user import MAX_MEMORY
 from abhv_mc_vehicle.user_code.effector_commands import effector_rows, find_commanded
 from abhv_mc_vehicle.user_code.law_interface import find_unit
@@ -44,10 +44,7 @@ _FUNCTIONS = {
 _KINDS = {  # type in FMI 3.0, by FMI version and type of a variable
     2: {"Real": FLOAT, "Integer": "Int32", "Enumeration": "Int32", "Boolean": "Boolean4"},
     3: {
-        **{name: name for name in (FLOAT, "Float32")},
-        **{
-            f"{sign}Int{bits}": f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)
-        },
+        **{name: name for name in (FLOAT, "Float32", *INTEGERS)},
         "Enumeration": "Int64",
         "Boolean": "Boolean1",
     },
@@ -232,10 +229,9 @@ def find_states(source: UserSource, *_: Floats) -> dict[str, float] | None:
 
     Call this function in the child process.
     """
-    starts = {
-        name: start for name, (_, start) in load_fmu(source).states.items() if start is not None
-    }
-    return starts if len(starts) == len(load_fmu(source).states) <= MAX_MEMORY else None
+    states = load_fmu(source).states
+    starts = {name: start for name, (_, start) in states.items() if start is not None}
+    return starts if len(starts) == len(states) <= MAX_MEMORY else None
 
 
 def _make_instantiate(
@@ -280,20 +276,16 @@ def _wire(
             f"the variable '{name}' has the type {variable.type}",
             f"a scalar with a type that is {one_of(kinds)}",
         )
-    unit = variable.unit or (
-        variable.declaredType.unit if variable.declaredType is not None else None
-    )
+    unit = variable.unit or (variable.declaredType and variable.declaredType.unit)
     if not unit:
         return Wire(quantity, int(variable.valueReference), 1.0, 0.0, kind)
-    base = {definition.name: definition.baseUnit for definition in description.unitDefinitions}.get(
-        unit
-    )
+    bases = {definition.name: definition.baseUnit for definition in description.unitDefinitions}
+    base = bases.get(unit)
     try:
-        factor, exponents = (
-            parse_unit(unit)
-            if base is None
-            else (base.factor, (base.m, base.kg, base.s, base.rad, base.K))
-        )
+        if base is None:
+            factor, exponents = parse_unit(unit)
+        else:
+            factor, exponents = base.factor, (base.m, base.kg, base.s, base.rad, base.K)
     except Refusal:
         raise InputError(
             file,
@@ -305,12 +297,11 @@ def _wire(
     # Units of FMUs often omit the radian, so it is not compared for quantities with a dimension.
     compared = 5 if value is not None and not any(dimension) else 3
     if expected is not None and exponents[:compared] != dimension[:compared]:
-        problem = (
-            f"'{name}' has the unit {unit}"
-            if value is None
-            else f"found '{name}: {value}' for a parameter in {unit}"
-        )
-        raise InputError(file, problem, f"a quantity in {expected if value is None else unit}")
+        if value is not None:
+            raise InputError(
+                file, f"found '{name}: {value}' for a parameter in {unit}", f"a quantity in {unit}"
+            )
+        raise InputError(file, f"'{name}' has the unit {unit}", f"a quantity in {expected}")
     offset = 0.0 if base is None else base.offset
     return Wire(quantity, int(variable.valueReference), factor, offset, kind)
 
@@ -365,24 +356,17 @@ def open_fmu(
         wire: (parse_any(recipe["params"][wire.name]) - wire.offset) / wire.factor
         for wire in fmu.params
     }
-    wires = [wire for group in (fmu.params, fmu.inputs, fmu.outputs) for wire in group]
-    typed = [wire for wire in wires if wire.kind != FLOAT]
-    values = np.concatenate(
-        [
-            [value for wire, value in starts.items() if wire.kind == FLOAT],
-            np.zeros(len(fmu.outputs) + sum(wire.kind == FLOAT for wire in fmu.inputs)),
-            np.zeros(FLAGS + len(states)),
-            np.array([pack(wire.kind, starts.get(wire, 0.0)) for wire in typed], np.int64).view(
-                np.float64
-            ),
-        ]
-    )
-    groups = [
-        [wire.reference for wire in group if wire.kind == FLOAT]
-        for group in (fmu.params, fmu.inputs, fmu.outputs)
+    groups = fmu.params, fmu.inputs, fmu.outputs
+    floats = [[wire for wire in group if wire.kind == FLOAT] for group in groups]
+    typed = [wire for group in groups for wire in group if wire.kind != FLOAT]
+    packed = np.array([pack(wire.kind, starts.get(wire, 0.0)) for wire in typed], np.int64)
+    zeros = np.zeros(len(floats[1]) + len(fmu.outputs) + FLAGS + len(states))
+    values = np.concatenate([[starts[wire] for wire in floats[0]], zeros, packed.view(np.float64)])
+    numbers = [wire.reference for wire in typed]
+    references = [
+        np.array(group or [0], np.uint32)
+        for group in (*([wire.reference for wire in group] for group in floats), states, numbers)
     ]
-    references = [np.array(group or [0], np.uint32) for group in (*groups, states)]
-    references.append(np.array([wire.reference for wire in typed] or [0], np.uint32))
     functions, typed_functions = (
         [int(ctypes.cast(function, ctypes.c_void_p).value or 0) for function in group]
         for group in (fmu.functions, fmu.typed)

@@ -9,16 +9,15 @@ import numpy as np
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.laws.user import MEMORY
 from abhv_mc_vehicle.kernel.numerics.float_bits import bits_float, float_bits
-from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS, indent, lane_of
-from abhv_mc_vehicle.user_code.law_interface import COMMAND_FIELDS, Measured, onboard_fields
+from abhv_mc_vehicle.user_code.compiled import COMMAND_ROWS, INPUT_ROWS, indent, lane_of
+from abhv_mc_vehicle.user_code.law_interface import COMMAND_FIELDS
 from abhv_mc_vehicle.user_code.native_loop import build_native
 
 FLAGS = 8  # array elements reserved for the flags that a step returns in FMI 3.0
 
 
 FLOAT = "Float64"
-_INTEGERS = {f"{sign}Int{bits}": (not sign, bits) for sign in ("", "U") for bits in (8, 16, 32, 64)}
+INTEGERS = {f"{sign}Int{bits}": (not sign, bits) for sign in ("", "U") for bits in (8, 16, 32, 64)}
 NAMES = {  # names available to the generated code
     "floor": math.floor,
     "int64": np.int64,
@@ -40,7 +39,7 @@ class Wire(NamedTuple):
 
 def _ends(kind: str) -> tuple[float, float]:
     """Return the range of an integer type, within the range of signed 64-bit integers."""
-    signed, bits = _INTEGERS[kind]
+    signed, bits = INTEGERS[kind]
     if bits == 64:
         return (-(2.0**63) if signed else 0.0), 2.0**63 - 1024.0
     return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0) if signed else (0.0, 2.0**bits - 1.0)
@@ -74,7 +73,7 @@ def decode(kind: str, bits: str) -> str:
         return f"(1.0 if ({bits} & {2 ** (8 * int(kind[7:])) - 1}) != 0 else 0.0)"
     if kind == "Float32":
         return f"float64(int32(({bits} << 32) >> 32).view(float32))"
-    signed, width = _INTEGERS[kind]
+    signed, width = INTEGERS[kind]
     if width == 64:
         return f"float64({bits})"
     if signed:
@@ -108,12 +107,10 @@ def compile_fmu_adapter(
 
     def source(name: str) -> str:
         group, _, field = name.partition(".")
-        if group == "measured":
-            return lane(s.MEASURED + Measured._fields.index(field))
+        if name in INPUT_ROWS:
+            return lane(INPUT_ROWS[name])
         if group == "reference":
             return f"row[r + {REFERENCE.index(field)}]"
-        if group == "onboard":
-            return lane(ONBOARD_ROWS[onboard_fields().index(field)])
         return "time" if group == "time" else f"column[k + {gains.index(field)}]"
 
     def to_fmu(wire: Wire) -> str:
@@ -133,10 +130,10 @@ def compile_fmu_adapter(
                 )
         return "inf"
 
-    typed = [wire for wire in (*params, *inputs, *outputs) if wire.kind != FLOAT]
     n_params, n_inputs, n_floats = (
         sum(wire.kind == FLOAT for wire in group) for group in (params, inputs, outputs)
     )
+    typed = [*params[n_params:], *inputs[n_inputs:], *outputs[n_floats:]]
     n_outputs = len(outputs)
     at_outputs = 8 * (n_params + n_inputs)
     at_flags = at_outputs + 8 * n_outputs
@@ -153,8 +150,7 @@ def compile_fmu_adapter(
         arguments = f"(instance, typed_references + {4 * k}, 1, place + {at_typed + 8 * k}{count})"
         return f"failed = max(failed, call_c(context[{15 + k}], {arguments}))"
 
-    typed_in = [wire for wire in inputs if wire.kind != FLOAT]
-    typed_out = [wire for wire in outputs if wire.kind != FLOAT]
+    typed_in, typed_out = inputs[n_inputs:], outputs[n_floats:]
     set_typed = [call_typed(wire) for wire in typed_in]
     fill = [f"value[{i}] = {to_fmu(wire)}" for i, wire in enumerate(inputs[:n_inputs])]
     for wire in typed_in:
@@ -173,7 +169,7 @@ def compile_fmu_adapter(
     begin = [f"failed = max(failed, call_c(setup, {timing}))"] if version == 2 else []
     if n_params:
         begin.append(f"failed = max(failed, {call('put', 'params', n_params, 0)})")
-    begin += [call_typed(wire) for wire in params if wire.kind != FLOAT]
+    begin += [call_typed(wire) for wire in params[n_params:]]
     if rows:
         begin += ["if tick > 0:", *(f"    kept[{i}] = {row}" for i, row in enumerate(rows))]
         begin.append(f"    failed = max(failed, {call('put', 'states', len(rows), at_states)})")

@@ -112,10 +112,7 @@ class Aerodynamics:
         self, node: Node, axes: dict[str, Node]
     ) -> tuple[str, dict[str, tuple[str, str]]]:
         forces = [name for name in axes if name not in _MOMENTS]
-        match = next(
-            (layout for names, layout in _FRAMES.items() if any(name in forces for name in names)),
-            None,
-        )
+        match = next((layout for names, layout in _FRAMES.items() if {*names} & {*forces}), None)
         if match is None:
             raise node.refuse(
                 f"found the {'axis' if len(axes) == 1 else 'axes'} {quoted(axes)}",
@@ -180,17 +177,16 @@ class Aerodynamics:
     def _coefficient(self, operand: Node, key: str, axis: str) -> str:
         """Return a function without its factors of dynamic pressure, area and length."""
         factors = factors_of(operand)
-        names = [
-            property_of(factor)[1] if factor.name in ("property", "p") else "" for factor in factors
-        ]
-        length = _MOMENTS[axis][1] if axis in _MOMENTS else None
+        names = [property_of(f)[1] if f.name in ("property", "p") else "" for f in factors]
+        length = self._known[_MOMENTS[axis][1]] if axis in _MOMENTS else 1.0
         if (rate := next((name for name in UNKNOWN_RATES if name in names), None)) is not None:
-            constants = [constant for constant in factors if constant.name in ("value", "v")]
-            if all(constant.number(constant.text) for constant in constants):
+            if all(
+                factor.number(factor.text) for factor in factors if factor.name in ("value", "v")
+            ):
                 self.notes.append(f"{rate} of {self._pending[-1]}, which is set to 0")
             return "0.0"
         if PRESSURE_AREA not in names and not {DYNAMIC_PRESSURE, AREA} <= set(names):
-            scale = number(self._known[AREA] * (self._known[length] if length else 1.0))
+            scale = number(self._known[AREA] * length)
             text = self._expressions.value(operand, key)
             return tidy(operand, f"{text} / (larger(air.dynamic_pressure, 1e-9) / PSF * {scale})")
         remaining = list(range(len(factors)))
@@ -207,7 +203,9 @@ class Aerodynamics:
         if not take(PRESSURE_AREA):
             take(DYNAMIC_PRESSURE)
             take(AREA)
-        divisor = "" if length is None or take(length) else f" / {number(self._known[length])}"
+        divisor = ""
+        if axis in _MOMENTS and not take(_MOMENTS[axis][1]):
+            divisor = f" / {number(length)}"
         terms = []
         for pair, text in REDUCED:
             if all(any(names[k] == name for k in remaining) for name in pair):
@@ -251,9 +249,9 @@ class Aerodynamics:
         if self.frame == "body":
             raise node.refuse("the model has no lift coefficient to be squared", "the axis LIFT")
         if LIFT_SQUARED not in self._done:
-            lift = [name for name, (_, axis) in self._functions.items() if axis == "LIFT"]
-            for name in lift:
-                self._read(name)
+            for name, (_, axis) in self._functions.items():
+                if axis == "LIFT":
+                    self._read(name)
             total = " + ".join(self._terms.get("LIFT", ())) or "0.0"
             self.body.append(Line(f"cl_squared = ({total}) ** 2", "of the whole lift"))
             self._done[LIFT_SQUARED] = "cl_squared"

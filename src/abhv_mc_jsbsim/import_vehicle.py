@@ -167,11 +167,7 @@ class Imported:
 
 def import_jsbsim(path: Path, folder: Path) -> Imported:
     """Import a JSBSim model into a folder. Raise InputError if the model is unsuitable."""
-    root, content = read_xml(path, "a JSBSim model")
-    if root.name != "fdm_config":
-        raise root.refuse(
-            f"found the element '{root.name}'", "the element 'fdm_config' of a JSBSim model"
-        )
+    root, content = read_xml(path, "a JSBSim model", "fdm_config")
     metrics = _section(root, "metrics")
     node = _section(root, "aerodynamics")
     mass = read_mass(_section(root, "mass_balance"), root.first("propulsion"))
@@ -338,16 +334,14 @@ def _rising_lift(module: str, aerodynamics: Aerodynamics) -> tuple[float, float]
     """Return the range of angles of attack around 0 (deg) in which the lift increases."""
     function = run_module(UserSource(module, _MODULE)).names["coefficients"]
     settings = SimpleNamespace(**{s.key: s.value for s in aerodynamics.settings.values()})
-    controls, rates = (
-        SimpleNamespace(**dict.fromkeys(names, 0.0))
-        for names in (_SURFACES, ("roll_rate", "pitch_rate", "yaw_rate"))
-    )
+    rates = ("roll_rate", "pitch_rate", "yaw_rate")
+    zero = SimpleNamespace(**dict.fromkeys((*_SURFACES, *rates), 0.0))
     lift = []
     angles = np.arange(_ANGLES[0], _ANGLES[1] + 0.25, 0.5)
     for angle in np.radians(angles):
         air = SimpleNamespace(**_LOW_SPEED, angle_of_attack=float(angle))
         try:
-            coefficients = function(air, controls, rates, settings)
+            coefficients = function(air, zero, zero, settings)
         # A function may divide by an angle of 0, for example.
         except (ArithmeticError, ValueError):
             return _ANGLES

@@ -44,6 +44,13 @@ def _angle(stem: str, text: str) -> dict[str, str]:
     }
 
 
+_DEFLECTIONS = {
+    "fcs/left-aileron-pos": "controls.aileron",
+    "fcs/aileron-pos": "controls.aileron",
+    "fcs/right-aileron-pos": "(-controls.aileron)",
+    "fcs/elevator-pos": "controls.elevator",
+    "fcs/rudder-pos": "controls.rudder",
+}
 PROPERTIES = {
     **_angle("aero/alpha", "air.angle_of_attack"),
     **_angle("aero/beta", "air.sideslip"),
@@ -69,24 +76,21 @@ PROPERTIES = {
     "atmosphere/rho-slugs_ft3": "(air.density / SLUG_FT3)",
     "atmosphere/P-psf": "(air.pressure / PSF)",
     "atmosphere/a-fps": "(air.sound_speed / FOOT)",
-    **_angle("fcs/left-aileron-pos", "controls.aileron"),
-    **_angle("fcs/aileron-pos", "controls.aileron"),
-    **_angle("fcs/right-aileron-pos", "(-controls.aileron)"),
-    **_angle("fcs/elevator-pos", "controls.elevator"),
-    **_angle("fcs/rudder-pos", "controls.rudder"),
-}  # fmt: skip
-NORMS = {  # deflections as fractions of full deflection
-    "fcs/left-aileron-pos-norm": ("fcs/left-aileron-pos-rad", "controls.aileron"),
-    "fcs/aileron-pos-norm": ("fcs/aileron-pos-rad", "controls.aileron"),
-    "fcs/right-aileron-pos-norm": ("fcs/right-aileron-pos-rad", "(-controls.aileron)"),
-    "fcs/elevator-pos-norm": ("fcs/elevator-pos-rad", "controls.elevator"),
-    "fcs/rudder-pos-norm": ("fcs/rudder-pos-rad", "controls.rudder"),
+    **{
+        name: text
+        for stem, deflection in _DEFLECTIONS.items()
+        for name, text in _angle(stem, deflection).items()
+    },
 }
-REDUCED = (  # pairs of factors whose product is a reduced rate
-    *((("aero/bi2vel", f"velocities/p{end}"), "rates.roll_rate")
-      for end in ("-aero-rad_sec", "-rad_sec")),
-    *((("aero/ci2vel", f"velocities/q{end}"), "rates.pitch_rate")
-      for end in ("-aero-rad_sec", "-rad_sec")),
-    *((("aero/bi2vel", f"velocities/r{end}"), "rates.yaw_rate")
-      for end in ("-aero-rad_sec", "-rad_sec")),
-)  # fmt: skip
+NORMS = {  # deflections as fractions of full deflection
+    f"{stem}-norm": (f"{stem}-rad", deflection) for stem, deflection in _DEFLECTIONS.items()
+}
+REDUCED = [  # pairs of factors whose product is a reduced rate
+    ((time, f"velocities/{letter}{end}"), f"rates.{rate}")
+    for time, letter, rate in (
+        ("aero/bi2vel", "p", "roll_rate"),
+        ("aero/ci2vel", "q", "pitch_rate"),
+        ("aero/bi2vel", "r", "yaw_rate"),
+    )
+    for end in ("-aero-rad_sec", "-rad_sec")
+]

@@ -4,7 +4,6 @@ import contextlib
 import ctypes
 import hashlib
 import json
-import sys
 from typing import Any
 
 import numpy as np
@@ -14,17 +13,12 @@ from abhv_mc.custom_code.source import UserSource
 from abhv_mc.external_simulators.process import LostFlightError, Process
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.io.phrases import notify
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
-from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.user_code.compiled import COMMAND_ROWS, ONBOARD_ROWS
+from abhv_mc_vehicle.user_code.compiled import COMMAND_ROWS, INPUT_ROWS
 from abhv_mc_vehicle.user_code.effector_commands import effector_rows, find_commanded
-from abhv_mc_vehicle.user_code.law_interface import (
-    COMMAND_FIELDS,
-    NOT_GIVEN,
-    Measured,
-    onboard_fields,
-)
+from abhv_mc_vehicle.user_code.law_interface import COMMAND_FIELDS, NOT_GIVEN
 from abhv_mc_vehicle.user_code.module import describe_exception
 from abhv_mc_vehicle.user_code.native_loop import LawBackend, OpenLaw
 from abhv_mc_vehicle.user_code.plain_law import SOCKET, failures
@@ -35,11 +29,7 @@ _LANE = 1 + len(REFERENCE)
 _POSITIONS = {
     "time": 0,
     **{f"reference.{name}": 1 + i for i, name in enumerate(REFERENCE)},
-    **{f"measured.{name}": _LANE + s.MEASURED + i for i, name in enumerate(Measured._fields)},
-    **{
-        f"onboard.{name}": _LANE + row
-        for name, row in zip(onboard_fields(), ONBOARD_ROWS, strict=True)
-    },
+    **{name: _LANE + row for name, row in INPUT_ROWS.items()},
 }
 
 
@@ -79,12 +69,11 @@ class ProcessLaw:
         rows = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True))
         rows |= zip(find_commanded(source), effector_rows(source, effectors), strict=True)
         self._rows = [rows[name] for name in self._outputs]
-        files = ((name, hashlib.sha256(content).hexdigest()) for name, content in source.files)
         self._plan = UserPlan(
             controller="",
             command=tuple(recipe["command"]),
             folder=str(unpack(source)),
-            files=tuple(files),
+            files=tuple((name, hashlib.sha256(data).hexdigest()) for name, data in source.files),
             python="",
             settings="",
             inputs=(),
@@ -157,7 +146,7 @@ class ProcessLaw:
         lane[list(COMMAND_ROWS)] = 0.0
         reason = describe_exception(error)
         if self._source.hash not in failures:
-            print(f"{self._source.file}: {reason}", file=sys.stderr, flush=True)
+            notify(f"{self._source.file}: {reason}")
         failures[self._source.hash] = None, reason
 
 

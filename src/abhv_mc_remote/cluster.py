@@ -7,7 +7,6 @@ join and leave during a campaign.
 
 import logging
 import os
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -33,6 +32,7 @@ from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Engine, Fly, OpenExecutor, Recorded
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import notify
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten
 from abhv_mc_vehicle.kernel.jit import set_compile_listener
@@ -114,10 +114,8 @@ def _report_compiling(_function: Any, elsewhere: bool) -> Iterator[None]:
 
 
 def _print_compiling(event: tuple[float, str]) -> None:
-    print(
-        f"worker {event[1]} compiles the flight code (a minute per machine and kind of campaign)",
-        file=sys.stderr,
-        flush=True,
+    notify(
+        f"worker {event[1]} compiles the flight code (a minute per machine and kind of campaign)"
     )
 
 
@@ -259,7 +257,7 @@ def connect_cluster(address: str) -> Iterator[OpenExecutor]:
         try:
             while not client.nthreads():
                 if not has_waited:
-                    print(f"waiting for workers at {address}", file=sys.stderr, flush=True)
+                    notify(f"waiting for workers at {address}")
                     has_waited = True
                 time.sleep(0.2)
             yield partial(Cluster, client)

@@ -15,7 +15,6 @@ import json
 import os
 import platform
 import shutil
-import sys
 import tempfile
 import threading
 import time
@@ -31,6 +30,7 @@ from pyarrow import fs as pyarrow_fs
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError, is_inside
 from abhv_mc.io.address import Address
 from abhv_mc.io.input_error import InputError
+from abhv_mc.io.phrases import notify
 
 _PATIENCE = 20.0  # time limit in s for replies of Google Cloud Storage
 _OBJECT_STORES = ("s3", "gcs", "abfs")
@@ -149,11 +149,7 @@ class Lease:
             try:
                 self.renew()
             except InputError as error:
-                print(
-                    f"{error}\nThis run stops and writes nothing more to this address.",
-                    file=sys.stderr,
-                    flush=True,
-                )
+                notify(f"{error}\nThis run stops and writes nothing more to this address.")
                 _thread.interrupt_main()
                 return
             except (OSError, pa.ArrowException):  # The next renewal may succeed.
@@ -258,11 +254,7 @@ class Remote:
             if p.is_file()
         ]
         for name in names:
-            if (
-                name != _MANIFEST
-                and not name.startswith(LEASE_NAME)
-                and not name.endswith(".temporary")
-            ):
+            if not (name.startswith((_MANIFEST, LEASE_NAME)) or name.endswith(".temporary")):
                 self._upload(name)
         if content is not None:
             self._write(_MANIFEST, content)
@@ -364,11 +356,7 @@ def _push(remote: Remote, ended: threading.Event) -> None:
         try:
             remote.push()
         except (OSError, pa.ArrowException) as error:  # The next copy may succeed.
-            print(
-                f"{remote.store.address}: {remote.store.address.explain(error)}",
-                file=sys.stderr,
-                flush=True,
-            )
+            notify(f"{remote.store.address}: {remote.store.address.explain(error)}")
         except InputError:  # Another process took over the lease; the copy stays local.
             return
 

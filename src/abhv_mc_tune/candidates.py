@@ -253,7 +253,7 @@ class Trials:
         path = self.folder / f"{_digest(key)}.npy"
         stored = read_array(path)
         shape = len(parameters), len(columns)
-        if stored is not None and (stored.shape, stored.dtype) == (shape, np.float64):
+        if stored is not None and stored.shape == shape and stored.dtype == np.float64:
             return np.array(stored)
         values = make()
         write_array(path, values)

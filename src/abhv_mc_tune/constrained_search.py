@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import make_generator
 
+_STEP = 0.25  # initial standard deviation
+_POPULATION = 16  # number of candidates of a generation
 _STALE = 15  # number of generations without improvement before a restart at the best candidate
 _SMALL = 0.3  # step after a restart, relative to the initial step
 
@@ -81,13 +83,11 @@ def tune(
     start: Floats,
     candidates: int,
     seed: int = 0,
-    step: float = 0.25,
-    population: int = 16,
 ) -> Tuning:
     """Search the box from -1 to 1, starting at ``start`` [dimension].
 
     ``measure`` scores points [candidate, dimension]; at most ``candidates`` are scored, including
-    the start. ``step`` is the initial standard deviation.
+    the start.
     """
     from cmaes import CMA
 
@@ -100,18 +100,18 @@ def tune(
     starts = 0
     stale = 0
     best = 0
-    while len(points) + population <= candidates:
+    while len(points) + _POPULATION <= candidates:
         if cma is None or cma.should_stop() or stale >= _STALE:
-            mean = np.zeros(max(dimension, 2))
+            mean = np.zeros(len(bounds))
             mean[:dimension] = points[best]
             number = int(make_generator(seed, starts).integers(2**32))
-            sigma = step if starts == 0 else step * _SMALL
+            sigma = _STEP if starts == 0 else _STEP * _SMALL
             cma = CMA(
-                mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=population
+                mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=_POPULATION
             )
             starts = starts + 1
             stale = 0
-        generation = np.array([cma.ask() for _ in range(population)])
+        generation = np.array([cma.ask() for _ in range(_POPULATION)])
         new_scores = measure(generation[:, :dimension])
         cma.tell(list(zip(generation, new_scores.rank().astype(float).tolist(), strict=True)))
         points = np.concatenate([points, generation[:, :dimension]])

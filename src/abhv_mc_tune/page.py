@@ -62,17 +62,11 @@ def plot_front(
     figure = new_figure(3.4)
     axes = figure.subplots()
     finite = np.isfinite(usage) & np.isfinite(error)
-    axes.plot(
-        usage[finite & ~allowed],
-        error[finite & ~allowed],
-        ".",
-        color=INK,
-        alpha=0.3,
-        label="outside a limit",
-    )
-    axes.plot(
-        usage[finite & allowed], error[finite & allowed], ".", color=SKY, label="within all limits"
-    )
+    for mask, color, alpha, label in (
+        (finite & ~allowed, INK, 0.3, "outside a limit"),
+        (finite & allowed, SKY, 1.0, "within all limits"),
+    ):
+        axes.plot(usage[mask], error[mask], ".", color=color, alpha=alpha, label=label)
     axes.plot(
         usage[front],
         error[front],

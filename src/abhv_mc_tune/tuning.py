@@ -3,7 +3,6 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -113,7 +112,7 @@ class TuneFound:
     def as_json(self) -> dict[str, Any]:
         """Return the result as the JSON values that ``--json`` writes."""
         gain = self.difference
-        front = self.tuning.front
+        scores = self.tuning.scores
         return {
             "controller": self.controller,
             "metric": self.block.minimise.metric,
@@ -128,11 +127,11 @@ class TuneFound:
             "validation_flights": self.block.validation,
             "front": [
                 {
-                    "usage": float(self.tuning.scores.usage[i]),
-                    "objective": float(self.tuning.scores.objective[i]),
+                    "usage": float(scores.usage[i]),
+                    "objective": float(scores.objective[i]),
+                    "values": self.numbers.values(self.tuning.points[i]),
                 }
-                | {"values": self.numbers.values(self.tuning.points[i])}
-                for i in front.tolist()
+                for i in self.tuning.front.tolist()
             ],
         }
 
@@ -165,16 +164,12 @@ def read_tune_block(
         else:
             block = validate(document, Tune)
             keys = ()
-    for entry, metric in (
-        (("minimise", "metric"), block.minimise.metric),
-        (("usage", "metric"), block.usage.metric),
-        *(
-            (("limits", i, "metric"), limit.metric)
-            for i, limit in enumerate(block.limits)
-            if not limit.is_margin
-        ),
+    for location, entry in (
+        (("minimise",), block.minimise),
+        (("usage",), block.usage),
+        *((("limits", i), limit) for i, limit in enumerate(block.limits) if not limit.is_margin),
     ):
-        find_metric(campaign, metric, partial(document.error, (*keys, *entry)))
+        find_metric(campaign, entry.metric, partial(document.error, (*keys, *location, "metric")))
     return block, document, keys
 
 
@@ -228,10 +223,11 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
         ]
     )
     folder = out.with_suffix(_CANDIDATES)
-    with hold_lock(folder / ".lock"), ExitStack() as stack:
-        scheduler = stack.enter_context(connect(request.scheduler))
-        executor = stack.enter_context(open_executor(engine, execution, request.workers, scheduler))
-        identity = hashlib.sha256(text.encode()).hexdigest()
+    with (
+        hold_lock(folder / ".lock"),
+        connect(request.scheduler) as scheduler,
+        open_executor(engine, execution, request.workers, scheduler) as executor,
+    ):
         needs_margins = {block.minimise.metric, block.usage.metric} & set(MARGIN_NAMES)
         trials = Trials(
             campaign=campaign,
@@ -240,7 +236,7 @@ def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
             engine=engine,
             space=space,
             folder=folder,
-            identity=identity,
+            identity=hashlib.sha256(text.encode()).hexdigest(),
             executor=executor,
             vehicles=vehicles_of(campaign, block),
             margins_at=block.margins_at,
@@ -310,8 +306,8 @@ def _validate(
     )
     limited_margins = {item.metric for item in limits if item.vehicles == "nominal"}
     margins = [
-        Comparison(metric, None, "nominal", float(smallest[0, k]), float(smallest[1, k]))
-        for k, metric in enumerate(MARGIN_NAMES)
+        Comparison(metric, None, "nominal", *values)
+        for metric, *values in zip(MARGIN_NAMES, *smallest.tolist(), strict=True)
         if metric not in limited_margins
     ]
     compared = [(aim.metric, aim.quantile), *((entry.metric, entry.quantile) for entry in limits)]

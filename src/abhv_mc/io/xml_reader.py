@@ -79,8 +79,11 @@ class Node:
         return self.number(self.attributes[name]) if name in self.attributes else None
 
 
-def read_xml(path: Path, kind: str) -> tuple[Node, bytes]:
-    """Return a file's root element and bytes. Raise InputError if the file is invalid."""
+def read_xml(path: Path, kind: str, name: str = "") -> tuple[Node, bytes]:
+    """Return a file's root element and bytes.
+
+    Raise InputError if the file is invalid, or if its root element does not have the given name.
+    """
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -121,4 +124,7 @@ def read_xml(path: Path, kind: str) -> tuple[Node, bytes]:
     except expat.ExpatError as error:
         problem = f"invalid XML ({expat.ErrorString(error.code)})"
         raise InputError(path, problem, kind, error.lineno, error.offset + 1) from None
-    return parents[0].children[0], content
+    (root,) = parents[0].children
+    if name not in ("", root.name):
+        raise root.refuse(f"found the element '{root.name}'", f"the element '{name}' of {kind}")
+    return root, content

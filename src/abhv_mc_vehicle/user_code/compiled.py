@@ -33,6 +33,7 @@ from abhv_mc_vehicle.user_code.law_interface import (
     Sensed,
     Thrust,
     nest,
+    onboard_fields,
 )
 from abhv_mc_vehicle.user_code.load_law import load_law
 from abhv_mc_vehicle.user_code.module import MODULE, Law, Module, code_hash, refuse_in_words
@@ -48,6 +49,11 @@ ONBOARD_ROWS = (
     *range(ONBOARD, ONBOARD + N_ONBOARD),
     *range(s.CMD, s.CMD + 4),
 )  # lane-memory rows of the values of Onboard
+# lane-memory row of each quantity that laws outside of compiled code read
+INPUT_ROWS = {
+    **{f"measured.{name}": s.MEASURED + i for i, name in enumerate(Measured._fields)},
+    **{f"onboard.{name}": row for name, row in zip(onboard_fields(), ONBOARD_ROWS, strict=True)},
+}
 COMMANDS = "commands."  # prefix of the names of command columns
 WANTED = "code with only floats, named tuples and functions of them, or @controller(compiled=False)"
 _NOISE = re.compile(
