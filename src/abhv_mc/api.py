@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.entry_points import needs_vehicle
-from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.io.input_error import check_mapping
-from abhv_mc.io.phrases import grouped_digits, quoted
+from abhv_mc.io.messages import InputError, InputErrors, check_mapping, grouped_digits, quoted
 from abhv_mc.requests import Paths, RareRequest, Request, WorstRequest, check_count, takes
 from abhv_mc.results import Results, as_html, open_results
 from abhv_mc.shipped import find_input

@@ -24,7 +24,7 @@ from abhv_mc.flights.outcomes import Outcome, Outcomes, simulator_outcomes
 from abhv_mc.flights.signals import Signal
 from abhv_mc.flights.timing import Timing
 from abhv_mc.identity import code_hash
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 Recorded = Recording | int | None  # an int is the number of control ticks between samples
 

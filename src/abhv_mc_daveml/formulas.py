@@ -10,8 +10,7 @@ import math
 from collections.abc import Mapping
 
 from abhv_mc import extend
-from abhv_mc.io.input_error import one_of
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted, one_of
 from abhv_mc.io.xml_reader import Node
 from abhv_mc_vehicle.user_code.module_text import number
 

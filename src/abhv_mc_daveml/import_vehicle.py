@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.io.documents import InputError, Refusal, found_value, one_of, read_document
-from abhv_mc.io.phrases import joined, quoted
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.messages import InputError, Refusal, found_value, joined, one_of, quoted
 from abhv_mc.io.units import KELVIN
 from abhv_mc.io.xml_reader import fold
 from abhv_mc_daveml.adapters import (

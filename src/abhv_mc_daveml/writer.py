@@ -13,8 +13,7 @@ import numpy as np
 
 from abhv_mc import extend
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, InputErrors, quoted
 from abhv_mc.io.xml_reader import fold
 from abhv_mc_daveml.formulas import FROM_MATH, MODEL, OUTPUTS, TAKEN
 from abhv_mc_daveml.graph import Model, Variable

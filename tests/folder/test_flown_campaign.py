@@ -17,7 +17,7 @@ from abhv_mc.folder.file_columns import SpooledColumns
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.folder.samples import SampleReader, write_samples
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.plant.parameters import OURS
 

@@ -16,7 +16,7 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 
 EQUAL_BITS = "equal the stored metrics bit for bit"  # text for identical metrics
 

@@ -12,8 +12,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from abhv_mc.io.address import read_address
-from abhv_mc.io.input_error import InputError, Refusal
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.messages import InputError, Refusal, joined
 from abhv_mc.requests import Option, options_of
 from abhv_mc.shipped import find_input, shipped_files
 

@@ -19,7 +19,7 @@ from abhv_mc.cli.options import (
     takes_options,
 )
 from abhv_mc.cli.printing import announce_compiling, print_section, say, show_result, text_stream
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import RareRequest, WorstRequest
 
 

@@ -36,7 +36,7 @@ from abhv_mc.folder.opening import find_stored_plans
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Plan, Recorded, Simulator
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ from abhv_mc.folder.manifest import (
 )
 from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine, Fly, Plan
-from abhv_mc.io.phrases import grouped_digits, notify
+from abhv_mc.io.messages import grouped_digits, notify
 from abhv_mc.requests import Request
 
 _SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest

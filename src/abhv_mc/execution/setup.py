@@ -44,9 +44,8 @@ from abhv_mc.folder.requirement_sets import (
 from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
-from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.io.phrases import counted, notify, quoted
+from abhv_mc.io.messages import InputError, counted, notify, quoted
 from abhv_mc.requests import Request
 
 

@@ -27,8 +27,7 @@ from abhv_mc.folder.manifest import RUNNING, write_manifest
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.requirement_sets import mark_later_choices, replace_requirements
 from abhv_mc.folder.samples import SampleReader, write_samples
-from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, InputErrors, counted
 from abhv_mc.statistics.table_checks import Column, TableFindings, check_table, half_steps
 
 

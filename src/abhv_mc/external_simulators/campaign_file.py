@@ -10,16 +10,9 @@ from pydantic import Field, model_validator
 from abhv_mc.campaign.file.config import Execution
 from abhv_mc.campaign.file.systems import Contents, SystemsCampaign, read_systems
 from abhv_mc.custom_code.read_guard import is_regular
-from abhv_mc.io.documents import (
-    CommaKeys,
-    Document,
-    Problems,
-    Refusal,
-    StrictModel,
-    YesNo,
-    one_of,
-)
+from abhv_mc.io.documents import CommaKeys, Document, Problems, StrictModel, YesNo
 from abhv_mc.io.input_files import expand
+from abhv_mc.io.messages import Refusal, one_of
 from abhv_mc.io.units import Time
 
 

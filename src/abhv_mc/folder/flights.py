@@ -23,7 +23,7 @@ from abhv_mc.flights.outcomes import OUTCOMES, Outcome, Outcomes
 from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.flights.signals import Signal
 from abhv_mc.folder.layout import write_whole
-from abhv_mc.io.input_error import is_exhausted
+from abhv_mc.io.messages import is_exhausted
 from abhv_mc.io.parquet_columns import column_values, number_column, text_column
 
 END_TIME = Signal("end_time_s", "s", "time at which the flight ended")

@@ -31,7 +31,7 @@ from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.folder.requirement_sets import count_known_flights, mark_later_choices
 from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.io.parquet_columns import column_values, distinct_texts
 from abhv_mc.statistics.circular import move_near
 

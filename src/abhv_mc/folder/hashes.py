@@ -20,7 +20,7 @@ from abhv_mc.folder.layout import CampaignFolder, hash_file, recording
 from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.interfaces import REMEDY
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 DAMAGED = "the file is damaged or was changed after the run"
 REPLACED = "a run replaced files of this folder while the files were read"

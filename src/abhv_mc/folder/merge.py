@@ -37,8 +37,7 @@ from abhv_mc.folder.manifest import (
 )
 from abhv_mc.folder.opening import read_stored_arrays
 from abhv_mc.folder.samples import SampleReader
-from abhv_mc.io.documents import InputError
-from abhv_mc.io.phrases import counted, joined
+from abhv_mc.io.messages import InputError, counted, joined
 
 _ONE_CAMPAIGN = "shards of one campaign"
 _ONE_QUESTION = "campaigns that differ only in their seed and number of flights"

@@ -16,7 +16,7 @@ from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest, write_manifest
 from abhv_mc.interfaces import REMEDY, Arrays, Plan, StoredPlans
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 
 @dataclass(frozen=True)

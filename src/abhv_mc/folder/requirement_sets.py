@@ -19,7 +19,7 @@ from abhv_mc.folder.inputs import read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest, RequirementSet, write_manifest
 from abhv_mc.io.documents import read_document, write_document
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted
 
 _HEAD = "Requirements by which the flights of this folder were judged, until the next set."
 

@@ -13,8 +13,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from abhv_mc.io.input_error import InputError, describe, found_value, is_printable
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import InputError, describe, found_value, grouped_digits, is_printable
 from abhv_mc.io.units import NUMBER
 
 Place = tuple[int, int]

@@ -28,26 +28,15 @@ from pydantic import (
 from pydantic_core import to_jsonable_python
 
 from abhv_mc.io.document_reader import Place, Plain, compose
-from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, found_value, one_of
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.phrases import counted
-
-__all__ = [
-    "CommaKeys",
-    "Document",
-    "File",
-    "InputError",
-    "InputErrors",
-    "Problems",
-    "Refusal",
-    "StrictModel",
-    "describe",
-    "found_value",
-    "one_of",
-    "read_document",
-    "validate",
-    "write_document",
-]
+from abhv_mc.io.messages import (
+    InputError,
+    InputErrors,
+    Refusal,
+    counted,
+    found_value,
+    one_of,
+)
 
 M = TypeVar("M", bound=BaseModel)
 Key = str | int

@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.io.input_error import InputError, Refusal, describe
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.messages import InputError, Refusal, counted, describe, quoted
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
 
 if TYPE_CHECKING:  # Workers read no tables and do not need to import pyarrow.

@@ -16,7 +16,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from abhv_mc.io.input_error import Refusal, describe, found_value, one_of
+from abhv_mc.io.messages import Refusal, describe, found_value, one_of
 
 # decimal number; \d would also match digits of other scripts
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"

@@ -21,7 +21,7 @@ from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.foreign_table import ForeignTable, NumberTable, read_foreign_table
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.io.units import parse_in_any_unit, parse_unit
 from abhv_mc.search.search_flights import read_searched
 from abhv_mc.search.space import Space, make_space

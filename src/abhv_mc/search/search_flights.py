@@ -55,9 +55,8 @@ from abhv_mc.folder.opening import FlownFolder, begin_folder, find_stored_plans,
 from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Simulator
-from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import InputError, notify, one_of
 from abhv_mc.requests import Paths, SearchRequest
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import betaln, gammaln
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.statistics.evidence import (
     flights_to_pass,
     log_fail_evidence,

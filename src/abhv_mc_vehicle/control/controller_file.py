@@ -9,15 +9,8 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import ConfigDict, Discriminator, Field, RootModel, Tag, model_validator
 
-from abhv_mc.io.documents import (
-    Document,
-    Refusal,
-    StrictModel,
-    found_value,
-    one_of,
-    read_document,
-    validate,
-)
+from abhv_mc.io.documents import Document, StrictModel, read_document, validate
+from abhv_mc.io.messages import Refusal, found_value, one_of
 from abhv_mc.io.units import Angle, AngularRate, Frequency, Pressure, Time
 from abhv_mc_vehicle.control.law_file import (
     CController,

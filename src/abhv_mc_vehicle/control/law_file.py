@@ -7,8 +7,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import File, StrictModel
 from abhv_mc.io.input_files import expand
+from abhv_mc.io.messages import Refusal, one_of
 from abhv_mc.io.units import Frequency, Time, parse_any, parse_in_unit, parse_unit
 from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc_vehicle.vehicle.shared_keys import located

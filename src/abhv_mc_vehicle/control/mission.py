@@ -17,16 +17,9 @@ from pydantic import (
 )
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.documents import (
-    CommaKeys,
-    File,
-    InputError,
-    Refusal,
-    StrictModel,
-    read_document,
-    validate,
-)
+from abhv_mc.io.documents import CommaKeys, File, StrictModel, read_document, validate
 from abhv_mc.io.input_files import made_once
+from abhv_mc.io.messages import InputError, Refusal
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc_vehicle.control.mission_tables import (
     DENSITIES,

@@ -8,7 +8,8 @@ from typing import Any
 from abhv_mc.custom_code.child import in_child
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
-from abhv_mc.io.documents import Document, InputError, InputErrors
+from abhv_mc.io.documents import Document
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc_vehicle.control.law_file import NATIVE, PYTHON, USER_LAWS
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.flight.interface import TOGETHER, UserCode

@@ -16,7 +16,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE
 from abhv_mc_vehicle.flight.arguments import make_kernel_plan, make_results

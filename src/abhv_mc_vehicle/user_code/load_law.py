@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError, Refusal, one_of
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, Refusal, counted, one_of
 from abhv_mc.io.units import parse_unit
 from abhv_mc_vehicle.kernel.laws.user import MAX_MEMORY
 from abhv_mc_vehicle.user_code.effector_commands import parse_law

@@ -5,8 +5,7 @@ from collections import namedtuple
 from typing import Any
 
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc_vehicle.kernel.laws.user import CHANNEL, MAX_CHANNELS, MEMORY
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.state import STATE_INDEX, X, variable_row

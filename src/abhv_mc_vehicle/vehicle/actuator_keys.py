@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel, YesNo, describe
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import File, StrictModel, YesNo
+from abhv_mc.io.messages import Refusal, describe, quoted
 from abhv_mc.io.units import (
     Acceleration,
     Angle,

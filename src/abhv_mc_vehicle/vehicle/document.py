@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
-from abhv_mc.io.documents import CommaKeys, File, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import CommaKeys, File, StrictModel
+from abhv_mc.io.messages import Refusal, one_of
 from abhv_mc.io.units import (
     ANGLE,
     AREA,

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal
 from abhv_mc.io.units import Angle, HeatFlux, Pressure
 from abhv_mc_vehicle.kernel.plant.vehicle import LoadBounds, Sensing
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table, read_head, split_head
-from abhv_mc.io.input_error import Refusal, one_of
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import Refusal, counted, one_of
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc_vehicle.kernel.plant.vehicle import (
     CHUNK,

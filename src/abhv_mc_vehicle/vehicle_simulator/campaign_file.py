@@ -22,17 +22,8 @@ from abhv_mc.campaign.file.systems import Contents
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED
 from abhv_mc.flights.metrics import MARGIN_NAMES, MARGINS, Metric
 from abhv_mc.flights.signals import Channel
-from abhv_mc.io.documents import (
-    Document,
-    File,
-    InputError,
-    Problems,
-    Refusal,
-    StrictModel,
-    one_of,
-    read_document,
-)
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.documents import Document, File, Problems, StrictModel, read_document
+from abhv_mc.io.messages import InputError, Refusal, counted, grouped_digits, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.shipped import shipped_files
 from abhv_mc_vehicle.control.mission import read_mission

@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal
 from abhv_mc.io.units import Angle, Length
 from abhv_mc_vehicle.vehicle_simulator.user_metrics import MetricEntry
 

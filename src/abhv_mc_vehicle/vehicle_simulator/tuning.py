@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.flights.metrics import MARGIN_NAMES
-from abhv_mc.io.documents import Refusal, StrictModel
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal, quoted
 from abhv_mc.io.units import TIME, Fraction, parse_quantity
 from abhv_mc.statistics.quantile_pairs import flights_to_bound
 from abhv_mc_vehicle.flight.metrics import ELEVATOR_TRAVEL

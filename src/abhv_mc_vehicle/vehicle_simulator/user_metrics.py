@@ -25,17 +25,8 @@ from abhv_mc.flights.metrics import (
     name_end,
 )
 from abhv_mc.flights.statistic import MAX_DECLARED, Statistic
-from abhv_mc.io.documents import (
-    Document,
-    InputError,
-    Refusal,
-    StrictModel,
-    found_value,
-    one_of,
-    read_document,
-    validate,
-)
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.documents import Document, StrictModel, read_document, validate
+from abhv_mc.io.messages import InputError, Refusal, counted, found_value, one_of, quoted
 from abhv_mc.io.units import Fraction, Time
 from abhv_mc_vehicle.flight.channels import SOURCES
 from abhv_mc_vehicle.flight.compile_metrics import MOST_CHANNELS, source_rows

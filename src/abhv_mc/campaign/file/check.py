@@ -36,16 +36,8 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import (
-    Document,
-    InputErrors,
-    Problems,
-    Refusal,
-    one_of,
-    read_document,
-    validate,
-)
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.documents import Document, Problems, read_document, validate
+from abhv_mc.io.messages import InputErrors, Refusal, counted, one_of, quoted
 from abhv_mc.io.units import parse_in_any_unit
 
 _SAME = 1e-9  # relative tolerance within which nominal values count as equal

@@ -9,7 +9,8 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.unknowns import Unknown, UnknownPoints
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.io.documents import File, Refusal, StrictModel, found_value
+from abhv_mc.io.documents import File, StrictModel
+from abhv_mc.io.messages import Refusal, found_value
 from abhv_mc.io.units import Fraction, Frequency, Time
 
 ALL = "all"

@@ -6,8 +6,8 @@ from pkgutil import resolve_name
 from typing import Any, get_args
 
 from abhv_mc.campaign.file.systems import find_simulator, load_simulators
-from abhv_mc.io.documents import Document, InputError, found_value, read_document
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import Document, read_document
+from abhv_mc.io.messages import InputError, found_value, quoted
 
 _CAMPAIGN = "campaign"
 

@@ -16,8 +16,8 @@ from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.flights.signals import Signal
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.interfaces import Simulator
-from abhv_mc.io.documents import Document, Problems, Refusal, StrictModel, YesNo, one_of
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import Document, Problems, StrictModel, YesNo
+from abhv_mc.io.messages import Refusal, one_of, quoted
 from abhv_mc.io.units import check_angle, parse_in_any_unit
 
 SYSTEMS = "systems"

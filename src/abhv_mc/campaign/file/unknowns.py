@@ -11,8 +11,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
 from abhv_mc.flights.parameters import Parameter, Parameters
-from abhv_mc.io.documents import Problems, StrictModel, one_of
-from abhv_mc.io.phrases import counted, grouped_digits, joined, quoted
+from abhv_mc.io.documents import Problems, StrictModel
+from abhv_mc.io.messages import counted, grouped_digits, joined, one_of, quoted
 from abhv_mc.statistics.unknowns import (
     MOST_UNKNOWNS,
     SEARCH_FLIGHTS,

@@ -27,8 +27,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.marginals import Marginal, clip_probabilities, find_atoms
 from abhv_mc.flights.parameters import Parameters
-from abhv_mc.io.documents import Refusal
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import Refusal, quoted
 
 _LARGEST = 1.0 - 1e-6  # largest normal correlation of discrete values
 _POINTS = 14  # binary logarithm of the number of Sobol points

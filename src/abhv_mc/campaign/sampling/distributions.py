@@ -21,8 +21,8 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.flights.parameters import Parameter
-from abhv_mc.io.documents import Refusal, StrictModel, one_of
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal, counted, one_of, quoted
 from abhv_mc.io.units import Fraction
 
 Value = float | str  # a number, or a string with a unit

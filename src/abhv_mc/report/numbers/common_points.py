@@ -7,8 +7,7 @@ import numpy as np
 from abhv_mc.array_types import Indices, Ints
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, quoted
 
 _SAME = 1e-9  # relative tolerance within which points count as equal
 

@@ -15,9 +15,16 @@ from abhv_mc.search.rare import RareFound
 from abhv_mc.search.search_flights import ENDED_EARLY
 from abhv_mc.topics.formatting import fixed, percent
 from abhv_mc.topics.missed_requirements import limit_words
-from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import FigureText, Picture, Records, Section, Table, make_records
-from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.topic import (
+    Drawn,
+    FigureText,
+    Picture,
+    Records,
+    Section,
+    Table,
+    controller_label,
+    make_records,
+)
 
 
 def make_rare_answer(result: RareFound, folder: Path) -> Answer:

@@ -17,8 +17,7 @@ from abhv_mc.search.search_flights import DRAWN_APART, DrawnFlights, rank_distin
 from abhv_mc.topics.flights.model import channel_of, limit_sides
 from abhv_mc.topics.formatting import percent, shown_value
 from abhv_mc.topics.missed_requirements import limit_words
-from abhv_mc.topics.section import FigureText, Fold
-from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.topic import Drawn, FigureText, Fold
 
 _LISTED = 10
 _PANELS = 6

@@ -11,7 +11,7 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.identity import code_hash
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.summary import HASH

@@ -12,9 +12,17 @@ from abhv_mc.report.pages.searched_flights import flight_figures, flights_table,
 from abhv_mc.search.search_flights import ENDED_EARLY
 from abhv_mc.search.worst import WorstFound
 from abhv_mc.topics.formatting import fixed, percent, shown_value
-from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import FigureText, Item, Picture, Records, Section, Table, make_records
-from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.topic import (
+    Drawn,
+    FigureText,
+    Item,
+    Picture,
+    Records,
+    Section,
+    Table,
+    controller_label,
+    make_records,
+)
 
 
 def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
