@@ -107,7 +107,7 @@ class Campaign:
         self._checked = checked
         self.name: str = checked.model.name
         self.question: str = checked.model.question
-        self.runs: int = checked.runs
+        self.runs = checked.runs
         self.controllers: tuple[str, ...] = checked.controllers
         self.parameters: tuple[str, ...] = checked.names
 

@@ -43,7 +43,7 @@ def check_inputs(path: Path) -> list[CheckedInput]:
 
     Raise InputErrors with the problems of all files.
     """
-    checked: list[CheckedInput] = []
+    checked = []
     errors: list[InputError] = []
     pending: Pending = [(path, None, None)]
     seen: set[Path] = set()

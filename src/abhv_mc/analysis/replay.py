@@ -95,7 +95,7 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
     """
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
-    stored: dict[int, FlightRows] = {}
+    stored = {}
     for path in folder.flights.glob("*.parquet"):
         try:
             name, first, stop = parse_block_name(path)

@@ -280,7 +280,7 @@ def _parse_shard(text: str) -> tuple[int, int]:
 
 
 # Type and typer declaration of each kind of option; options of all other kinds are flags.
-_KINDS: dict[str, tuple[Any, Callable[[Option], Any]]] = {
+_KINDS = {
     "address": (Path, lambda o: output(campaign_folder_or_address, "DIR", o.help, o.default or "")),
     "campaign": (Path, lambda _: get_args(CampaignFile)[1]),
     "controller": (str, lambda o: controller_option(o.help, "NAME", show_default=o.default)),

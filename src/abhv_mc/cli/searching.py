@@ -172,7 +172,7 @@ def identify(
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:
     """Parse the noise of each channel. Raise InputError unless all values are positive."""
-    noise: dict[str, float] = {}
+    noise = {}
     for setting in settings:
         channel, _, number = setting.partition("=")
         try:

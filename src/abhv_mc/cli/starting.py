@@ -118,7 +118,7 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
     from abhv_mc.execution.estimate import estimate_campaign
     from abhv_mc.report.numbers.pass_chances import plan_campaign
 
-    estimates: dict[str, tuple[Estimate, Planned | None, str]] = {}
+    estimates = {}
     for file in paths:
         if find_kind(file) == "campaign":
             checked = read_campaign(file, runs)

@@ -124,7 +124,7 @@ class ExternalSimulator(interfaces.Simulator):
 
     def find_simulator(self) -> tuple[Simulator, Path]:
         """Return the settings and folder of the simulator."""
-        simulator: Simulator = self.model.simulator
+        simulator = self.model.simulator
         return simulator, self.experiment.document.path.parent / simulator.folder
 
     def find_code(self) -> list[tuple[Path, UserSource]]:

@@ -136,7 +136,7 @@ class Expression:
                 )
 
 
-_OPERATORS: dict[type[ast.operator], Operation] = {
+_OPERATORS = {
     ast.Add: Operation.ADD,
     ast.Sub: Operation.SUBTRACT,
     ast.Mult: Operation.MULTIPLY,

@@ -63,7 +63,7 @@ class Collector:
         # [flight] true if values are stored or not needed
         self.covered = np.arange(len(flown)) >= ENVELOPE_FLIGHTS
         # file -> (first flight, stop, times) of each intact block
-        self._blocks: dict[Path, tuple[int, int, Floats]] = {}
+        self._blocks = {}
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError):
                 name, first, stop = parse_block_name(path)

@@ -128,7 +128,7 @@ def join_files(paths: Sequence[Path]) -> Path:
 
 def _read_groups(paths: Sequence[Path]) -> Iterator[pa.Table]:
     """Yield the rows of files in order, as tables of about one row group."""
-    waiting: list[pa.Table] = []
+    waiting = []
     for path in paths:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             for group in range(file.num_row_groups):

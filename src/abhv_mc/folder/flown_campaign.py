@@ -238,7 +238,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """Return the stored histories of a controller, by flight and channel (or "time") [time]."""
-    histories: dict[int, dict[str, Floats]] = {}
+    histories = {}
     for path in _history_files(root, controller):
         columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
         numbers = columns.pop("flight")

@@ -50,7 +50,7 @@ class FolderInputs:
     @property
     def systems(self) -> dict[str, Any]:
         """Entries of the compared controllers or systems, by name."""
-        systems: dict[str, Any] = self.data.get(systems_key(self.data)) or {}
+        systems = self.data.get(systems_key(self.data)) or {}
         return systems
 
     @property

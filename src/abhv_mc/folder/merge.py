@@ -114,7 +114,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     manifests = [read_manifest(shard.manifest) for shard in shards]
     if is_merged(target, manifests):
         return
-    damaged: set[Path] = set()
+    damaged = set()
     for shard, manifest in zip(shards, manifests, strict=True):
         for path, damage in find_damage(shard, manifest):
             if path.parent != shard.flights:

@@ -67,7 +67,7 @@ def open_store(path: Path) -> Store:
             f"unknown scheme in '{address}'",
             "s3://bucket/folder, gs://bucket/folder or a path",
         )
-    store: Store = entry.load()(address)
+    store = entry.load()(address)
     return store
 
 

@@ -96,7 +96,7 @@ def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]"
     """
     import duckdb
 
-    connections: list[DuckDBPyConnection] = []
+    connections = []
     ended = threading.Event()
 
     def answer() -> T | None:

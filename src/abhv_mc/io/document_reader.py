@@ -122,7 +122,7 @@ class _Builder:
         self.refuse(node, f"found the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 
     def mapping(self, node: MappingNode, keys: tuple[str | int, ...]) -> dict[str, Any]:
-        result: dict[str, Any] = {}
+        result = {}
         for key_node, value_node in node.value:
             is_scalar = isinstance(key_node, ScalarNode)
             key = self.scalar(key_node, str(key_node.tag)) if is_scalar else None

@@ -120,7 +120,7 @@ class ForeignTable:
         {ft}' or 'altitude_ft'. ``heads`` maps names to the headings that replace them. Raise
         InputError if two columns match one name.
         """
-        columns: dict[str, Column] = {}
+        columns = {}
         known_names = frozenset(names)
         for index, head in enumerate(self.heads):
             name, unit = read_head(head, known_names)
@@ -438,7 +438,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     from abhv_mc.io.parquet_columns import arrow_memory
 
     lines: dict[int, str] = {}
-    comments: list[tuple[int, str]] = []
+    comments = []
     start = 0  # first line of a quoted cell that spans several lines
     for number, line in enumerate(text.splitlines(), 1):
         if start:

@@ -24,12 +24,12 @@ Exponents = tuple[
     int, int, int, int, int
 ]  # exponents of metre, kilogram, second, radian and kelvin
 
-_NONE: Exponents = (0, 0, 0, 0, 0)
+_NONE = (0, 0, 0, 0, 0)
 _FOOT = 0.3048
 _POUND = 0.45359237
 _G0 = 9.80665
 
-_UNITS: dict[str, tuple[float, Exponents]] = {  # factor to SI and exponents by symbol
+_UNITS = {  # factor to SI and exponents by symbol
     symbol: (factor, exponents)
     for exponents, symbols in {
         _NONE: {"%": 0.01},

@@ -413,7 +413,7 @@ def user_topics() -> tuple[Topic[Any], ...]:
 
     Raise InputError for an entry point that is not a topic.
     """
-    topics: dict[str, Topic[Any]] = {}
+    topics = {}
     for entry in find_entry_points(TOPICS).values():
         try:
             topic = entry.load()

@@ -29,7 +29,7 @@ from abhv_mc_vehicle.user_code.module import (
     texts_of,
 )
 
-_REFUSED: dict[str, tuple[type[ast.AST], ...]] = {
+_REFUSED = {
     "lists": (ast.List, ast.ListComp, ast.GeneratorExp),
     "dictionaries": (ast.Dict, ast.DictComp),
     "sets": (ast.Set, ast.SetComp),
@@ -233,9 +233,7 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
 
 def _fields_of(law: Law) -> dict[str, Any]:
     """Return the class of each argument of a law."""
-    kinds: dict[str, Any] = {
-        argument: kind for argument, kind in GIVEN.items() if argument in law.arguments
-    }
+    kinds = {argument: kind for argument, kind in GIVEN.items() if argument in law.arguments}
     return kinds | {
         parameter: getattr(law, parameter)
         for parameter in ("memory", "settings", "commands")

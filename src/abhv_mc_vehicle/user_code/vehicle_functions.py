@@ -207,7 +207,7 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
         ):
             _check_count(module, code, len(rates.elts), node.lineno)
     try:
-        effect: Any = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
+        effect = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
     except (ArithmeticError, ValueError):
         return
     line = returns[0].lineno

@@ -47,7 +47,7 @@ _DEAD_ZONE = (
 _BACKLASH = "total free play between the actuator and the surface"
 
 # Keys that each kind of actuator requires; other dynamics keys are rejected.
-DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
+DYNAMICS = {
     "second_order": ("bandwidth", "damping", "rate_limit"),
     "first_order": ("bandwidth", "rate_limit"),
     "ideal": (),
@@ -333,7 +333,7 @@ def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
 
 
 AxisDeflection = Literal["aileron", "rudder", "elevator"]
-AXIS_DEFLECTIONS: tuple[AxisDeflection, ...] = get_args(AxisDeflection)
+AXIS_DEFLECTIONS = get_args(AxisDeflection)
 
 
 class Surfaces(SurfaceActuator):
@@ -401,7 +401,7 @@ class Effector(SurfaceActuator):
         kind = self.response or surfaces.response or "second_order"
         if moves and self.response is None and kind == "ideal":
             kind = "second_order"
-        dynamics: dict[str, float] = {}
+        dynamics = {}
         for name in DYNAMICS[kind]:
             value = own[name] if own[name] is not None else getattr(surfaces, name)
             if value is not None:

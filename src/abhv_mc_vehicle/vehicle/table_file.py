@@ -76,7 +76,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
     """
     everything = [table.ordered() for table in tables]
     entry_of = dict(fixed)
-    constants: dict[float, int] = {}
+    constants = {}
     for name in FIXED_TABLE_ROWS:
         if name not in entry_of:
             value = _ABSENT[name]
@@ -342,7 +342,7 @@ def read_table(
                 f"the table has no column '{name}', which the vehicle file describes",
                 one_of(rows.heads),
             )
-    roles: dict[str, tuple[int, Role]] = {}
+    roles = {}
     for i in range(len(rows.heads)):
         role = _find_role(rows, i, columns, effectors)
         if role.name == IGNORE:

@@ -198,7 +198,7 @@ def _check_names(model: Campaign, systems: Sequence[str], errors: Problems) -> N
 def _make_marginals(
     model: Campaign, parameters: Parameters, errors: Problems
 ) -> dict[str, Marginal]:
-    marginals: dict[str, Marginal] = {}
+    marginals = {}
     for name, distribution in model.dispersions.items():
         where = ("dispersions", name)
         if name not in parameters.dispersible or (
@@ -240,7 +240,7 @@ def _make_copula(
 
     A folder with samples of other correlations is therefore not extended.
     """
-    pairs: dict[tuple[str, str], float] = {}
+    pairs = {}
     document, copula = errors.document, Copula((), np.eye(0))
     entries = [*document.entries.get("correlations", ())]
     for i, entry in enumerate(model.correlations):

@@ -32,7 +32,7 @@ def load_model(kind: str) -> Any:
 @functools.cache
 def _keys(kind: str) -> frozenset[str]:
     """Return the top-level keys of a kind of input files."""
-    models: list[Any] = (
+    models = (
         [simulator.keys for simulator in load_simulators().values()]
         if kind == _CAMPAIGN
         else [load_model(kind)]

@@ -197,7 +197,7 @@ def points_entry(
     ``flights`` is the number of flights that each search simulates at a point.
     """
     values = unknowns.values(chosen.points)
-    entry: dict[str, object] = {
+    entry = {
         "tried": len(np.unique(np.vstack([search.points for search in searches]), axis=0))
         if searches
         else 0,

@@ -176,7 +176,7 @@ class Design:
         dimension = self.parameters.dispersible.index(name) + 1
         rng = make_generator(self.seed, name, self.kind)
         if self.kind == "sobol":  # Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998)
-            sampler: Any = qmc.Sobol(d=dimension, bits=_BITS, rng=rng)
+            sampler = qmc.Sobol(d=dimension, bits=_BITS, rng=rng)
             return _slice(sampler, first, stop) + 0.5 ** (_BITS + 1)
         # Halton sequence with digit permutations (Owen 2017)
         return clip_probabilities(_slice(qmc.Halton(d=dimension, rng=rng), first, stop))

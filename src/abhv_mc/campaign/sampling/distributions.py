@@ -7,7 +7,7 @@ from the nominal value 0 in the parameter's unit.
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -28,7 +28,7 @@ from abhv_mc.io.units import Fraction
 Value = float | str  # a number, or a string with a unit
 
 _NUMBER = Parameter("number", "-", 1.0, "")
-_KIND: Any = Field(description="kind of distribution")
+_KIND = Field(description="kind of distribution")
 _Weights = tuple[Annotated[float, Field(gt=0.0)], ...]
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Indices, Ints
-from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.io.messages import InputError, quoted
 
@@ -71,7 +70,7 @@ def _restrict(results: FlownCampaign, points: Indices) -> FlownCampaign:
             metrics={metric: values[rows] for metric, values in controller_flights.metrics.items()},
             absent=renumber(controller_flights.absent)[0],
         )
-    unknowns: Unknowns = replace(
+    unknowns = replace(
         results.campaign.unknowns,
         points=results.campaign.unknowns.points[points],
         shared=None,

@@ -83,7 +83,7 @@ def flights_table(
     parameters: Parameters,
 ) -> Fold:
     """Return the collapsible table of the worst flights, with commands to re-run them."""
-    numbers: Sequence[int] = rank_distinct(
+    numbers = rank_distinct(
         severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
     )
     command = shlex.join(["abhv-mc", "replay", str(folder), "--controller", controller, "--flight"])

@@ -43,7 +43,7 @@ def _report_differences(root: Path) -> Iterator[str]:
             yield "report.json: missing, although report.html exists"
         return
     try:
-        written: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        written = json.loads(path.read_text(encoding="utf-8"))
         files, pages, pictures = (written.pop(name) for name in ("files", "pages", "pictures"))
     except (ValueError, KeyError) as error:
         problem = f"the file does not contain the valid numbers of a report ({error})"
