@@ -15,10 +15,18 @@ from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc_vehicle.vehicle.shared_keys import located
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
-_RATE = "control ticks per second"
-_PERIOD = "period in control ticks, checked for stability margins; 0: determined automatically"
-_FILES = (
-    "data files and modules of the control law: names, patterns such as tables/*.csv, or folders"
+_RATE = Field(100.0, description="control ticks per second")
+_PERIOD = Field(
+    0,
+    ge=0,
+    le=100,
+    description="period in control ticks, checked for stability margins; "
+    "0: determined automatically",
+)
+_FILES = Field(
+    (),
+    description="data files and modules of the control law: names, patterns such as "
+    "tables/*.csv, or folders",
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -52,9 +60,9 @@ class PythonController(ControllerModel):
     """kind of control law"""
     file: File
     """Python file of the control law; see abhv_mc.extend"""
-    files: tuple[str, ...] = Field((), description=_FILES)
-    rate: Rate = Field(100.0, description=_RATE)
-    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
+    files: tuple[str, ...] = _FILES
+    rate: Rate = _RATE
+    period: int = _PERIOD
     settings: dict[str, Any] = {}
     """values for the fields of the class Settings, with units if the Python file declares units"""
     commands: dict[str, Any] = {}
@@ -90,9 +98,9 @@ class CController(ControllerModel):
     """compiler flags for cc in addition to -ffp-contract=off"""
     design: File | None = None
     """gains: a Python file with design(), or a CSV file of gains as a function of time"""
-    files: tuple[str, ...] = Field((), description=_FILES)
-    rate: Rate = Field(100.0, description=_RATE)
-    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
+    files: tuple[str, ...] = _FILES
+    rate: Rate = _RATE
+    period: int = _PERIOD
     settings: dict[str, Any] = {}
     """values of the members of the struct abhv_settings: numbers or lists of numbers, with units"""
     units: dict[str, str] = {}
@@ -162,9 +170,9 @@ class FmuController(ControllerModel):
     """initial values of the FMU's parameters, with units if they have any"""
     design: File | None = None
     """gains: a Python file with design(), or a CSV file of gains as a function of time"""
-    files: tuple[str, ...] = Field((), description=_FILES)
-    rate: Rate = Field(100.0, description=_RATE)
-    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
+    files: tuple[str, ...] = _FILES
+    rate: Rate = _RATE
+    period: int = _PERIOD
 
     @model_validator(mode="after")
     def _check(self) -> "FmuController":
@@ -205,7 +213,7 @@ class ProcessController(ControllerModel):
     """kind of control law"""
     command: tuple[_Word, ...] = Field(min_length=1)
     """program and its arguments"""
-    files: Annotated[tuple[Path, ...], _Files] = Field((), description=_FILES)
+    files: Annotated[tuple[Path, ...], _Files] = _FILES
     protocol: Literal["binary", "json"] = "json"
     """records: lines of JSON, or 64-bit floats in the machine's byte order"""
     inputs: tuple[str, ...] = ()
@@ -215,7 +223,7 @@ class ProcessController(ControllerModel):
     """values in a reply: fields of the command, or effectors of the vehicle"""
     time_limit: Annotated[Time, Field(gt=0.0)] = 60.0
     """limit on the elapsed time until a reply"""
-    rate: Rate = Field(100.0, description=_RATE)
+    rate: Rate = _RATE
     period: ClassVar[int] = 0
     design: ClassVar[None] = None
 

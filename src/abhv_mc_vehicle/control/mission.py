@@ -36,8 +36,8 @@ from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
 from abhv_mc_vehicle.vehicle.shared_keys import LoadLimits, Positive, Rising, SensingKeys
 
 _NORTHMOST = math.radians(89.99001)
-_KIND = "kind of manoeuvre"
-_LENGTH = "duration of the manoeuvre"
+_KIND = Field(description="kind of manoeuvre")
+_LENGTH = Field(description="duration of the manoeuvre")
 Duration = Annotated[Time, Positive]
 GravitationalParameter = Annotated[
     float,
@@ -74,7 +74,7 @@ class Start(StrictModel):
 class Level(StrictModel):
     """Straight and level flight."""
 
-    kind: Literal["level"] = Field(description=_KIND)
+    kind: Literal["level"] = _KIND
 
 
 class Phase(StrictModel):
@@ -87,10 +87,10 @@ class Phase(StrictModel):
 class Climb(Phase):
     """Smooth change of altitude and speed, with zero rate and acceleration at both ends."""
 
-    kind: Literal["climb"] = Field(description=_KIND)
+    kind: Literal["climb"] = _KIND
     altitude_change: Length
     """change of altitude, positive upwards"""
-    length: Duration = Field(description=_LENGTH)
+    length: Duration = _LENGTH
     speed_change: Speed = 0.0
     """change of speed during the manoeuvre"""
 
@@ -98,19 +98,19 @@ class Climb(Phase):
 class PullUp(Phase):
     """Smooth change of the flight path angle, which remains constant afterwards."""
 
-    kind: Literal["pull_up"] = Field(description=_KIND)
+    kind: Literal["pull_up"] = _KIND
     flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)]
     """flight path angle at the end of the pull-up, positive upwards"""
-    length: Duration = Field(description=_LENGTH)
+    length: Duration = _LENGTH
 
 
 class Turn(Phase):
     """Smooth change of the heading, positive to the right."""
 
-    kind: Literal["turn"] = Field(description=_KIND)
+    kind: Literal["turn"] = _KIND
     heading_change: Angle
     """change of heading, positive to the right"""
-    length: Duration = Field(description=_LENGTH)
+    length: Duration = _LENGTH
 
 
 class SManoeuvre(Phase):
@@ -122,10 +122,10 @@ class SManoeuvre(Phase):
     ends.
     """
 
-    kind: Literal["s_manoeuvre"] = Field(description=_KIND)
+    kind: Literal["s_manoeuvre"] = _KIND
     offset: Length
     """displacement, positive to the left of the initial heading (north when flying east)"""
-    length: Duration = Field(description=_LENGTH)
+    length: Duration = _LENGTH
     bank_time: Annotated[Time, Field(ge=0.0)] = 0.0
     """duration of the bank ramp at each end of the manoeuvre, at most half the manoeuvre's
     length"""
@@ -157,13 +157,13 @@ class WaypointTurn(StrictModel):
     """time after start_time at which the change starts"""
     heading_change: Angle
     """change of heading, positive to the right"""
-    length: Duration = Field(description=_LENGTH)
+    length: Duration = _LENGTH
 
 
 class Waypoints(StrictModel):
     """Several changes of heading, which add up if they overlap."""
 
-    kind: Literal["waypoints"] = Field(description=_KIND)
+    kind: Literal["waypoints"] = _KIND
     turns: list[WaypointTurn] = Field(min_length=1)
     """heading changes of the mission"""
 
@@ -171,7 +171,7 @@ class Waypoints(StrictModel):
 class Recorded(StrictModel):
     """Trajectory from a CSV file with columns time_s, altitude_m, speed_mps and heading_deg."""
 
-    kind: Literal["recorded"] = Field(description=_KIND)
+    kind: Literal["recorded"] = _KIND
     file: File
     """CSV file of the trajectory, relative to the mission file"""
 
@@ -179,8 +179,8 @@ class Recorded(StrictModel):
 class LevelPhase(Phase):
     """Flight with constant flight path angle and heading."""
 
-    kind: Literal["level"] = Field(description=_KIND)
-    length: Duration = Field(description=_LENGTH)
+    kind: Literal["level"] = _KIND
+    length: Duration = _LENGTH
 
 
 InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discriminator="kind")]
@@ -189,7 +189,7 @@ InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(disc
 class Phases(StrictModel):
     """Sequence of manoeuvres, each starting with the final values of the previous one."""
 
-    kind: Literal["phases"] = Field(description=_KIND)
+    kind: Literal["phases"] = _KIND
     phases: Annotated[tuple[InPhases, ...], Field(min_length=1)]
     """manoeuvres in order"""
 

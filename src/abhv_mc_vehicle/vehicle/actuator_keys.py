@@ -36,15 +36,21 @@ PROPULSION_TABLES = {
 
 
 ActuatorKind = Literal["second_order", "first_order", "ideal"]
-_KIND = (
-    "second_order (default), first_order with time constant 1 / bandwidth, or ideal (position "
-    "equal to command)"
+_KIND = Field(
+    None,
+    description=(
+        "second_order (default), first_order with time constant 1 / bandwidth, or ideal (position "
+        "equal to command)"
+    ),
 )
-_DEAD_ZONE = (
-    "dead zone: magnitude of the error between command and position below which the actuator does "
-    "not move"
+_DEAD_ZONE = Field(
+    None,
+    description=(
+        "dead zone: magnitude of the error between command and position below which the actuator "
+        "does not move"
+    ),
 )
-_BACKLASH = "total free play between the actuator and the surface"
+_BACKLASH = Field(None, description="total free play between the actuator and the surface")
 
 # Keys that each kind of actuator requires; other dynamics keys are rejected.
 DYNAMICS = {
@@ -92,13 +98,13 @@ def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None
 class EngineActuator(Actuator):
     """Actuator dynamics of the throttle."""
 
-    throttle_kind: ActuatorKind | None = Field(None, description=_KIND)
+    throttle_kind: ActuatorKind | None = _KIND
     damping: Annotated[float, Positive] | None = None
     """damping ratio of a second-order actuator; default: 1"""
     rate_limit: Annotated[Frequency, Positive] | None = None
     """maximum rate of change of the throttle"""
-    dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(None, description=_DEAD_ZONE)
-    backlash: Annotated[float, Field(ge=0.0)] | None = Field(None, description=_BACKLASH)
+    dead_zone: Annotated[float, Field(ge=0.0)] | None = _DEAD_ZONE
+    backlash: Annotated[float, Field(ge=0.0)] | None = _BACKLASH
 
     @property
     def response(self) -> ActuatorKind:
@@ -117,9 +123,9 @@ class EngineActuator(Actuator):
 class SurfaceActuator(Actuator):
     """Actuator dynamics of a control surface."""
 
-    kind: ActuatorKind | None = Field(None, description=_KIND)
-    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = Field(None, description=_DEAD_ZONE)
-    backlash: Annotated[Angle, Field(ge=0.0)] | None = Field(None, description=_BACKLASH)
+    kind: ActuatorKind | None = _KIND
+    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = _DEAD_ZONE
+    backlash: Annotated[Angle, Field(ge=0.0)] | None = _BACKLASH
 
     @property
     def response(self) -> ActuatorKind | None:
@@ -132,7 +138,7 @@ class PythonFunction(StrictModel):
 
     python: File
     """Python file, relative to the vehicle file"""
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = {}
     """values for the fields of the class Settings in the Python file"""
 
 
@@ -214,7 +220,7 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 class _Inlets(StrictModel):
     unstart: Unstart | None = None
     """flow conditions under which the inlet stays started; default: all conditions"""
-    engines: dict[str, Engine] = Field(default_factory=dict, max_length=MAX_ENGINES)
+    engines: dict[str, Engine] = Field({}, max_length=MAX_ENGINES)
     """engines by name, if the vehicle has several; default: one engine"""
 
     @model_validator(mode="after")
@@ -312,7 +318,7 @@ class Surfaces(SurfaceActuator):
 
     limit: Annotated[Angle, Positive]
     """maximum deflection in either direction"""
-    limits: dict[AxisDeflection, Annotated[Angle, Positive]] = Field(default_factory=dict)
+    limits: dict[AxisDeflection, Annotated[Angle, Positive]] = {}
     """maximum deflections that differ from 'limit', by axis"""
     rate_limit: Annotated[AngularRate, Positive] | None = None
     """maximum deflection rate"""
@@ -425,7 +431,7 @@ class Dynamics(StrictModel):
         ],
     ] = Field(min_length=1, max_length=MAX_STATES)
     """custom states by name, each with its unit"""
-    settings: dict[str, Number] = Field(default_factory=dict)
+    settings: dict[str, Number] = {}
     """numbers passed to the function; a campaign may disperse them"""
 
     @model_validator(mode="after")

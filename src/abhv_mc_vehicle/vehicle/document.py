@@ -155,7 +155,7 @@ class TableEntry(CommaKeys):
     """unit of the values, such as 1/deg, 1/rad, s, m2"""
     scale: float = 1.0
     """factor that multiplies the values"""
-    columns: dict[str, str] = Field(default_factory=dict)
+    columns: dict[str, str] = {}
     """meanings of columns with non-standard headers, such as alpha: angle_of_attack deg"""
 
     @model_validator(mode="after")
@@ -250,7 +250,7 @@ class FlightLimits(LoadLimits):
     """minimum and maximum Mach number"""
     altitude: Annotated[tuple[Length, Length], Rising] = (-math.inf, math.inf)
     """minimum and maximum altitude"""
-    states: dict[str, Number] = Field(default_factory=dict)
+    states: dict[str, Number] = {}
     """maximum magnitudes of custom states; the keys have the form state.NAME"""
 
     # Keys of the form state.NAME are stored in one field.
@@ -281,7 +281,7 @@ class VehicleDocument(StrictModel):
     """mass, inertia and centre of gravity"""
     surfaces: Surfaces | None = None
     """actuators of the control surfaces; default: none"""
-    effectors: dict[str, Effector] = Field(default_factory=dict, max_length=MAX_EFFECTORS)
+    effectors: dict[str, Effector] = Field({}, max_length=MAX_EFFECTORS)
     """control surfaces, each driven by a mix of aileron, rudder and elevator"""
     propulsion: Propulsion | None = None
     """engine of the vehicle; default: none"""
@@ -289,7 +289,7 @@ class VehicleDocument(StrictModel):
     """reference for the measured quantities; a mission may override it"""
     limits: FlightLimits | None = None
     """limits that end a flight; default: no limits"""
-    tables: dict[str, TableEntry] = Field(default_factory=dict)
+    tables: dict[str, TableEntry] = {}
     """tables by name; each table must be used"""
     aerodynamics: Annotated[
         Annotated[Aerodynamics, Tag("terms")] | Annotated[AerodynamicsFunction, Tag("python")],

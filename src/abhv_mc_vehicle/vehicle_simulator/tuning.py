@@ -12,8 +12,8 @@ from abhv_mc.statistics.quantile_pairs import flights_to_bound
 from abhv_mc_vehicle.flight.metrics import ELEVATOR_TRAVEL
 
 Quantile = Annotated[Fraction, Field(gt=0.0, lt=1.0)]
-_METRIC = "name of the metric"
-_QUANTILE = "quantile of the metric over the flights"
+_METRIC = Field(description="name of the metric")
+_QUANTILE = Field(0.95, description="quantile of the metric over the flights")
 
 
 class Free(StrictModel):
@@ -31,8 +31,8 @@ class Free(StrictModel):
 class Aim(StrictModel):
     """Objective: quantile of a metric; early terminations count as the worst value."""
 
-    metric: str = Field(description=_METRIC)
-    quantile: Quantile = Field(0.95, description=_QUANTILE)
+    metric: str = _METRIC
+    quantile: Quantile = _QUANTILE
 
 
 class Limit(StrictModel):
@@ -42,8 +42,8 @@ class Limit(StrictModel):
     the nominal vehicle and all corners of the dispersions.
     """
 
-    metric: str = Field(description=_METRIC)
-    quantile: Quantile = Field(0.95, description=_QUANTILE)
+    metric: str = _METRIC
+    quantile: Quantile = _QUANTILE
     below: float | None = None
     """upper limit, in the metric's unit"""
     above: float | None = None
