@@ -317,7 +317,7 @@ def worst(request: WorstRequest) -> "WorstFound":
     ... )  # doctest: +SKIP
     """
     from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.worst_page import make_worst_answer
+    from abhv_mc.report.pages.search_pages import make_worst_answer
     from abhv_mc.search.worst import find_worst
 
     result, folder = find_worst(request), Path(request.output)
@@ -349,7 +349,7 @@ def rare(request: RareRequest) -> "RareFound":
     >>> result.estimate.probability  # doctest: +SKIP
     """
     from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.rare_page import make_rare_answer
+    from abhv_mc.report.pages.search_pages import make_rare_answer
     from abhv_mc.search.rare import find_rare
 
     result, folder = find_rare(request), Path(request.output)

@@ -10,11 +10,16 @@ from abhv_mc.execution.executor import open_flown, simulate
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, relative_difference
 from abhv_mc.flights.signals import Signal
-from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
+from abhv_mc.folder.flights import (
+    DamagedFileError,
+    FlightRows,
+    SampleReader,
+    parse_block_name,
+    read_pieces,
+)
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.messages import InputError
 

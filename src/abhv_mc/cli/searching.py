@@ -36,7 +36,7 @@ def worst(request: WorstRequest, json: Json = None) -> None:
     announce_compiling()
     from abhv_mc.api import worst
     from abhv_mc.flights.metrics import MARGIN_NAMES
-    from abhv_mc.report.pages.worst_page import make_worst_answer
+    from abhv_mc.report.pages.search_pages import make_worst_answer
 
     if request.metric in MARGIN_NAMES:
         hint = f"'abhv-mc margins {request.campaign} --worst' searches margins at the trim point"
@@ -60,7 +60,7 @@ def rare(request: RareRequest, json: Json = None) -> None:
     not converge. After Ctrl-C, completed flights are kept; run the same command to resume.
     """
     from abhv_mc.api import rare
-    from abhv_mc.report.pages.rare_page import make_rare_answer
+    from abhv_mc.report.pages.search_pages import make_rare_answer
 
     announce_compiling()
     result, folder = rare(**vars(request)), Path(request.output)

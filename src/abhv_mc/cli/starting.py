@@ -98,7 +98,7 @@ def validate(
         raise InputErrors(errors)
     if samples is not None:
         from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.folder.samples import write_inputs
+        from abhv_mc.folder.flights import write_inputs
 
         flights = grouped_digits(write_inputs(read_campaign(paths[0], runs), samples))
         say(f"{samples}: inputs of {flights} flights", file=text_stream(json))

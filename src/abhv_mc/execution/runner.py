@@ -29,7 +29,13 @@ from abhv_mc.execution.flight_counts import (
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.progress_page import ProgressPage
-from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
+from abhv_mc.execution.retention import (
+    ESTIMATES,
+    HistoryFile,
+    StoredFlights,
+    list_histories,
+    write_kept_histories,
+)
 from abhv_mc.execution.retry import (
     BATCH_FLIGHTS,
     Block,
@@ -39,14 +45,13 @@ from abhv_mc.execution.retry import (
     cut_blocks,
 )
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
-from abhv_mc.execution.stored_flights import ESTIMATES, StoredFlights
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, weakest
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
-from abhv_mc.folder.flights import Digest, FlightRows, flights_schema, write_block
+from abhv_mc.folder.flights import Digest, FlightRows, SampleReader, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
 from abhv_mc.folder.hashes import KEY, Products
 from abhv_mc.folder.histories import write_envelopes
@@ -60,7 +65,6 @@ from abhv_mc.folder.manifest import (
     note_flyers,
     write_manifest,
 )
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine, Fly, Plan
 from abhv_mc.io.messages import grouped_digits, notify
 from abhv_mc.requests import Request

@@ -20,7 +20,7 @@ from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flights.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
-from abhv_mc.folder.flights import read_pieces, write_block
+from abhv_mc.folder.flights import SampleReader, read_pieces, write_block
 from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, read_checked, record_hashes
 from abhv_mc.folder.inputs import FolderInputs, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
@@ -36,7 +36,6 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.opening import read_stored_arrays
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.io.messages import InputError, counted, joined
 
 _ONE_CAMPAIGN = "shards of one campaign"

@@ -39,6 +39,7 @@ from abhv_mc.folder.flights import (
     block_path,
     flights_schema,
     write_block,
+    write_samples,
 )
 from abhv_mc.folder.flown_blocks import read_campaign_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
@@ -52,7 +53,6 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.opening import FlownFolder, begin_folder, find_stored_plans, open_folder
-from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Simulator
 from abhv_mc.io.input_files import reading_once
