@@ -11,7 +11,7 @@ import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.folder import file_columns
+from abhv_mc.folder import file_columns, flights
 from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.folder.file_columns import SpooledColumns
 from abhv_mc.folder.flights import SampleReader, write_samples

@@ -17,6 +17,7 @@ from abhv_mc.custom_code.source import find_package_versions, trust
 from abhv_mc.execution.executor import check_source, find_isolation, make_ready
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.unknown_points import select_points, with_points
+from abhv_mc.folder.flights import SampleReader, write_samples
 from abhv_mc.folder.hashes import KEY, FileHashes, Products, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import (
@@ -41,7 +42,6 @@ from abhv_mc.folder.requirement_sets import (
     count_known_flights,
     mark_later_choices,
 )
-from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
 from abhv_mc.io.input_files import reading_once
