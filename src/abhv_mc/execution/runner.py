@@ -63,7 +63,6 @@ from abhv_mc.folder.manifest import (
     Manifest,
     add_events,
     note_flyers,
-    write_manifest,
 )
 from abhv_mc.interfaces import Engine, Fly, Plan
 from abhv_mc.io.messages import grouped_digits, notify
@@ -486,8 +485,6 @@ class _Run:
             state=state,
             runs_planned=self.completion.stop - self.completion.first,
             wall_time_s=round(self.wall_before + time.monotonic() - self.start, 3),
-            files=self.files.listed(),
             stopped_at=gapless if self.campaign.model.stop and state == COMPLETE else None,
         )
-        self.manifest = self._judge()
-        write_manifest(self.folder.manifest, self.manifest)
+        self.manifest = self.files.write_manifest(self._judge())

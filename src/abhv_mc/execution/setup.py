@@ -29,7 +29,7 @@ from abhv_mc.folder.inputs import (
     read_folder_inputs,
 )
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
+from abhv_mc.folder.manifest import RUNNING, Manifest
 from abhv_mc.folder.opening import (
     FlownFolder,
     begin_folder,
@@ -114,12 +114,9 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, first)
-    manifest = replace(
-        make_manifest(requested, inputs, plans, first.warnings),
-        shard=request.shard,
-        files=files.listed(),
+    manifest = files.write_manifest(
+        make_manifest(requested, inputs, plans, first.warnings), shard=request.shard
     )
-    write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
 
@@ -228,8 +225,7 @@ def _resume(
         first_flights = _fly_first(campaign, plans, request.workers)
         _write_nominal(folder, campaign, plans, first_flights)
     if manifest.files != files.listed():
-        manifest = replace(manifest, files=files.listed())
-        write_manifest(folder.manifest, manifest)
+        manifest = files.write_manifest(manifest)
     ready = make_ready(campaign, plans, margins=True)
     ready = replace(ready, repeatability=manifest.repeatable)
     return OpenCampaign(folder, ready, manifest, requested.controllers, files)

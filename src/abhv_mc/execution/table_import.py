@@ -31,7 +31,7 @@ from abhv_mc.folder.flights import (
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import RUNNING, write_manifest
+from abhv_mc.folder.manifest import RUNNING
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.requirement_sets import mark_later_choices, replace_requirements
 from abhv_mc.io.messages import InputError, InputErrors, counted
@@ -80,9 +80,9 @@ def import_tables(
                 {"table": name},
                 table=campaign.parameters,
             )
-            manifest = make_manifest(campaign, inputs, {}, (*table.warnings, *reasons))
-            manifest = replace(manifest, files=files.listed())
-            write_manifest(folder.manifest, manifest)
+            manifest = files.write_manifest(
+                make_manifest(campaign, inputs, {}, (*table.warnings, *reasons))
+            )
         digests = (block.digest() for block in blocks)
         if manifest.complete and manifest.digest != str(sum(digests, Digest())):
             problem = "the folder contains the flights of another table"

@@ -33,7 +33,6 @@ from abhv_mc.folder.manifest import (
     join_flyers,
     read_manifest,
     shift_flyers,
-    write_manifest,
 )
 from abhv_mc.folder.opening import read_stored_arrays
 from abhv_mc.io.messages import InputError, counted, joined
@@ -133,7 +132,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
                 write_whole(target.flights / path.name, partial(shutil.copyfile, path))
         merge_states([shard.envelope_states for shard in shards], target.envelope_states)
-        write_manifest(target.manifest, replace(merged, files=files.listed()))
+        files.write_manifest(merged)
 
 
 def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
@@ -367,15 +366,13 @@ def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
         flyers = join_flyers(
             entry for source, start in sources for entry in shift_flyers(source.flown_by, start)
         )
-        merged = replace(
+        files.write_manifest(
             manifests[0],
             state=INTERRUPTED,
             pooled=tuple(pooled),
             runs_planned=starts[-1],
             campaign_hash=inputs.identity,
             flown_by=flyers,
-            files=files.listed(),
             stopped_at=None,
             **_sum_entries(manifests),
         )
-        write_manifest(target.manifest, merged)

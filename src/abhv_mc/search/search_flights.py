@@ -356,8 +356,7 @@ class SearchFlights:
         )
 
     def _write(self, state: str, **entries: Any) -> None:
-        self.manifest = replace(self.manifest, state=state, **entries, files=self.files.listed())
-        write_manifest(self.folder.manifest, self.manifest)
+        self.manifest = self.files.write_manifest(self.manifest, state=state, **entries)
 
 
 @contextlib.contextmanager
