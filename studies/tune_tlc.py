@@ -36,7 +36,7 @@ from tuning_flights import (
     key_of,
 )
 
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.messages import joined
 from abhv_mc.topics.figure_style import write_png
 from abhv_mc_vehicle.kernel.plant.actuator_step import BANDWIDTH
 

@@ -18,7 +18,7 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.flights.timing import Timing
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX, CHANNELS

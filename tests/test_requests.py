@@ -7,7 +7,7 @@ import typer
 
 import abhv_mc
 from abhv_mc.cli.app import app
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import RareRequest, Request, WorstRequest, options_of
 from abhv_mc_tune.request import TuneRequest
 

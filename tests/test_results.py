@@ -14,7 +14,7 @@ from search.known_flights import METRIC
 
 import abhv_mc
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.compare import compare_results, pair_campaigns
 from abhv_mc.topics.formatting import json_data
 from abhv_mc_vehicle.vehicle_simulator.keep_out import Zone

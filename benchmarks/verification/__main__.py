@@ -15,7 +15,7 @@ import typer
 
 from abhv_mc.cli.options import Json, Junit
 from abhv_mc.cli.printing import announce_compiling, new_table, print_table, say, show_result
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.matrix import Case, make_junit
 from benchmarks.verification.check_rows import Row, all_ok, rows_record
 from benchmarks.verification.everything import verify_everything

@@ -7,7 +7,7 @@ import numpy as np
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.control.mission import read_mission

@@ -11,8 +11,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.flights.timing import Timing
 from abhv_mc.io.foreign_table import read_foreign_table
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, quoted
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan, Limits
 from abhv_mc_vehicle.kernel.laws.columns import RECORDED_GAINS, REFERENCE

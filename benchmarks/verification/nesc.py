@@ -10,7 +10,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flights.timing import Timing
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.execution.worker import compute
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 
 class PoolExecutor:

@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.entry_points import needs_vehicle
-from abhv_mc.io.documents import InputError, InputErrors
-from abhv_mc.io.input_error import check_mapping
-from abhv_mc.io.phrases import grouped_digits, quoted
+from abhv_mc.io.messages import InputError, InputErrors, check_mapping, grouped_digits, quoted
 from abhv_mc.requests import Paths, RareRequest, Request, WorstRequest, check_count, takes
 from abhv_mc.results import Results, as_html, open_results
 from abhv_mc.shipped import find_input
@@ -109,7 +107,7 @@ class Campaign:
         self._checked = checked
         self.name: str = checked.model.name
         self.question: str = checked.model.question
-        self.runs: int = checked.runs
+        self.runs = checked.runs
         self.controllers: tuple[str, ...] = checked.controllers
         self.parameters: tuple[str, ...] = checked.names
 
@@ -319,7 +317,7 @@ def worst(request: WorstRequest) -> "WorstFound":
     ... )  # doctest: +SKIP
     """
     from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.worst_page import make_worst_answer
+    from abhv_mc.report.pages.search_pages import make_worst_answer
     from abhv_mc.search.worst import find_worst
 
     result, folder = find_worst(request), Path(request.output)
@@ -351,7 +349,7 @@ def rare(request: RareRequest) -> "RareFound":
     >>> result.estimate.probability  # doctest: +SKIP
     """
     from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.rare_page import make_rare_answer
+    from abhv_mc.report.pages.search_pages import make_rare_answer
     from abhv_mc.search.rare import find_rare
 
     result, folder = find_rare(request), Path(request.output)

@@ -20,11 +20,11 @@ from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.flights.blocks import FlightBlock, Recording
 from abhv_mc.flights.metrics import Metric
-from abhv_mc.flights.outcomes import Outcome, Outcomes, simulator_outcomes
+from abhv_mc.flights.outcomes import Outcome, simulator_outcomes
 from abhv_mc.flights.signals import Signal
 from abhv_mc.flights.timing import Timing
 from abhv_mc.identity import code_hash
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 Recorded = Recording | int | None  # an int is the number of control ticks between samples
 
@@ -205,10 +205,10 @@ class Simulator(ABC):
     def __init__(self, experiment: Any) -> None:
         """Prepare the simulator of an :class:`abhv_mc.campaign.file.experiment.Experiment`."""
         self.experiment, model = experiment, experiment.model
-        self.systems: tuple[str, ...] = tuple(model.systems)
-        self.outcomes: Outcomes = simulator_outcomes(model.outcomes)
+        self.systems = tuple(model.systems)
+        self.outcomes = simulator_outcomes(model.outcomes)
         # channels of histories; empty if flights return none
-        self.channels: tuple[Signal, ...] = model.returned_channels
+        self.channels = model.returned_channels
 
     @abstractmethod
     def make_plans(self, names: Sequence[str]) -> Mapping[str, Any]:

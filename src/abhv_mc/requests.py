@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, ParamSpec, TypeAlias, TypeVar, get_args
 
 from abhv_mc.campaign import MOST_WORKERS
-from abhv_mc.io.input_error import InputError, Refusal, found_value
+from abhv_mc.io.messages import InputError, Refusal, found_value
 from abhv_mc.shipped import find_input
 
 P = ParamSpec("P")

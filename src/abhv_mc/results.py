@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from abhv_mc.folder.hashes import read_checked, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.documents import InputError, found_value, one_of
-from abhv_mc.io.input_error import check_mapping
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, check_mapping, found_value, one_of, quoted
 from abhv_mc.topics.formatting import count_of
 
 if TYPE_CHECKING:
@@ -21,8 +19,7 @@ if TYPE_CHECKING:
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.campaign.file.requirement_set import RequirementSource
     from abhv_mc.folder.flown_campaign import FlownCampaign
-    from abhv_mc.topics.section import Records
-    from abhv_mc.topics.topic import Models
+    from abhv_mc.topics.topic import Models, Records
 
 _AXES = {
     "histories": ("controller", "flight", "time"),

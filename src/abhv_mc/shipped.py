@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.version import ROOT
 
 PACKAGES = (
@@ -56,7 +56,7 @@ def find_input(name: str | Path, *kinds: str) -> Path:
 
     For campaigns, the folder of ``abhv-mc new`` stands for its ``campaign.yaml``. Other folders are
     ignored, because the results folder of a shipped campaign may have its name. Raise
-    :class:`abhv_mc.io.input_error.InputError` for an unknown name.
+    :class:`abhv_mc.io.messages.InputError` for an unknown name.
     """
     text = str(name)
     study = f"{text}/campaign.yaml"

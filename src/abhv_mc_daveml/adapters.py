@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Collection, Mapping
 
-from abhv_mc.io.input_error import InputError, Refusal
+from abhv_mc.io.messages import InputError, Refusal
 from abhv_mc.io.units import parse_unit
 from abhv_mc_daveml.formulas import MODEL
 from abhv_mc_daveml.graph import Model, Variable, parse_s119_unit

@@ -7,7 +7,7 @@ import typer
 
 from abhv_mc.cli.options import output, output_folder
 from abhv_mc.cli.printing import announce_warnings, say
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted
 
 
 def daveml(

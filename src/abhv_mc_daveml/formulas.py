@@ -7,7 +7,7 @@ rewritten.
 import math
 from collections.abc import Mapping
 
-from abhv_mc.io.input_error import one_of
+from abhv_mc.io.messages import one_of
 from abhv_mc.io.xml_reader import Node
 from abhv_mc_vehicle.imported_vehicle import RESERVED, Operators, power, tidy
 from abhv_mc_vehicle.user_code.module_text import number

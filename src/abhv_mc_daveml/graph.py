@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from abhv_mc.io.input_error import InputError, Refusal, one_of
+from abhv_mc.io.messages import InputError, Refusal, one_of
 from abhv_mc.io.units import Exponents, parse_unit
 from abhv_mc.io.xml_reader import Node, read_xml
 from abhv_mc_daveml.formulas import TAKEN, read_formula

@@ -21,7 +21,7 @@ from abhv_mc.io.documents import (
     read_document,
     validate,
 )
-from abhv_mc.io.phrases import joined, quoted
+from abhv_mc.io.messages import , joined, quoted
 from abhv_mc.io.units import KELVIN
 from abhv_mc.io.xml_reader import fold
 from abhv_mc_daveml.adapters import (

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.input_error import one_of
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted, one_of
 from abhv_mc.io.xml_reader import Node
 
 Grids = tuple[tuple[str, Floats], ...]  # name and ascending breakpoints of each axis

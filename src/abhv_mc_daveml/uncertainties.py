@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import quoted
 from abhv_mc_daveml.graph import Model, Uncertainty, Variable
 from abhv_mc_daveml.signals import quantity_of, sign_of
 

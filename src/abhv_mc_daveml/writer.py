@@ -10,8 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, InputErrors, quoted
 from abhv_mc.io.xml_reader import fold
 from abhv_mc_daveml.formulas import MODEL, OUTPUTS, TAKEN
 from abhv_mc_daveml.graph import Model, Variable

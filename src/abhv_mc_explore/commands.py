@@ -6,7 +6,7 @@ import typer
 
 from abhv_mc.cli.options import Folder, TrustCode
 from abhv_mc.cli.printing import announce_compiling, say
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 
 def explore(

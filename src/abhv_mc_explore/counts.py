@@ -13,13 +13,12 @@ from pydantic import TypeAdapter
 
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.tables import open_database
-from abhv_mc.io.input_error import InputError, describe, one_of
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, describe, one_of, quoted
 from abhv_mc.report.pages.flights_view import BARS, CELLS, LISTED, describe_flights
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.formatting import axis_unit
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.names import full_labels
+from abhv_mc.topics.topic import full_labels
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection

@@ -20,8 +20,7 @@ from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.interfaces import Fly
 from abhv_mc.io.csv_table import csv_text
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc.report.pages.channel_curves import band_names, channel_curves
 from abhv_mc.report.pages.flights_view import SCRIPTS, STYLES, template_text
 from abhv_mc.report.pages.page import make_environment

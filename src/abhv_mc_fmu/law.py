@@ -19,7 +19,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.child import check_may_run
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError, InputErrors, Refusal, one_of
+from abhv_mc.io.messages import InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import parse_any, parse_unit, unit_of
 from abhv_mc_fmu.loop import FLAGS, FLOAT, INTEGERS, Wire, compile_fmu_adapter, pack
 from abhv_mc_vehicle.kernel.laws.user import MAX_MEMORY

@@ -8,8 +8,7 @@ by these factors.
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from abhv_mc.io.input_error import one_of
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import one_of, quoted
 from abhv_mc.io.xml_reader import Node
 from abhv_mc_jsbsim.expressions import Expressions, factors_of, operand_of, property_of
 from abhv_mc_jsbsim.properties import (

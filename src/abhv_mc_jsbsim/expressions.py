@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.input_error import one_of
-from abhv_mc.io.phrases import counted, joined, quoted
+from abhv_mc.io.messages import counted, joined, one_of, quoted
 from abhv_mc.io.xml_reader import Node
 from abhv_mc_vehicle.imported_vehicle import Operators, power
 from abhv_mc_vehicle.user_code.module_text import Line, call, free_name, number, sequence

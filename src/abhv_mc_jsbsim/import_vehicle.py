@@ -15,7 +15,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import one_of
+from abhv_mc.io.messages import one_of
 from abhv_mc.io.xml_reader import Node, fold, read_xml
 from abhv_mc_jsbsim.aerodynamics import Aerodynamics
 from abhv_mc_jsbsim.properties import (

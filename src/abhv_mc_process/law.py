@@ -13,7 +13,7 @@ from abhv_mc.custom_code.source import UserSource
 from abhv_mc.external_simulators.process import LostFlightError, Process
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import notify
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.laws.user import FAULT, MEMORY, N_ONBOARD, ONBOARD
 from abhv_mc_vehicle.user_code.compiled import COMMAND_ROWS, INPUT_ROWS

@@ -31,8 +31,7 @@ from abhv_mc.external_simulators.user_flights import note_surplus, with_surplus
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.identity import code_hash
 from abhv_mc.interfaces import Engine, Fly, OpenExecutor, Recorded
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import InputError, notify
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten
 from abhv_mc_vehicle.kernel.jit import set_compile_listener

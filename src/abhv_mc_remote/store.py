@@ -29,8 +29,7 @@ from pyarrow import fs as pyarrow_fs
 
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError, is_inside
 from abhv_mc.io.address import Address
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import InputError, notify
 
 _PATIENCE = 20.0  # time limit in s for replies of Google Cloud Storage
 _OBJECT_STORES = ("s3", "gcs", "abfs")

@@ -27,7 +27,8 @@ from abhv_mc.flights.metrics import MARGIN_NAMES, MARGIN_VALUES, Metric
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import Document, InputError, one_of, read_document, write_document
+from abhv_mc.io.documents import Document, read_document, write_document
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.search.space import Space
 from abhv_mc.statistics.estimates import severity, sorted_quantile
 from abhv_mc_tune.constrained_search import Scores

@@ -10,9 +10,16 @@ from abhv_mc.array_types import Floats
 from abhv_mc.report.pages.page import Answer, make_table
 from abhv_mc.topics.figure_style import BLUE, INK, SKY, VERMILION, new_figure, styled
 from abhv_mc.topics.formatting import fixed, significant
-from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import FigureText, Picture, Records, Section, Table, make_records
-from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.topic import (
+    Drawn,
+    FigureText,
+    Picture,
+    Records,
+    Section,
+    Table,
+    controller_label,
+    make_records,
+)
 from abhv_mc_tune.tuning import TuneFound
 
 

@@ -21,9 +21,9 @@ from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.folder.layout import write_whole
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import Document, InputError, StrictModel, read_document, validate
+from abhv_mc.io.documents import Document, StrictModel, read_document, validate
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc.requests import Paths
 from abhv_mc.search.search_flights import find_metric, read_searched
 from abhv_mc.search.space import make_space

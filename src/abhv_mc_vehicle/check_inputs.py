@@ -12,7 +12,8 @@ from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.systems import is_own
 from abhv_mc.custom_code.source import is_in_a_folder, is_trusted
 from abhv_mc.entry_points import BLOCKS, find_entry_points
-from abhv_mc.io.documents import InputError, InputErrors, read_document
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc.shipped import DEFAULT_VEHICLE, shipped_configs
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.control.design.profile import make_profile
@@ -42,7 +43,7 @@ def check_inputs(path: Path) -> list[CheckedInput]:
 
     Raise InputErrors with the problems of all files.
     """
-    checked: list[CheckedInput] = []
+    checked = []
     errors: list[InputError] = []
     pending: Pending = [(path, None, None)]
     seen: set[Path] = set()

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import NamedTuple
 
 from abhv_mc import extend
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted
 from abhv_mc.io.xml_reader import Node, fold
 from abhv_mc_vehicle.user_code.module_text import Line, free_name, import_names, lay_out, names_in
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.kinds import find_kind, find_kinds
 from abhv_mc.campaign.file.schema import make_schema
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.shipped import shipped_configs, shipped_files
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.control.law_file import CController

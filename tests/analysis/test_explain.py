@@ -16,7 +16,7 @@ from abhv_mc.analysis.failure_map import MOST_FLIGHTS, map_failures, read_map, w
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.flights.model import rank_failed

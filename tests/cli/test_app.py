@@ -17,7 +17,7 @@ from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.entry_points import VEHICLE
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.folder.layout import StorageFullError
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"}
 

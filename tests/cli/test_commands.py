@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.cli.app import app
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.metrics import BUILT_IN, METRICS
 from abhv_mc_vehicle.plant.parameters import PARAMETERS

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from abhv_mc.api import Campaign
 from abhv_mc.cli.app import app
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.place_page import make_identify_section
 
 

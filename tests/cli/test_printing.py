@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 
 from abhv_mc.cli.printing import new_table, print_section_table, print_table
-from abhv_mc.topics.section import Cell, Table, grouped
+from abhv_mc.topics.topic import Cell, Table, grouped
 
 
 @pytest.fixture

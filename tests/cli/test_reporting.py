@@ -14,7 +14,7 @@ from abhv_mc.cli.app import app
 from abhv_mc.cli.printing import say
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest, write_manifest
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.contrast_page import (
     Contrast,
     ContrastController,

@@ -18,7 +18,8 @@ from abhv_mc.check_inputs import check_inputs
 from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError, InputErrors, read_document
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc.requests import Request
 from abhv_mc.shipped import (
     find_input,
@@ -27,7 +28,7 @@ from abhv_mc.shipped import (
     shipped_files,
     shipped_folder,
 )
-from abhv_mc.topics.names import full_labels
+from abhv_mc.topics.topic import full_labels
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.new_campaign import _QUESTION, write_new_campaign, write_new_simulator
 

@@ -18,7 +18,7 @@ import pytest
 from daveml.graph import Graph
 
 from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc_daveml.graph import read_model
 from abhv_mc_daveml.import_vehicle import ALTITUDES, import_daveml
 from abhv_mc_daveml.writer import make_function, run_shots

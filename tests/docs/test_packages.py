@@ -9,7 +9,7 @@ from fake_flight import run, write_campaign
 from typer.testing import CliRunner
 
 from abhv_mc.execution import executor
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 
 @pytest.fixture

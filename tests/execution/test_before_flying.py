@@ -9,7 +9,7 @@ from fake_flight import ENGINE, SLOW_ENGINE, run, write_campaign
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.first_flights import make_trials
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 GUSTS = """{wind.gust_north: {distribution: normal, sigma: 5 m/s},
             wind.gust_start: {distribution: uniform, low: 5 s, high: 45 s}}"""

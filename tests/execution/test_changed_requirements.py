@@ -18,7 +18,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.inputs import collect_inputs, describe_changes
 from abhv_mc.folder.manifest import Manifest, read_manifest, write_manifest
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.next_step import find_next_step
 from abhv_mc.report.numbers.summary import summarize
 from abhv_mc.report.pages.matrix import judged_cases, verdict_cases

@@ -10,7 +10,7 @@ from fake_flight import ENGINE, fly, interrupted_after, run, write_campaign
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 KEEP = (
     "{histories: {flights: [worst 3], rate: 10 Hz}, envelopes: {rate: 2 Hz, channels: "

@@ -10,7 +10,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import Request
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX

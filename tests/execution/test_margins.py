@@ -15,7 +15,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.shipped import shipped_configs
 from abhv_mc.topics.topic import Models

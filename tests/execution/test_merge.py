@@ -15,7 +15,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.manifest import read_manifest, write_manifest
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import Request
 from abhv_mc.results import open_results
 

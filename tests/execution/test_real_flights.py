@@ -11,7 +11,7 @@ from fake_flight import interrupted_after, run
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.folder.opening import read_plan
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import nominal_parameters

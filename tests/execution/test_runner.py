@@ -23,7 +23,7 @@ from abhv_mc.execution.retention import select_flights
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.plant.parameters import OURS
 

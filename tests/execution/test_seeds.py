@@ -17,7 +17,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.merge import suggest_merge
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.requests import Request
 from abhv_mc.statistics.verdicts import judge, verdict_words

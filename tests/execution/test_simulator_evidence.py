@@ -18,7 +18,7 @@ from abhv_mc.external_simulators.process import end_processes
 from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import run_query
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.results import Results

@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.flight_counts import Completion
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.topics.verdicts.model import compute_verdicts
 
 # About 4 % of the fake flights end early: proven at 90 %, disproven at 99 %.

@@ -21,10 +21,10 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.execution.table_import import import_tables
+from abhv_mc.folder.flights import write_inputs
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.samples import write_inputs
 from abhv_mc.folder.tables import export_csv
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.compare_page import compare_folders

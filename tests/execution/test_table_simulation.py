@@ -9,7 +9,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.table_simulation import simulate_table
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 
 HEIGHT = "altitude_m"

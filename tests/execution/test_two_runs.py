@@ -11,7 +11,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.folder import merge
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import recording
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import WorstRequest
 from abhv_mc.search.worst import find_worst
 

@@ -13,7 +13,8 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
-from abhv_mc.io.documents import InputError, read_document
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import judge, tolerance_limit

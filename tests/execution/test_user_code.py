@@ -19,7 +19,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc.requests import Request, WorstRequest
 from abhv_mc.search.worst import find_worst
 from abhv_mc.shipped import find_input

@@ -23,7 +23,7 @@ from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.histories import QUANTILES
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.flights_view import make_flights_view
 from abhv_mc.requests import Request

@@ -25,7 +25,7 @@ from abhv_mc.execution.executor import open_threads
 from abhv_mc.execution.retry import choose_batch, choose_timed, choose_unrecorded, time_limit
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import find_input
 from abhv_mc_vehicle.cli import flying
 from abhv_mc_vehicle.flight.fly import nominal_parameters

@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc_explore import counts
 from abhv_mc_explore.counts import (

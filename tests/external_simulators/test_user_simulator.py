@@ -28,7 +28,7 @@ from abhv_mc.external_simulators import (
 from abhv_mc.external_simulators.process import end_processes
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.input_error import InputErrors
+from abhv_mc.io.messages import InputErrors
 
 LOST = int(Outcome.FAILED_TO_RUN)
 WRONG = {  # by the delay that is asked for: what the flight returns, and a pattern of the reason

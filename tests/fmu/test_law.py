@@ -15,7 +15,7 @@ from fmu.make_fmu import ELEVONS, SEEN, make_fmu, measure_leak, write_controller
 
 from abhv_mc.custom_code.child import in_child
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc_fmu.loop import NAMES, decode, encode, pack
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX

@@ -11,13 +11,13 @@ import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.folder import file_columns, samples
+from abhv_mc.folder import file_columns, flights
 from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.folder.file_columns import SpooledColumns
+from abhv_mc.folder.flights import SampleReader, write_samples
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.folder.manifest import read_manifest, write_manifest
-from abhv_mc.folder.samples import SampleReader, write_samples
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.plant.parameters import OURS
 
@@ -99,7 +99,7 @@ def test_spooled_columns_are_exact_and_in_the_requested_order(monkeypatch, limit
 
 def test_threads_in_different_groups_of_samples_get_their_own_rows(tmp_path, monkeypatch):
     """One thread starts blocks and another stores them, possibly a group later."""
-    monkeypatch.setattr(samples, "ROW_GROUP", 64)
+    monkeypatch.setattr(flights, "ROW_GROUP", 64)
 
     def draw(first, stop):
         return np.arange(first, stop)[:, None] + np.array([0.0, 0.25])

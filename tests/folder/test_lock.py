@@ -15,7 +15,7 @@ import pytest
 from abhv_mc.folder import lock as module
 from abhv_mc.folder.layout import write_text
 from abhv_mc.folder.lock import hold_lock, lock_holder
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 
 @pytest.fixture

@@ -13,15 +13,12 @@ from pydantic import Field, model_validator
 from abhv_mc.io.documents import (
     Document,
     File,
-    InputError,
-    InputErrors,
-    Refusal,
     StrictModel,
-    one_of,
     read_document,
     validate,
     write_document,
 )
+from abhv_mc.io.messages import InputError, InputErrors, Refusal, one_of
 from abhv_mc.io.units import Fraction, Length
 
 

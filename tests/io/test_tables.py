@@ -11,7 +11,7 @@ import pytest
 
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.foreign_table import read_foreign_table, read_head, read_numbers
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.io.parquet_columns import (
     arrow_memory,
     column_values,

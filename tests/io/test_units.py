@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abhv_mc.io import units
-from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.messages import Refusal
 from abhv_mc.io.units import DIMENSIONS, Dimension, format_quantity, parse_in_unit, parse_quantity
 
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from abhv_mc.cli.app import app
 from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.io.units import parse_any
 from abhv_mc_jsbsim.import_vehicle import import_jsbsim
 

@@ -11,7 +11,7 @@ import pytest
 from short_flights import disperse, short_plan, write_law
 
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.stability.points import flown_points

@@ -13,7 +13,7 @@ from fake_flight import write_campaign
 from pyarrow import fs
 
 from abhv_mc.io.address import Address
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_remote import store as remote
 from abhv_mc_remote.store import LEASE, LEASE_NAME, Lease, Objects, Remote, read_holder
 

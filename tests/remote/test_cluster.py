@@ -24,7 +24,7 @@ from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import Request
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc_remote.cluster import connect_cluster

@@ -11,7 +11,7 @@ from pyarrow import fs
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.folder.stores import open_store
 from abhv_mc.io.address import Address
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_remote import store as remote
 from abhv_mc_remote.store import Objects
 

@@ -15,7 +15,7 @@ from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.compare import _gate, check_baseline, pair_campaigns, parse_margins
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign

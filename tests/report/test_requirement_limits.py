@@ -13,7 +13,7 @@ from report.synthetic import build_page
 from abhv_mc.api import compare
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flights import END_TIME
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.rare import find_rare

@@ -5,7 +5,7 @@ import pytest
 from fake_flight import DENSITY, ENGINE, LIFT, fly, make_plan, run, write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.search.flight_records import Programme
 from abhv_mc.search.place import find_band, place_flights
 from abhv_mc.topics.envelopes import ENVELOPES

@@ -19,11 +19,10 @@ from search.methods.known_probabilities import paraboloid
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.folder.flights import SampleReader
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import InputError
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import InputError, grouped_digits
 from abhv_mc.requests import RareRequest, WorstRequest
 from abhv_mc.search.rare import find_rare, find_requirement
 from abhv_mc.search.worst import find_worst, find_worst_margins

@@ -8,7 +8,7 @@ import pytest
 from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.search.search_flights import rank_distinct
 from abhv_mc.search.space import make_space
 

@@ -1,7 +1,7 @@
 """Credibility table with the factors of NASA-STD-7009 and evidence of the folder."""
 
-from abhv_mc.topics.names import names_of
 from abhv_mc.topics.provenance import credibility_fold
+from abhv_mc.topics.topic import names_of
 
 
 def test_the_table_has_eight_factors_and_leaves_the_assessment_to_the_user(flown):

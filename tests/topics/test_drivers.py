@@ -18,8 +18,7 @@ from abhv_mc.topics.drivers import (
     find_swing,
 )
 from abhv_mc.topics.drivers.figures import draw, make_tornado
-from abhv_mc.topics.section import Table
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.topic import Models, Table
 
 METRIC = "altitude_error_max_m"
 PRODUCT = [("aero.drag", "atmosphere.density"), ("atmosphere.density", "aero.drag")]

@@ -7,8 +7,7 @@ import pytest
 from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import bounds, estimate, percent, spoken_name
-from abhv_mc.topics.names import full_labels
-from abhv_mc.topics.section import Cell, Table, grouped
+from abhv_mc.topics.topic import Cell, Table, full_labels, grouped
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
 

@@ -18,7 +18,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.cli.app import app
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.report_numbers import report_schema
 from abhv_mc.report.pages.first_screen import LIMIT_POSITION, chart_rows
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign

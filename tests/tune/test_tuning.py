@@ -10,7 +10,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_tune import tuning as module
 from abhv_mc_tune.candidates import check_free_numbers
 from abhv_mc_tune.constrained_search import Scores, pareto_front, tune

@@ -5,7 +5,7 @@ import math
 import pytest
 from verification.test_invariants import ecef_from_geodetic
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.kernel.world.earth import WGS84
 from benchmarks.verification.fly_recording import check_times, read_columns
 from benchmarks.verification.ghame6 import (

@@ -19,11 +19,10 @@ from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.flights.signals import Signal
-from abhv_mc.folder.flights import END_TIME, FlightRows
+from abhv_mc.folder.flights import END_TIME, FlightRows, SampleReader
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 
 _MOST_SAMPLES = 10_000  # maximum number of flights used to estimate how rare a sampled value is
 

@@ -17,7 +17,7 @@ from abhv_mc.execution.executor import open_executor, open_flown
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.interfaces import Engine, Fly
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 
 MOST_CAUSES = 3  # maximum number of dispersions in an explanation; larger sets are not informative
 

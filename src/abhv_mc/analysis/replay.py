@@ -10,13 +10,18 @@ from abhv_mc.execution.executor import open_flown, simulate
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, relative_difference
 from abhv_mc.flights.signals import Signal
-from abhv_mc.folder.flights import DamagedFileError, FlightRows, parse_block_name, read_pieces
+from abhv_mc.folder.flights import (
+    DamagedFileError,
+    FlightRows,
+    SampleReader,
+    parse_block_name,
+    read_pieces,
+)
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Fly
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 
 EQUAL_BITS = "equal the stored metrics bit for bit"  # text for identical metrics
 
@@ -95,7 +100,7 @@ def find_rows(folder: CampaignFolder, controller: str, flights: Sequence[int]) -
     """
     read_checked(folder, [folder.samples])
     names = SampleReader(folder.samples).names
-    stored: dict[int, FlightRows] = {}
+    stored = {}
     for path in folder.flights.glob("*.parquet"):
         try:
             name, first, stop = parse_block_name(path)

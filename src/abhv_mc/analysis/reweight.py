@@ -21,8 +21,8 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.io.document_reader import compose
-from abhv_mc.io.documents import InputError, Refusal, one_of, validate
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.documents import validate
+from abhv_mc.io.messages import InputError, Refusal, joined, one_of
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
 _SET = "--set"

@@ -86,7 +86,7 @@ _EXAMPLES = {  # examples printed after the options
     ),
     "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
 }
-_PANELS: dict[str, tuple[Any, ...]] = {  # Names stand for commands that packages add.
+_PANELS = {  # Names stand for commands that packages add.
     "First day": (
         *("new", starting.validate, running.run),
         *(reporting.report, reporting.compare, reporting.runs),
@@ -145,7 +145,7 @@ class Group(_Short, TyperGroup):
         """Return a command, or None if it is unknown or its package cannot be imported."""
         if cmd_name not in self.commands:
             self._find_added()
-        command: Any = self.commands.get(cmd_name)
+        command = self.commands.get(cmd_name)
         if isinstance(command, EntryPoint):
             command = self.commands[cmd_name] = self._load(cmd_name, command)
         return command

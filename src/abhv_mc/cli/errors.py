@@ -11,7 +11,7 @@ from pathlib import Path
 from abhv_mc.cli.printing import say
 from abhv_mc.entry_points import VEHICLE
 from abhv_mc.folder.layout import StorageFullError, explain_os_error
-from abhv_mc.io.input_error import InputError, Refusal, is_exhausted
+from abhv_mc.io.messages import InputError, Refusal, is_exhausted
 
 
 class ExitCode(IntEnum):

@@ -12,8 +12,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from abhv_mc.io.address import read_address
-from abhv_mc.io.input_error import InputError, Refusal
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.messages import InputError, Refusal, joined
 from abhv_mc.requests import Option, options_of
 from abhv_mc.shipped import find_input, shipped_files
 
@@ -281,7 +280,7 @@ def _parse_shard(text: str) -> tuple[int, int]:
 
 
 # Type and typer declaration of each kind of option; options of all other kinds are flags.
-_KINDS: dict[str, tuple[Any, Callable[[Option], Any]]] = {
+_KINDS = {
     "address": (Path, lambda o: output(campaign_folder_or_address, "DIR", o.help, o.default or "")),
     "campaign": (Path, lambda _: get_args(CampaignFile)[1]),
     "controller": (str, lambda o: controller_option(o.help, "NAME", show_default=o.default)),

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, TextIO
 from abhv_mc.compiling import listen
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.input_error import printable
+from abhv_mc.io.messages import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from abhv_mc.topics.section import Section
-    from abhv_mc.topics.section import Table as SectionTable
+    from abhv_mc.topics.topic import Section
+    from abhv_mc.topics.topic import Table as SectionTable
 
 _COLORS = {
     "PASS": 32,
@@ -181,7 +181,7 @@ def print_section_table(table: "SectionTable") -> None:
 
 def print_section(section: "Section") -> None:
     """Print the sentences and tables of a report section, without collapsed content."""
-    from abhv_mc.topics.section import Records, Table
+    from abhv_mc.topics.topic import Records, Table
 
     for item in section.items:
         if isinstance(item, Records):

@@ -13,8 +13,7 @@ import typer
 from abhv_mc.cli.options import Json, folder_argument, output_file_or_stream, output_folder
 from abhv_mc.cli.printing import new_table, print_table, say, show_result
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, one_of, quoted
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation

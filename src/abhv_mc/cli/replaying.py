@@ -19,8 +19,7 @@ from abhv_mc.cli.options import (
 from abhv_mc.cli.printing import announce_compiling, print_section_table, say, show_result
 from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, quoted
 
 
 def replay(
@@ -172,7 +171,7 @@ def _map_all(folder: Path, controller: str | None, json: Path | None, trust_code
     from abhv_mc.folder.flown_campaign import read_flown
     from abhv_mc.topics.failures import map_table
     from abhv_mc.topics.flights.model import rank_failed
-    from abhv_mc.topics.names import names_of
+    from abhv_mc.topics.topic import names_of
 
     results = read_flown(folder)
     names = results.controllers

@@ -27,8 +27,7 @@ from abhv_mc.cli.running import exit_by_verdicts, print_state
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import InputError, grouped_digits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -247,8 +246,7 @@ def whatif(
 
 def _print_whatif(estimates: "Whatif") -> None:
     from abhv_mc.topics.formatting import percent, significant
-    from abhv_mc.topics.names import controller_label
-    from abhv_mc.topics.section import Cell, Table, interval_cell, make_row
+    from abhv_mc.topics.topic import Cell, Table, controller_label, interval_cell, make_row
 
     for name, after in estimates.after.items():
         before = estimates.before[name]

@@ -38,8 +38,7 @@ from abhv_mc.cli.starting import imports
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
-from abhv_mc.io.input_error import Refusal
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import Refusal, grouped_digits
 from abhv_mc.requests import Request
 from abhv_mc.shipped import find_input
 

@@ -19,7 +19,7 @@ from abhv_mc.cli.options import (
     takes_options,
 )
 from abhv_mc.cli.printing import announce_compiling, print_section, say, show_result, text_stream
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import RareRequest, WorstRequest
 
 
@@ -36,7 +36,7 @@ def worst(request: WorstRequest, json: Json = None) -> None:
     announce_compiling()
     from abhv_mc.api import worst
     from abhv_mc.flights.metrics import MARGIN_NAMES
-    from abhv_mc.report.pages.worst_page import make_worst_answer
+    from abhv_mc.report.pages.search_pages import make_worst_answer
 
     if request.metric in MARGIN_NAMES:
         hint = f"'abhv-mc margins {request.campaign} --worst' searches margins at the trim point"
@@ -60,7 +60,7 @@ def rare(request: RareRequest, json: Json = None) -> None:
     not converge. After Ctrl-C, completed flights are kept; run the same command to resume.
     """
     from abhv_mc.api import rare
-    from abhv_mc.report.pages.rare_page import make_rare_answer
+    from abhv_mc.report.pages.search_pages import make_rare_answer
 
     announce_compiling()
     result, folder = rare(**vars(request)), Path(request.output)
@@ -172,7 +172,7 @@ def identify(
 
 def _parse_noise(settings: list[str]) -> dict[str, float]:
     """Parse the noise of each channel. Raise InputError unless all values are positive."""
-    noise: dict[str, float] = {}
+    noise = {}
     for setting in settings:
         channel, _, number = setting.partition("=")
         try:

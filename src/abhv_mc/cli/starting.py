@@ -15,13 +15,13 @@ from abhv_mc.cli.printing import (
     show_result,
     text_stream,
 )
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     from abhv_mc.execution.estimate import Estimate
     from abhv_mc.report.numbers.pass_chances import PassChance, Planned
-    from abhv_mc.topics.section import Records
+    from abhv_mc.topics.topic import Records
 
 
 imports = typer.Typer(
@@ -71,7 +71,7 @@ def validate(
     results.
     """
     from abhv_mc.check_inputs import check_inputs
-    from abhv_mc.io.documents import InputError, InputErrors
+    from abhv_mc.io.messages import InputError, InputErrors
 
     announce_compiling()
     errors: list[InputError] = []
@@ -98,7 +98,7 @@ def validate(
         raise InputErrors(errors)
     if samples is not None:
         from abhv_mc.campaign.file.check import read_campaign
-        from abhv_mc.folder.samples import write_inputs
+        from abhv_mc.folder.flights import write_inputs
 
         flights = grouped_digits(write_inputs(read_campaign(paths[0], runs), samples))
         say(f"{samples}: inputs of {flights} flights", file=text_stream(json))
@@ -118,7 +118,7 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
     from abhv_mc.execution.estimate import estimate_campaign
     from abhv_mc.report.numbers.pass_chances import plan_campaign
 
-    estimates: dict[str, tuple[Estimate, Planned | None, str]] = {}
+    estimates = {}
     for file in paths:
         if find_kind(file) == "campaign":
             checked = read_campaign(file, runs)
@@ -153,7 +153,7 @@ def _plan(paths: list[Path], runs: int | None, out: Path | None, json: Path | No
 def _records(cost: "Estimate", plan: "Planned | None", hint: str) -> "Records":
     """Return a campaign's cost, and the conditions of its verdicts, as records."""
     from abhv_mc.topics.formatting import percent
-    from abhv_mc.topics.section import make_records
+    from abhv_mc.topics.topic import make_records
 
     search = (
         f"{grouped_digits(cost.searched)} flights per {cost.kind} for the worst unknowns (fewer if "

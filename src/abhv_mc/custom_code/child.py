@@ -159,7 +159,7 @@ def serve(descriptor: int) -> None:
             except (EOFError, OSError):
                 return
             try:
-                answer: tuple[Any, bool] = function(*arguments), False
+                answer = function(*arguments), False
             except BaseException as error:
                 answer = error, True
             try:

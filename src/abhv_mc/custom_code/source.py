@@ -16,8 +16,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import PACKAGES
 
 

@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.identity import Flyer, this_flyer
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import notify
 
 if TYPE_CHECKING:  # Worker processes do not import modules that only annotations need.
     from abhv_mc.interfaces import Engine

@@ -28,15 +28,15 @@ from abhv_mc.execution.retry import (
     fly_with_retries,
 )
 from abhv_mc.flights.blocks import FlightBlock, join_blocks
+from abhv_mc.folder.flights import SampleReader
 from abhv_mc.folder.hashes import read_checked
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.folder.opening import find_stored_plans
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Plan, Recorded, Simulator
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 
 
 @dataclass(frozen=True)

@@ -26,17 +26,17 @@ from abhv_mc.execution.executor import (
     with_proofs,
 )
 from abhv_mc.execution.progress import Progress
-from abhv_mc.execution.retry import time_limit
-from abhv_mc.execution.stored_flights import (
+from abhv_mc.execution.retention import (
     ESTIMATES,
     Difference,
     find_difference,
     outcome_and_metrics,
 )
+from abhv_mc.execution.retry import time_limit
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability
-from abhv_mc.io.documents import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 
 _LONG = 1.0  # duration of a flight in s above which each process repeats only one flight
 _CHECKED = 8  # number of rows of inputs that are checked

@@ -72,7 +72,7 @@ class FlightCounts:
     @property
     def not_computed(self) -> list[int]:
         """Numbers of the flights that failed to run."""
-        numbers: list[int] = np.flatnonzero(self.uncomputed).tolist()
+        numbers = np.flatnonzero(self.uncomputed).tolist()
         return numbers
 
 
@@ -196,7 +196,7 @@ class Completion:
         """
         self.campaign, self.requested = campaign, requested
         self.first, self.stop = shard
-        self.all_counts: dict[str, FlightCounts] = make_flight_counts(campaign)
+        self.all_counts = make_flight_counts(campaign)
         self.done = {name: np.zeros(campaign.runs, bool) for name in self.all_counts}
 
     def add(self, rows: FlightRows, digest: Digest) -> None:

@@ -12,8 +12,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import END_TIME, FlightRows
 from abhv_mc.io.foreign_table import Column, ForeignTable, read_foreign_table
-from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.phrases import counted, joined, quoted
+from abhv_mc.io.messages import InputError, counted, joined, one_of, quoted
 from abhv_mc.statistics.table_checks import RISK, distance_p_values
 
 if TYPE_CHECKING:

@@ -29,7 +29,7 @@ def interrupts_deferred() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    arrived: list[int] = []
+    arrived = []
     before = {
         number: signal.signal(number, lambda received, frame: arrived.append(received))
         for number in (signal.SIGINT, signal.SIGTERM)

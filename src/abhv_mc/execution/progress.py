@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 from typing import Any, TextIO
 
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 
 # intervals in s between plain progress lines and between updates of the clock
 _PLAIN_INTERVAL, _CLOCK = 10.0, 1.0

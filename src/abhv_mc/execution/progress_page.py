@@ -10,7 +10,7 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.flight_counts import Completion, judge_counts
 from abhv_mc.execution.progress import Progress
 from abhv_mc.io.atomic_write import atomic_write
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 
 INTERVAL = 5  # time between updates, s
 

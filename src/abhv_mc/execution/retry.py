@@ -18,7 +18,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flights.blocks import FlightBlock, join_blocks, make_failed_block, make_recording
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.phrases import counted, notify
+from abhv_mc.io.messages import counted, notify
 
 if TYPE_CHECKING:
     from abhv_mc.interfaces import Fly, Recorded

@@ -29,7 +29,13 @@ from abhv_mc.execution.flight_counts import (
 from abhv_mc.execution.interrupts import interrupts_deferred, sigterm_as_interrupt
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.progress_page import ProgressPage
-from abhv_mc.execution.retention import HistoryFile, list_histories, write_kept_histories
+from abhv_mc.execution.retention import (
+    ESTIMATES,
+    HistoryFile,
+    StoredFlights,
+    list_histories,
+    write_kept_histories,
+)
 from abhv_mc.execution.retry import (
     BATCH_FLIGHTS,
     Block,
@@ -39,14 +45,13 @@ from abhv_mc.execution.retry import (
     cut_blocks,
 )
 from abhv_mc.execution.setup import OpenCampaign, open_campaign
-from abhv_mc.execution.stored_flights import ESTIMATES, StoredFlights
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.repeatability import ROUNDING, Repeatability, weakest
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.envelope_states import Cells, Collector
-from abhv_mc.folder.flights import Digest, FlightRows, flights_schema, write_block
+from abhv_mc.folder.flights import Digest, FlightRows, SampleReader, flights_schema, write_block
 from abhv_mc.folder.flown_blocks import find_joins, join_files, read_flown_blocks
 from abhv_mc.folder.hashes import KEY, Products
 from abhv_mc.folder.histories import write_envelopes
@@ -58,11 +63,9 @@ from abhv_mc.folder.manifest import (
     Manifest,
     add_events,
     note_flyers,
-    write_manifest,
 )
-from abhv_mc.folder.samples import SampleReader
 from abhv_mc.interfaces import Engine, Fly, Plan
-from abhv_mc.io.phrases import grouped_digits, notify
+from abhv_mc.io.messages import grouped_digits, notify
 from abhv_mc.requests import Request
 
 _SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest
@@ -482,8 +485,6 @@ class _Run:
             state=state,
             runs_planned=self.completion.stop - self.completion.first,
             wall_time_s=round(self.wall_before + time.monotonic() - self.start, 3),
-            files=self.files.listed(),
             stopped_at=gapless if self.campaign.model.stop and state == COMPLETE else None,
         )
-        self.manifest = self._judge()
-        write_manifest(self.folder.manifest, self.manifest)
+        self.manifest = self.files.write_manifest(self._judge())

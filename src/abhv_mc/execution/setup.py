@@ -17,6 +17,7 @@ from abhv_mc.custom_code.source import find_package_versions, trust
 from abhv_mc.execution.executor import check_source, find_isolation, make_ready
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.unknown_points import select_points, with_points
+from abhv_mc.folder.flights import SampleReader, write_samples
 from abhv_mc.folder.hashes import KEY, FileHashes, Products, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
 from abhv_mc.folder.inputs import (
@@ -28,7 +29,7 @@ from abhv_mc.folder.inputs import (
     read_folder_inputs,
 )
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import RUNNING, Manifest, write_manifest
+from abhv_mc.folder.manifest import RUNNING, Manifest
 from abhv_mc.folder.opening import (
     FlownFolder,
     begin_folder,
@@ -41,12 +42,10 @@ from abhv_mc.folder.requirement_sets import (
     count_known_flights,
     mark_later_choices,
 )
-from abhv_mc.folder.samples import SampleReader, write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Plan
-from abhv_mc.io.documents import InputError
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.io.phrases import counted, notify, quoted
+from abhv_mc.io.messages import InputError, counted, notify, quoted
 from abhv_mc.requests import Request
 
 
@@ -115,12 +114,9 @@ def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> 
     files = begin_folder(folder, inputs, plans, stack)
     _write_samples(folder, requested)
     _write_nominal(folder, requested, plans, first)
-    manifest = replace(
-        make_manifest(requested, inputs, plans, first.warnings),
-        shard=request.shard,
-        files=files.listed(),
+    manifest = files.write_manifest(
+        make_manifest(requested, inputs, plans, first.warnings), shard=request.shard
     )
-    write_manifest(folder.manifest, manifest)
     return OpenCampaign(folder, ready, manifest, tuple(plans), files)
 
 
@@ -229,8 +225,7 @@ def _resume(
         first_flights = _fly_first(campaign, plans, request.workers)
         _write_nominal(folder, campaign, plans, first_flights)
     if manifest.files != files.listed():
-        manifest = replace(manifest, files=files.listed())
-        write_manifest(folder.manifest, manifest)
+        manifest = files.write_manifest(manifest)
     ready = make_ready(campaign, plans, margins=True)
     ready = replace(ready, repeatability=manifest.repeatable)
     return OpenCampaign(folder, ready, manifest, requested.controllers, files)

@@ -19,16 +19,22 @@ from abhv_mc.execution.flight_tables import read_flight_tables
 from abhv_mc.execution.interrupts import sigterm_as_interrupt
 from abhv_mc.execution.runner import RunResult, fly_opened
 from abhv_mc.execution.setup import OpenCampaign, make_manifest
-from abhv_mc.folder.flights import END_TIME, Digest, FlightRows, flights_schema, write_block
+from abhv_mc.folder.flights import (
+    END_TIME,
+    Digest,
+    FlightRows,
+    SampleReader,
+    flights_schema,
+    write_block,
+    write_samples,
+)
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.folder.manifest import RUNNING, write_manifest
+from abhv_mc.folder.manifest import RUNNING
 from abhv_mc.folder.opening import FlownFolder, begin_folder, open_folder
 from abhv_mc.folder.requirement_sets import mark_later_choices, replace_requirements
-from abhv_mc.folder.samples import SampleReader, write_samples
-from abhv_mc.io.input_error import InputError, InputErrors
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, InputErrors, counted
 from abhv_mc.statistics.table_checks import Column, TableFindings, check_table, half_steps
 
 
@@ -74,9 +80,9 @@ def import_tables(
                 {"table": name},
                 table=campaign.parameters,
             )
-            manifest = make_manifest(campaign, inputs, {}, (*table.warnings, *reasons))
-            manifest = replace(manifest, files=files.listed())
-            write_manifest(folder.manifest, manifest)
+            manifest = files.write_manifest(
+                make_manifest(campaign, inputs, {}, (*table.warnings, *reasons))
+            )
         digests = (block.digest() for block in blocks)
         if manifest.complete and manifest.digest != str(sum(digests, Digest())):
             problem = "the folder contains the flights of another table"

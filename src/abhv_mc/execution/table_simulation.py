@@ -11,7 +11,7 @@ from abhv_mc.execution.executor import make_ready, open_executor, simulate
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flights import END_TIME
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 
 if TYPE_CHECKING:
     import pandas as pd

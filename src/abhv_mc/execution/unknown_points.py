@@ -16,7 +16,7 @@ from abhv_mc.execution.progress import Progress
 from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Plan
-from abhv_mc.io.phrases import counted, notify
+from abhv_mc.io.messages import counted, notify
 from abhv_mc.statistics.unknowns import (
     SEARCH_QUANTILE,
     Trial,

@@ -36,8 +36,8 @@ def serve(connection: Connection, fly: "Fly") -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    plans: dict[int, Any] = {}
-    usual: dict[int, float] = {}
+    plans = {}
+    usual = {}
     while True:
         try:
             key, plan, parameters, recorded, limit = connection.recv()

@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import quoted
 from abhv_mc.statistics.circular import unwrap
 
 _NEAR = 1e-6  # tolerance of sample times relative to the sampling interval

@@ -10,68 +10,36 @@ from pydantic import Field, model_validator
 from abhv_mc.campaign.file.config import Execution
 from abhv_mc.campaign.file.systems import Contents, SystemsCampaign, read_systems
 from abhv_mc.custom_code.read_guard import is_regular
-from abhv_mc.io.documents import (
-    CommaKeys,
-    Document,
-    Problems,
-    Refusal,
-    StrictModel,
-    YesNo,
-    one_of,
-)
+from abhv_mc.io.documents import CommaKeys, Document, Problems, StrictModel, YesNo
 from abhv_mc.io.input_files import expand
+from abhv_mc.io.messages import Refusal, one_of
 from abhv_mc.io.units import Time
 
 
 class Simulator(StrictModel):
     """Custom simulator: a Python function, or a program that reads and writes JSON Lines."""
 
-    python: str | None = Field(
-        None,
-        description="Python file with a function fly(inputs, settings) that simulates one flight",
-    )
-    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
-        None,
-        description=(
-            "program and its arguments; it reads one line of JSON per flight and writes one line "
-            "per result"
-        ),
-    )
-    files: tuple[str, ...] = Field(
-        (),
-        description=(
-            "other files that the simulator consists of or reads: files, folders, or patterns "
-            "with *; the name of an empty folder, or of a folder to be created, ends with /"
-        ),
-    )
-    folder: str = Field(
-        ".",
-        description=(
-            "folder of the simulator, to which all file names are relative; each process runs in "
-            "a temporary folder with copies of the files"
-        ),
-    )
-    time_limit: Annotated[Time, Field(gt=0.0)] = Field(
-        60.0, description="limit on the elapsed time of one flight"
-    )
-    repeatable: YesNo = Field(
-        True,
-        description=(
-            "whether equal inputs give equal results; if not, the simulator draws independent "
-            "noise for each flight in each process"
-        ),
-    )
-    start_limit: Annotated[Time, Field(gt=0.0)] = Field(
-        600.0,
-        description=(
-            "time allowed for the start: to import the Python file, or, in addition to "
-            "time_limit, until the first reply of a program"
-        ),
-    )
-    flights_per_process: Annotated[int, Field(ge=1)] | None = Field(
-        None,
-        description="number of flights after which a simulator process is replaced; default: never",
-    )
+    python: str | None = None
+    """Python file with a function fly(inputs, settings) that simulates one flight"""
+    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    """program and its arguments; it reads one line of JSON per flight and writes one line per
+    result"""
+    files: tuple[str, ...] = ()
+    """other files that the simulator consists of or reads: files, folders, or patterns with *;
+    the name of an empty folder, or of a folder to be created, ends with /"""
+    folder: str = "."
+    """folder of the simulator, to which all file names are relative; each process runs in a
+    temporary folder with copies of the files"""
+    time_limit: Annotated[Time, Field(gt=0.0)] = 60.0
+    """limit on the elapsed time of one flight"""
+    repeatable: YesNo = True
+    """whether equal inputs give equal results; if not, the simulator draws independent noise for
+    each flight in each process"""
+    start_limit: Annotated[Time, Field(gt=0.0)] = 600.0
+    """time allowed for the start: to import the Python file, or, in addition to time_limit,
+    until the first reply of a program"""
+    flights_per_process: Annotated[int, Field(ge=1)] | None = None
+    """number of flights after which a simulator process is replaced; default: never"""
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "Simulator":
@@ -143,39 +111,25 @@ class SimulatorExecution(Execution):
 class SimulatorCampaign(SystemsCampaign):
     """Campaign file for a custom simulator: a Python function or a program."""
 
-    simulator: Simulator = Field(
-        description="program that computes the flights, instead of vehicle, mission and controllers"
-    )
-    execution: SimulatorExecution = Field(
-        default_factory=SimulatorExecution, description="execution settings"
-    )
+    simulator: Simulator
+    """program that computes the flights, instead of vehicle, mission and controllers"""
+    execution: SimulatorExecution = Field(default_factory=SimulatorExecution)
+    """execution settings"""
 
 
 class TableCampaign(SystemsCampaign, CommaKeys):
     """Campaign file for flights of an imported table."""
 
-    independent: YesNo = Field(
-        False,
-        description=(
-            "whether the imported flights are independent draws from the dispersions; statistical"
-            " tests check this"
-        ),
-    )
-    columns: dict[str, str] = Field(
-        {},
-        description=(
-            "mapping from the name of an input or metric (or `system`, `outcome`, `end_time` or "
-            "`flight`) to the heading of its column in the imported table; default: the name "
-            "itself, with or without a unit"
-        ),
-    )
-    first_flight: Literal[0, 1] | None = Field(
-        None,
-        description=(
-            "number of the first flight in an imported table without a flight 0, if another table "
-            "contains a flight 0"
-        ),
-    )
+    independent: YesNo = False
+    """whether the imported flights are independent draws from the dispersions; statistical tests
+    check this"""
+    columns: dict[str, str] = {}
+    """mapping from the name of an input or metric (or `system`, `outcome`, `end_time` or
+    `flight`) to the heading of its column in the imported table; default: the name itself, with
+    or without a unit"""
+    first_flight: Literal[0, 1] | None = None
+    """number of the first flight in an imported table without a flight 0, if another table
+    contains a flight 0"""
 
     @model_validator(mode="after")
     def _check_columns(self) -> "TableCampaign":

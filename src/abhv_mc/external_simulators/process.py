@@ -24,7 +24,7 @@ from abhv_mc.external_simulators.working_folder import (
     unwatch,
     watch,
 )
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import notify
 
 _AHEAD = 64  # maximum number of requests sent ahead of replies
 _FITS = 1 << 15  # maximum number of bytes sent ahead, below the capacity of a pipe

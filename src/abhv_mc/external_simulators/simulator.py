@@ -37,8 +37,8 @@ from abhv_mc.external_simulators.user_flights import fly_user_simulator, seconds
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.interfaces import Capabilities, Engine, Recorded, StoredPlans
-from abhv_mc.io.input_error import InputErrors
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.messages import InputErrors
 
 _PACKAGES = {"site-packages", "dist-packages"}
 
@@ -124,7 +124,7 @@ class ExternalSimulator(interfaces.Simulator):
 
     def find_simulator(self) -> tuple[Simulator, Path]:
         """Return the settings and folder of the simulator."""
-        simulator: Simulator = self.model.simulator
+        simulator = self.model.simulator
         return simulator, self.experiment.document.path.parent / simulator.folder
 
     def find_code(self) -> list[tuple[Path, UserSource]]:

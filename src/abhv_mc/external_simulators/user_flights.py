@@ -24,8 +24,7 @@ from abhv_mc.external_simulators.process import (
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.blocks import FlightBlock, Recording
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.input_error import is_exhausted
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import is_exhausted, notify
 
 _AHEAD = 1e-3  # computing time of a flight in s below which requests are sent ahead of replies
 _SLACK = 0.02  # time in s of a silence check in addition to twice the longest reply time

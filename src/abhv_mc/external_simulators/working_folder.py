@@ -12,7 +12,7 @@ import threading
 from pathlib import Path
 
 from abhv_mc.external_simulators.user_plan import UserPlan
-from abhv_mc.io.input_error import InputError, is_exhausted
+from abhv_mc.io.messages import InputError, is_exhausted
 
 # Program of a watcher, which ends simulators and deletes their folders if abhv-mc is killed.
 # The program reads "+NAME" and "-NAME"; a name is a process group's ID or a folder's path.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from abhv_mc.flights.statistic import MAX_REGISTERS, Operation
-from abhv_mc.io.input_error import Refusal, describe, found_value, one_of
+from abhv_mc.io.messages import Refusal, describe, found_value, one_of
 from abhv_mc.io.units import NUMBER
 
 
@@ -136,7 +136,7 @@ class Expression:
                 )
 
 
-_OPERATORS: dict[type[ast.operator], Operation] = {
+_OPERATORS = {
     ast.Add: Operation.ADD,
     ast.Sub: Operation.SUBTRACT,
     ast.Mult: Operation.MULTIPLY,

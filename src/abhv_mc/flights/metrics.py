@@ -118,7 +118,7 @@ _TEXT = tuple(
     for field in fields(Metric)
     if field.name not in ("circular", "customary", "plateaus", "leads", "band", "finding")
 )
-NO_METRICS: NDArray[np.str_] = np.empty((0, len(_TEXT)), dtype=np.str_)
+NO_METRICS = np.empty((0, len(_TEXT)), dtype=np.str_)
 
 
 def pack_metrics(metrics: Iterable[Metric]) -> NDArray[np.str_]:
@@ -176,7 +176,7 @@ def _margin(
 
 
 # Smallest margins over all loops and points; a margin that is not computed is NaN.
-MARGINS: tuple[Metric, ...] = (
+MARGINS = (
     _margin("gain_margin_min_db", "dB",
             "smallest gain margin, up or down, over loops and points",
             "Gain margin, min", (0.0, 60.0), customary=6.0),
@@ -190,7 +190,7 @@ MARGINS: tuple[Metric, ...] = (
 )  # fmt: skip
 GAIN_MARGIN, PHASE_MARGIN = MARGINS[:2]
 # Reasons why a point has no margin; missing margins count as zero.
-MARGIN_FAULTS: tuple[Signal, ...] = (
+MARGIN_FAULTS = (
     Signal("margin_points_unstable", "-", "points at which the closed loop is unstable"),
     Signal(
         "margin_points_at_limit",
@@ -198,5 +198,5 @@ MARGIN_FAULTS: tuple[Signal, ...] = (
         "points at which a command, a surface or the engine is at a limit",
     ),
 )
-MARGIN_VALUES: tuple[Signal, ...] = (*MARGINS, *MARGIN_FAULTS)
+MARGIN_VALUES = (*MARGINS, *MARGIN_FAULTS)
 MARGIN_NAMES = tuple(metric.name for metric in MARGINS)

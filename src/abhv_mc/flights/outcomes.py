@@ -58,7 +58,7 @@ LAW_LOST = (
     Outcome.LAW_CRASHED,
     Outcome.LAW_HUNG,
 )
-SENTENCES: dict[Outcome, str] = {
+SENTENCES = {
     Outcome.OK: "The flight reached the end of the mission.",
     Outcome.ALTITUDE_LIMIT: "The altitude left the limits of the mission or the vehicle.",
     Outcome.ANGLE_OF_ATTACK_LIMIT: "The angle of attack left the vehicle's limits.",

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.messages import Refusal
 from abhv_mc.io.units import (
     TEMPERATURE_DIFFERENCE,
     dimension_of,

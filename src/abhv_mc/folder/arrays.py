@@ -44,7 +44,7 @@ def read_array(path: Path) -> NDArray[Any] | None:
         content = memoryview(path.read_bytes())
         if zlib.crc32(content[:-4]).to_bytes(4, "little") != content[-4:]:
             return None
-        values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
         return values
     except (OSError, ValueError, EOFError):
         return None

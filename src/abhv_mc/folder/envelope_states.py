@@ -22,7 +22,7 @@ from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
 from abhv_mc.folder.histories import EnvelopeTable
 from abhv_mc.folder.layout import write_whole
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.statistics.bands import QUANTILES, band_quantiles
 from abhv_mc.statistics.circular import align_flights
 
@@ -63,7 +63,7 @@ class Collector:
         # [flight] true if values are stored or not needed
         self.covered = np.arange(len(flown)) >= ENVELOPE_FLIGHTS
         # file -> (first flight, stop, times) of each intact block
-        self._blocks: dict[Path, tuple[int, int, Floats]] = {}
+        self._blocks = {}
         for path in self._folder.glob(f"{controller}-*.npy"):
             with contextlib.suppress(DamagedFileError):
                 name, first, stop = parse_block_name(path)

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from abhv_mc.array_types import Floats, Indices
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.io.parquet_columns import column_values
 
 _IN_MEMORY = 32 * 2**20  # maximum size of a table in memory, bytes

@@ -16,6 +16,7 @@ from abhv_mc.folder.flights import (
     DamagedFileError,
     Digest,
     FlightRows,
+    SampleReader,
     block_path,
     parse_block_name,
     read_digest,
@@ -24,7 +25,6 @@ from abhv_mc.folder.flights import (
 )
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.layout import CampaignFolder, hash_file
-from abhv_mc.folder.samples import SampleReader
 
 ROWS = 1 << 20  # maximum number of rows of a merged file
 MANY = 64  # maximum number of files of a controller that are left unmerged
@@ -128,7 +128,7 @@ def join_files(paths: Sequence[Path]) -> Path:
 
 def _read_groups(paths: Sequence[Path]) -> Iterator[pa.Table]:
     """Yield the rows of files in order, as tables of about one row group."""
-    waiting: list[pa.Table] = []
+    waiting = []
     for path in paths:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             for group in range(file.num_row_groups):

@@ -22,16 +22,15 @@ from abhv_mc.campaign.file.requirement_set import (
 from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder.controller_flights import ControllerFlights, Ranking, rank_flights, read_flights
 from abhv_mc.folder.file_columns import FileColumns, read_table
-from abhv_mc.folder.flights import END_TIME
+from abhv_mc.folder.flights import END_TIME, POINT
 from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes
 from abhv_mc.folder.histories import MOST_MEDIAN, QUANTILE_COLUMNS
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.folder.requirement_sets import count_known_flights, mark_later_choices
-from abhv_mc.folder.samples import POINT
 from abhv_mc.folder.steady_margins import SteadyMargins, read_steady_margins
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.io.parquet_columns import column_values, distinct_texts
 from abhv_mc.statistics.circular import move_near
 
@@ -238,7 +237,7 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """Return the stored histories of a controller, by flight and channel (or "time") [time]."""
-    histories: dict[int, dict[str, Floats]] = {}
+    histories = {}
     for path in _history_files(root, controller):
         columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
         numbers = columns.pop("flight")

@@ -10,17 +10,18 @@ no result depends on them.
 import contextlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.layout import CampaignFolder, hash_file, recording
 from abhv_mc.folder.lock import lock_holder
-from abhv_mc.folder.manifest import Manifest, read_manifest
+from abhv_mc.folder.manifest import Manifest, read_manifest, write_manifest
 from abhv_mc.interfaces import REMEDY
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 DAMAGED = "the file is damaged or was changed after the run"
 REPLACED = "a run replaced files of this folder while the files were read"
@@ -66,6 +67,12 @@ class FileHashes:
     def listed(self) -> dict[str, str]:
         """Return the hash of each file by name, for the manifest."""
         return dict(sorted(self._known.items()))
+
+    def write_manifest(self, manifest: Manifest, **changes: Any) -> Manifest:
+        """Write the manifest with changed entries and the hashes of the files; return it."""
+        manifest = replace(manifest, **changes, files=self.listed())
+        write_manifest(self._folder.manifest, manifest)
+        return manifest
 
     def forget(self, *paths: Path) -> None:
         """Remove from the list the files that the run has deleted or will replace."""

@@ -22,8 +22,9 @@ from abhv_mc.campaign.file.requirements import join_requirements, select_require
 from abhv_mc.campaign.file.systems import SYSTEMS, systems_key
 from abhv_mc.folder.layout import CampaignFolder, hash_file, is_inside, write_bytes, write_whole
 from abhv_mc.folder.manifest import Manifest
-from abhv_mc.io.documents import Document, InputError, read_document, write_document
+from abhv_mc.io.documents import Document, read_document, write_document
 from abhv_mc.io.input_files import read_input
+from abhv_mc.io.messages import InputError
 
 _HEAD = """Campaign of this folder; the files to which it refers are copied to inputs/.
 To reproduce the results: abhv-mc run campaign.yaml -o ANOTHER_FOLDER"""
@@ -49,7 +50,7 @@ class FolderInputs:
     @property
     def systems(self) -> dict[str, Any]:
         """Entries of the compared controllers or systems, by name."""
-        systems: dict[str, Any] = self.data.get(systems_key(self.data)) or {}
+        systems = self.data.get(systems_key(self.data)) or {}
         return systems
 
     @property

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 from abhv_mc.io.atomic_write import TEMPORARY, atomic_write, check_before_write
-from abhv_mc.io.input_error import InputError, is_printable
+from abhv_mc.io.messages import InputError, is_printable
 
 _FULL = (
     errno.ENOSPC,

@@ -19,7 +19,7 @@ from pathlib import Path
 from abhv_mc.cache_root import NO_LOCKS
 from abhv_mc.folder.layout import explain_os_error
 from abhv_mc.io.atomic_write import TEMPORARY, checks_before_writes
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 _PATIENCE = 0.5  # waiting time in s: the command `runs` tests a lock by holding it briefly
 _POLL = 0.01  # time in s between attempts

@@ -14,7 +14,7 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.layout import write_text
 from abhv_mc.identity import Flyer
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.statistics.verdicts import label_status
 
 Ranges = tuple[tuple[int, int], ...]  # (first, stop) of each range of flights

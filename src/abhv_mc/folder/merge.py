@@ -20,7 +20,7 @@ from abhv_mc.campaign.file.requirement_set import find_requirement_changes
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.flights.repeatability import weakest
 from abhv_mc.folder.envelope_states import merge_states
-from abhv_mc.folder.flights import read_pieces, write_block
+from abhv_mc.folder.flights import SampleReader, read_pieces, write_block
 from abhv_mc.folder.hashes import FileHashes, damage_error, find_damage, read_checked, record_hashes
 from abhv_mc.folder.inputs import FolderInputs, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
@@ -33,12 +33,9 @@ from abhv_mc.folder.manifest import (
     join_flyers,
     read_manifest,
     shift_flyers,
-    write_manifest,
 )
 from abhv_mc.folder.opening import read_stored_arrays
-from abhv_mc.folder.samples import SampleReader
-from abhv_mc.io.documents import InputError
-from abhv_mc.io.phrases import counted, joined
+from abhv_mc.io.messages import InputError, counted, joined
 
 _ONE_CAMPAIGN = "shards of one campaign"
 _ONE_QUESTION = "campaigns that differ only in their seed and number of flights"
@@ -115,7 +112,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
     manifests = [read_manifest(shard.manifest) for shard in shards]
     if is_merged(target, manifests):
         return
-    damaged: set[Path] = set()
+    damaged = set()
     for shard, manifest in zip(shards, manifests, strict=True):
         for path, damage in find_damage(shard, manifest):
             if path.parent != shard.flights:
@@ -135,7 +132,7 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
             for path in sorted(set(shard.flights.glob("*.parquet")) - damaged):
                 write_whole(target.flights / path.name, partial(shutil.copyfile, path))
         merge_states([shard.envelope_states for shard in shards], target.envelope_states)
-        write_manifest(target.manifest, replace(merged, files=files.listed()))
+        files.write_manifest(merged)
 
 
 def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: list[str]) -> None:
@@ -369,15 +366,13 @@ def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
         flyers = join_flyers(
             entry for source, start in sources for entry in shift_flyers(source.flown_by, start)
         )
-        merged = replace(
+        files.write_manifest(
             manifests[0],
             state=INTERRUPTED,
             pooled=tuple(pooled),
             runs_planned=starts[-1],
             campaign_hash=inputs.identity,
             flown_by=flyers,
-            files=files.listed(),
             stopped_at=None,
             **_sum_entries(manifests),
         )
-        write_manifest(target.manifest, merged)

@@ -14,9 +14,9 @@ from abhv_mc.folder.hashes import FileHashes, Products, damage_error, record_has
 from abhv_mc.folder.inputs import FolderInputs, read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder, write_bytes
 from abhv_mc.folder.lock import hold_lock
-from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest, write_manifest
+from abhv_mc.folder.manifest import RUNNING, Manifest, read_manifest
 from abhv_mc.interfaces import REMEDY, Arrays, Plan, StoredPlans
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,9 @@ def grow_folder(
     products.forget_stale(files)
     if longer or plans:
         manifest = replace(manifest, state=RUNNING, runs_planned=merged.data["runs"])
-    manifest = replace(
+    manifest = files.write_manifest(
         manifest, inputs=merged.hashes, campaign_hash=merged.identity, question=merged.question
     )
-    manifest = replace(manifest, files=files.listed())
-    write_manifest(folder.manifest, manifest)
     merged.write_campaign(folder)
     return manifest
 

@@ -17,9 +17,9 @@ from abhv_mc.campaign.file.systems import systems_key
 from abhv_mc.folder.hashes import FileHashes
 from abhv_mc.folder.inputs import read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder, write_whole
-from abhv_mc.folder.manifest import Manifest, RequirementSet, write_manifest
+from abhv_mc.folder.manifest import Manifest, RequirementSet
 from abhv_mc.io.documents import read_document, write_document
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted
 
 _HEAD = "Requirements by which the flights of this folder were judged, until the next set."
 
@@ -62,8 +62,7 @@ def replace_requirements(
     if [*find_requirement_changes(before.data, judged.data)]:
         manifest = add_requirement_set(folder, manifest, before.data, judged.data)
         judged.write_campaign(folder)
-        manifest = replace(manifest, files=files.listed())
-        write_manifest(folder.manifest, manifest)
+        manifest = files.write_manifest(manifest)
     return manifest
 
 

@@ -14,7 +14,7 @@ from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import INTERRUPTED, RUNNING, Manifest, read_manifest
 from abhv_mc.interfaces import Store
 from abhv_mc.io.address import read_address
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 
 class LocalStore:
@@ -67,7 +67,7 @@ def open_store(path: Path) -> Store:
             f"unknown scheme in '{address}'",
             "s3://bucket/folder, gs://bucket/folder or a path",
         )
-    store: Store = entry.load()(address)
+    store = entry.load()(address)
     return store
 
 

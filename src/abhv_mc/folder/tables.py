@@ -14,7 +14,7 @@ from abhv_mc.folder.hashes import data_files, read_checked, refuse_changes_after
 from abhv_mc.folder.layout import CampaignFolder, write_whole
 from abhv_mc.folder.manifest import Manifest
 from abhv_mc.io.csv_table import write_batches
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -96,7 +96,7 @@ def run_query(folder: Path, sql: str, convert: "Callable[[DuckDBPyRelation], T]"
     """
     import duckdb
 
-    connections: list[DuckDBPyConnection] = []
+    connections = []
     ended = threading.Event()
 
     def answer() -> T | None:

@@ -13,8 +13,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from abhv_mc.io.input_error import InputError, describe, found_value, is_printable
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import InputError, describe, found_value, grouped_digits, is_printable
 from abhv_mc.io.units import NUMBER
 
 Place = tuple[int, int]
@@ -123,7 +122,7 @@ class _Builder:
         self.refuse(node, f"found the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 
     def mapping(self, node: MappingNode, keys: tuple[str | int, ...]) -> dict[str, Any]:
-        result: dict[str, Any] = {}
+        result = {}
         for key_node, value_node in node.value:
             is_scalar = isinstance(key_node, ScalarNode)
             key = self.scalar(key_node, str(key_node.tag)) if is_scalar else None

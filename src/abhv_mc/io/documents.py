@@ -5,12 +5,16 @@ subclasses of :class:`StrictModel`. All problems of a file are reported together
 and column.
 """
 
+import ast
+import functools
+import inspect
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field
 from io import StringIO
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -19,8 +23,8 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
-    Field,
     GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     ValidationError,
     ValidationInfo,
     model_validator,
@@ -28,26 +32,15 @@ from pydantic import (
 from pydantic_core import to_jsonable_python
 
 from abhv_mc.io.document_reader import Place, Plain, compose
-from abhv_mc.io.input_error import InputError, InputErrors, Refusal, describe, found_value, one_of
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.phrases import counted
-
-__all__ = [
-    "CommaKeys",
-    "Document",
-    "File",
-    "InputError",
-    "InputErrors",
-    "Problems",
-    "Refusal",
-    "StrictModel",
-    "describe",
-    "found_value",
-    "one_of",
-    "read_document",
-    "validate",
-    "write_document",
-]
+from abhv_mc.io.messages import (
+    InputError,
+    InputErrors,
+    Refusal,
+    counted,
+    found_value,
+    one_of,
+)
 
 M = TypeVar("M", bound=BaseModel)
 Key = str | int
@@ -211,6 +204,16 @@ class StrictModel(BaseModel):
         _make_scalars_strict(schema, cls)
         return schema
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: GetJsonSchemaHandler) -> Any:
+        schema = handler(core)
+        properties = handler.resolve_ref_schema(schema).get("properties", {})
+        for base in filter(StrictModel.__subclasscheck__, cls.__mro__[::-1]):
+            for (owner, name), text in _field_docstrings(base.__module__).items():
+                if owner == base.__name__ and (field := cls.model_fields.get(name)):
+                    properties[field.alias or name]["description"] = text
+        return schema
+
     @model_validator(mode="before")
     @classmethod
     def _note_keys(cls, data: Any, info: ValidationInfo) -> Any:
@@ -222,13 +225,33 @@ class StrictModel(BaseModel):
         return data
 
 
+@functools.cache
+def _field_docstrings(module: str) -> dict[tuple[str, str], str]:
+    """Return the docstrings of the fields of a module's classes, by class and field.
+
+    They are the descriptions of the keys in a JSON Schema. Pydantic would read them, more slowly,
+    on each import.
+    """
+    try:
+        source = inspect.getsource(sys.modules[module])
+    except (OSError, TypeError):  # interactive sessions and compiled modules
+        return {}
+    return {
+        (owner.name, ast.unparse(field.target)): " ".join(ast.literal_eval(text.value).split())
+        for owner in ast.walk(ast.parse(source))
+        if isinstance(owner, ast.ClassDef)
+        for field, text in pairwise(owner.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+    }
+
+
 class CommaKeys(StrictModel):
     """Keys beside a table's ``columns`` that state the meaning of commas in its numbers."""
 
-    decimal: Literal[","] | None = Field(None, description="`','` if 12,788 in the table is 12.788")
-    thousands: Literal[","] | None = Field(
-        None, description="`','` if 12,788 in the table is 12788"
-    )
+    decimal: Literal[","] | None = None
+    """`','` if 12,788 in the table is 12.788"""
+    thousands: Literal[","] | None = None
+    """`','` if 12,788 in the table is 12788"""
 
     @model_validator(mode="after")
     def _check_commas(self) -> Self:

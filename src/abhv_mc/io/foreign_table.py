@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.io.input_error import InputError, Refusal, describe
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.messages import InputError, Refusal, counted, describe, quoted
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
 
 if TYPE_CHECKING:  # Workers read no tables and do not need to import pyarrow.
@@ -121,7 +120,7 @@ class ForeignTable:
         {ft}' or 'altitude_ft'. ``heads`` maps names to the headings that replace them. Raise
         InputError if two columns match one name.
         """
-        columns: dict[str, Column] = {}
+        columns = {}
         known_names = frozenset(names)
         for index, head in enumerate(self.heads):
             name, unit = read_head(head, known_names)
@@ -439,7 +438,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     from abhv_mc.io.parquet_columns import arrow_memory
 
     lines: dict[int, str] = {}
-    comments: list[tuple[int, str]] = []
+    comments = []
     start = 0  # first line of a quoted cell that spans several lines
     for number, line in enumerate(text.splitlines(), 1):
         if start:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from abhv_mc.io.input_error import Refusal, found_value
+from abhv_mc.io.messages import Refusal, found_value
 
 A = TypeVar("A")
 T = TypeVar("T")

@@ -16,7 +16,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from abhv_mc.io.input_error import Refusal, describe, found_value, one_of
+from abhv_mc.io.messages import Refusal, describe, found_value, one_of
 
 # decimal number; \d would also match digits of other scripts
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
@@ -24,12 +24,12 @@ Exponents = tuple[
     int, int, int, int, int
 ]  # exponents of metre, kilogram, second, radian and kelvin
 
-_NONE: Exponents = (0, 0, 0, 0, 0)
+_NONE = (0, 0, 0, 0, 0)
 _FOOT = 0.3048
 _POUND = 0.45359237
 _G0 = 9.80665
 
-_UNITS: dict[str, tuple[float, Exponents]] = {  # factor to SI and exponents by symbol
+_UNITS = {  # factor to SI and exponents by symbol
     symbol: (factor, exponents)
     for exponents, symbols in {
         _NONE: {"%": 0.01},

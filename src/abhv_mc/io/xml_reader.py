@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 
 _INCLUDE = "http://www.w3.org/2001/XInclude"
 _DEEPEST = 200  # maximum depth of nested elements

@@ -21,10 +21,10 @@ from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.foreign_table import ForeignTable, NumberTable, read_foreign_table
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.io.units import parse_in_any_unit, parse_unit
 from abhv_mc.search.search_flights import read_searched
-from abhv_mc.search.space import Space, make_space
+from abhv_mc.search.space import make_space
 from abhv_mc.statistics.circular import align_flights, unwrap
 from abhv_mc.statistics.placement import find_offset
 
@@ -170,7 +170,7 @@ class Programme:
             for name, value in experiment.model.measured.items()
             if name in self.names
         } | dict(noise or {})
-        self.space: Space = make_space(experiment)
+        self.space = make_space(experiment)
         measured = dict.fromkeys(name for record in self.records for name in record.inputs)
         added = (name for name in measured if name not in self.space.names)
         self.measured, self.columns = tuple(measured), (*self.space.columns, *added)

@@ -10,7 +10,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import write_document
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.search.flight_records import Programme
 from abhv_mc.statistics.circular import move_near
 from abhv_mc.statistics.identification import estimate, find_spread

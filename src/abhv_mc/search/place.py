@@ -112,7 +112,7 @@ def place_flights(
     spread = np.isfinite(simulated).sum(axis=(0, 1, 2)) < count
     pool = np.concatenate([simulated, tests[None]])
     pool[:, ~np.isfinite(tests)] = np.nan  # Simulated flights have the gaps of the test flights.
-    bands: list[Band] = []
+    bands = []
     scores, labels, values = np.zeros(pool.shape[:2]), list(names), pool[:, :, 0]
     if programme.is_history:
         values = summarize(pool.reshape(-1, *pool.shape[2:])).reshape(*pool.shape[:2], -1)

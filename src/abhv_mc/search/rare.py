@@ -13,8 +13,7 @@ from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.io.phrases import counted, grouped_digits, notify, quoted
+from abhv_mc.io.messages import InputError, counted, grouped_digits, notify, one_of, quoted
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.evaluation import LANES, make_generator
 from abhv_mc.search.methods.rare import (

@@ -39,6 +39,7 @@ from abhv_mc.folder.flights import (
     block_path,
     flights_schema,
     write_block,
+    write_samples,
 )
 from abhv_mc.folder.flown_blocks import read_campaign_block
 from abhv_mc.folder.inputs import FolderInputs, collect_inputs, read_folder_inputs
@@ -52,12 +53,10 @@ from abhv_mc.folder.manifest import (
     write_manifest,
 )
 from abhv_mc.folder.opening import FlownFolder, begin_folder, find_stored_plans, open_folder
-from abhv_mc.folder.samples import write_samples
 from abhv_mc.identity import find_commit, find_machine, find_versions
 from abhv_mc.interfaces import Engine, Simulator
-from abhv_mc.io.documents import InputError, one_of
 from abhv_mc.io.input_files import reading_once
-from abhv_mc.io.phrases import notify
+from abhv_mc.io.messages import InputError, notify, one_of
 from abhv_mc.requests import Paths, SearchRequest
 from abhv_mc.search.space import Space, make_space
 from abhv_mc.statistics.estimates import Criterion
@@ -357,8 +356,7 @@ class SearchFlights:
         )
 
     def _write(self, state: str, **entries: Any) -> None:
-        self.manifest = replace(self.manifest, state=state, **entries, files=self.files.listed())
-        write_manifest(self.folder.manifest, self.manifest)
+        self.manifest = self.files.write_manifest(self.manifest, state=state, **entries)
 
 
 @contextlib.contextmanager

@@ -18,8 +18,7 @@ from abhv_mc.campaign.sampling.marginals import (
 )
 from abhv_mc.campaign.sampling.samples import draw_seeds, full_rows
 from abhv_mc.flights.parameters import Parameters
-from abhv_mc.io.documents import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 
 # number of random flights that are tried, and minimum number of flights that must be in the box
 _TRIED, _FEWEST_INSIDE = 65536, 10

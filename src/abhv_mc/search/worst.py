@@ -21,8 +21,7 @@ from abhv_mc.flights.metrics import MARGIN_NAMES, Metric
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine, TrimMargins
-from abhv_mc.io.documents import InputError
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.messages import InputError, counted, grouped_digits
 from abhv_mc.requests import WorstRequest
 from abhv_mc.search.methods.worst import WorstCase, least_evaluations, search_worst
 from abhv_mc.search.search_flights import (

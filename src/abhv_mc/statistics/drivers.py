@@ -204,7 +204,7 @@ def rank_drivers(
     inside, across = correlation[:, :count].copy(), correlation[:, count:]
     steady = np.flatnonzero(np.diag(inside) <= 1e-9)
     inside[steady, steady] = 1.0
-    inverse: Floats = np.linalg.pinv(inside, hermitian=True)
+    inverse = np.linalg.pinv(inside, hermitian=True)
     slopes = inverse @ across
     explained = np.where(moving, np.clip(np.sum(across * slopes, axis=0), 0.0, 1.0), np.nan)
     srrc = np.where(moving, slopes, np.nan)
@@ -214,7 +214,7 @@ def rank_drivers(
     own = srrc**2 / np.diag(inverse)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(own > 0.0, (1.0 - explained) / (1.0 - explained + own), 1.0)
-    p_value: Floats = betainc(freedom / 2.0, 0.5, np.where(moving, left, np.nan))
+    p_value = betainc(freedom / 2.0, 0.5, np.where(moving, left, np.nan))
     is_significant = discoveries(p_value, FALSE_DISCOVERY_RATE)
     with np.errstate(invalid="ignore"):
         is_driver = is_significant & (np.abs(srrc) > LEAST_COEFFICIENT)

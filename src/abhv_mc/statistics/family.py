@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import Verdict
 

@@ -67,7 +67,7 @@ def estimate(
     count, columns = len(data), len(shared)
     offsets = np.vstack([np.zeros(columns), _STEP * np.eye(columns), -_STEP * np.eye(columns)])
     points, errors, listed = np.zeros((count, columns)), np.zeros((count, columns)), listed.copy()
-    inseparable: list[tuple[tuple[int, ...], float]] = []
+    inseparable = []
     converged, simulations = False, 0
     best = dict.fromkeys(np.unique(vehicles).tolist(), np.inf)
     damping, solutions = dict.fromkeys(best, _DAMPING), {}

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import bdtr, bdtrc, chdtr, chdtrc, ndtr, ndtri, pdtrc
 
-from abhv_mc.array_types import Floats, Ints, Mask
+from abhv_mc.array_types import Floats, Mask
 
 RISK = 1e-6  # risk of rejecting a table of independent draws
 _DIGITS = 15  # number of significant decimal digits of a double-precision number
@@ -280,7 +280,7 @@ def _connected(start: int, correlation: Floats) -> set[int]:
     """Return the columns connected to `start` by a chain of correlations."""
     group, new = {start}, {start}
     while new:
-        neighbours: Ints = np.flatnonzero((correlation[sorted(new)] != 0.0).any(axis=0))
+        neighbours = np.flatnonzero((correlation[sorted(new)] != 0.0).any(axis=0))
         new = set(neighbours.tolist()) - group
         group |= new
     return group

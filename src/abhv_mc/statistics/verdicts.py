@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import betaln, gammaln
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.statistics.evidence import (
     flights_to_pass,
     log_fail_evidence,
@@ -153,7 +153,7 @@ def advise(verdicts: Sequence[Verdict]) -> Extension | None:
     """
     flights = max(verdict.flights for verdict in verdicts)
     rules = {(verdict.probability, verdict.consumer_risk) for verdict in verdicts}
-    numbers: set[int] = set()
+    numbers = set()
     for probability, risk in rules:
         most = most_failures(MOST_TIMES * flights, probability, risk)
         allowed = np.unique(np.geomspace(1, most + 2, _TRIED).astype(np.int64)) - 1

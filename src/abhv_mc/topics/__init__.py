@@ -13,24 +13,22 @@ cache_root()
 
 if TYPE_CHECKING:
     from abhv_mc.folder.flown_campaign import FlownCampaign
-    from abhv_mc.topics.names import Names
     from abhv_mc.topics.registry import register
-    from abhv_mc.topics.section import (
+    from abhv_mc.topics.topic import (
         Cell,
         FigureText,
         Fold,
         Heading,
+        Names,
         Picture,
         Section,
         Table,
         Text,
+        Topic,
     )
-    from abhv_mc.topics.topic import Topic
 
 _HOMES = {
     "FlownCampaign": "abhv_mc.folder.flown_campaign",
-    "Names": "abhv_mc.topics.names",
-    "Topic": "abhv_mc.topics.topic",
     "register": "abhv_mc.topics.registry",
 }
 
@@ -44,4 +42,4 @@ def __getattr__(name: str) -> Any:
     """Return a public object, which is imported on first use to avoid circular imports."""
     if name not in __all__:
         raise AttributeError(f"module 'abhv_mc.topics' has no attribute '{name}'")
-    return getattr(import_module(_HOMES.get(name, "abhv_mc.topics.section")), name)
+    return getattr(import_module(_HOMES.get(name, "abhv_mc.topics.topic")), name)

@@ -18,9 +18,7 @@ from abhv_mc.statistics.failure_rules import (
 )
 from abhv_mc.topics.formatting import count_of, percent, shown_value, spoken_name
 from abhv_mc.topics.missed_requirements import failure_kinds, requirement_words
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Heading, Row, Section, Table, Text, grouped
-from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.topic import Cell, Heading, Names, Row, Section, Table, Text, Topic, grouped
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.flights.parameters import Parameters
-from abhv_mc.io.phrases import THIN, grouped_digits
+from abhv_mc.io.messages import THIN, grouped_digits
 from abhv_mc.statistics.estimates import Interval
 
 MINUS = "\N{MINUS SIGN}"

@@ -7,11 +7,9 @@ import numpy as np
 
 from abhv_mc.campaign.sampling.marginals import find_atoms
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.topics.formatting import count_of, percent, significant
-from abhv_mc.topics.names import Names, full_labels
-from abhv_mc.topics.section import Fold, Section, Table, Text, make_row
-from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.topic import Fold, Names, Section, Table, Text, Topic, full_labels, make_row
 
 
 @dataclass(frozen=True)

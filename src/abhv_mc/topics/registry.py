@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from abhv_mc.io.input_error import InputError, found_value, one_of
+from abhv_mc.io.messages import InputError, found_value, one_of
 from abhv_mc.topics.comparison import COMPARISON
 from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.drivers import DRIVERS

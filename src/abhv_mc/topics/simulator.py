@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import grouped_digits
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Item, Section, Table, make_records, make_row
-from abhv_mc.topics.topic import Topic
+from abhv_mc.io.messages import grouped_digits
+from abhv_mc.topics.topic import Item, Names, Section, Table, Topic, make_records, make_row
 
 _SHOWN = 20  # maximum number of reasons listed per system
 _NO_REASON = "no reason is stored"

@@ -16,7 +16,7 @@ from abhv_mc.cli.printing import (
     text_stream,
 )
 from abhv_mc.custom_code.child import run_in_thread
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 from abhv_mc_vehicle.cli.options import (
     ControllerFiles,

@@ -23,7 +23,7 @@ from abhv_mc.cli.printing import (
     say,
     show_result,
 )
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 from abhv_mc_vehicle.cli.options import (
     ControllerFiles,

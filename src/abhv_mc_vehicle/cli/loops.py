@@ -61,7 +61,7 @@ def plot_nichols(gains: NDArray[np.complex128], inputs: Sequence[str]) -> Figure
     """Plot the gain of loops against their phase; crosses mark neutral stability."""
     figure = new_figure(4.2)
     axes = figure.subplots()
-    turns: set[int] = set()
+    turns = set()
     for i, name in enumerate(inputs):
         phase = _phase(gains[:, i])
         gain = 20.0 * np.log10(np.abs(gains[:, i]))

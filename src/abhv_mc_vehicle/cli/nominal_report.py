@@ -12,7 +12,7 @@ from abhv_mc.io.parquet_columns import column_values
 from abhv_mc.statistics.circular import unwrap
 from abhv_mc.topics.envelopes.figures import plot_flown
 from abhv_mc.topics.figure_style import write_png
-from abhv_mc.topics.names import controller_label
+from abhv_mc.topics.topic import controller_label
 from abhv_mc_vehicle.flight.channels import CHANNELS, REFERENCE_CHANNELS
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.vehicle_simulator.make_plans import reference_of

@@ -8,7 +8,7 @@ import typer
 from abhv_mc.cli import printing
 from abhv_mc.cli.options import controllers_option, of_kinds, parse_names
 from abhv_mc.compiling import tell
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 
 MissionFile = Annotated[Path, typer.Argument(metavar="MISSION", **of_kinds("mission"))]

@@ -7,7 +7,7 @@ import typer
 
 from abhv_mc.cli.options import output_folder
 from abhv_mc.cli.printing import say
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.cli.options import NewVehicle
 
 

@@ -7,17 +7,26 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import File, StrictModel
 from abhv_mc.io.input_files import expand
+from abhv_mc.io.messages import Refusal, one_of
 from abhv_mc.io.units import Frequency, Time, parse_any, parse_in_unit, parse_unit
 from abhv_mc_vehicle.kernel.plant.vehicle import MAX_ACTUATORS
 from abhv_mc_vehicle.vehicle.shared_keys import located
 
 Rate = Annotated[Frequency, Field(gt=0.0)]
-_RATE = "control ticks per second"
-_PERIOD = "period in control ticks, checked for stability margins; 0: determined automatically"
-_FILES = (
-    "data files and modules of the control law: names, patterns such as tables/*.csv, or folders"
+_RATE = Field(100.0, description="control ticks per second")
+_PERIOD = Field(
+    0,
+    ge=0,
+    le=100,
+    description="period in control ticks, checked for stability margins; "
+    "0: determined automatically",
+)
+_FILES = Field(
+    (),
+    description="data files and modules of the control law: names, patterns such as "
+    "tables/*.csv, or folders",
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -47,26 +56,21 @@ class ControllerModel(StrictModel):
 class PythonController(ControllerModel):
     """Custom control law in a Python file."""
 
-    law: Literal["python"] = Field(description="kind of control law")
-    file: File = Field(description="Python file of the control law; see abhv_mc.extend")
-    files: tuple[str, ...] = Field((), description=_FILES)
-    rate: Rate = Field(100.0, description=_RATE)
-    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
-    settings: dict[str, Any] = Field(
-        {},
-        description="values for the fields of the class Settings, with units if the Python file "
-        "declares units",
-    )
-    commands: dict[str, Any] = Field(
-        {},
-        description="values for the fields of the class Commands: constants, or values by start "
-        "time such as {0 s: 100 m, 5 s: 130 m}",
-    )
-    around: File | None = Field(
-        None,
-        description="TLC or LQR controller file; the function filters the measurements for this "
-        "controller, at the rate of this controller",
-    )
+    law: Literal["python"]
+    """kind of control law"""
+    file: File
+    """Python file of the control law; see abhv_mc.extend"""
+    files: tuple[str, ...] = _FILES
+    rate: Rate = _RATE
+    period: int = _PERIOD
+    settings: dict[str, Any] = {}
+    """values for the fields of the class Settings, with units if the Python file declares units"""
+    commands: dict[str, Any] = {}
+    """values for the fields of the class Commands: constants, or values by start time such as {0
+    s: 100 m, 5 s: 130 m}"""
+    around: File | None = None
+    """TLC or LQR controller file; the function filters the measurements for this controller, at
+    the rate of this controller"""
 
     @model_validator(mode="after")
     def _check(self) -> "PythonController":
@@ -84,43 +88,27 @@ class PythonController(ControllerModel):
 class CController(ControllerModel):
     """Custom control law in C with the interface of abhv_law.h."""
 
-    law: Literal["c"] = Field(description="kind of control law")
-    library: File | None = Field(None, description="shared library of the control law")
-    sources: tuple[File, ...] = Field(
-        (), description="C sources of the control law, compiled by cc; replaces the key 'library'"
-    )
-    flags: tuple[str, ...] = Field(
-        ("-O2",), description="compiler flags for cc in addition to -ffp-contract=off"
-    )
-    design: File | None = Field(
-        None,
-        description="gains: a Python file with design(), or a CSV file of gains as a function of "
-        "time",
-    )
-    files: tuple[str, ...] = Field((), description=_FILES)
-    rate: Rate = Field(100.0, description=_RATE)
-    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
-    settings: dict[str, Any] = Field(
-        {},
-        description="values of the members of the struct abhv_settings: numbers or lists of "
-        "numbers, with units",
-    )
-    units: dict[str, str] = Field(
-        {},
-        description="SI units of settings, such as {bank_limit: rad}; the values of these settings "
-        "need a unit",
-    )
-    effectors: tuple[str, ...] = Field(
-        (),
-        max_length=MAX_ACTUATORS,
-        description="commanded effectors of the vehicle, in the order of the members of the C "
-        "struct",
-    )
-    onboard: bool = Field(
-        False,
-        description="whether measured->onboard contains data of the nominal vehicle, as in Python "
-        "control laws",
-    )
+    law: Literal["c"]
+    """kind of control law"""
+    library: File | None = None
+    """shared library of the control law"""
+    sources: tuple[File, ...] = ()
+    """C sources of the control law, compiled by cc; replaces the key 'library'"""
+    flags: tuple[str, ...] = ("-O2",)
+    """compiler flags for cc in addition to -ffp-contract=off"""
+    design: File | None = None
+    """gains: a Python file with design(), or a CSV file of gains as a function of time"""
+    files: tuple[str, ...] = _FILES
+    rate: Rate = _RATE
+    period: int = _PERIOD
+    settings: dict[str, Any] = {}
+    """values of the members of the struct abhv_settings: numbers or lists of numbers, with units"""
+    units: dict[str, str] = {}
+    """SI units of settings, such as {bank_limit: rad}; the values of these settings need a unit"""
+    effectors: tuple[str, ...] = Field((), max_length=MAX_ACTUATORS)
+    """commanded effectors of the vehicle, in the order of the members of the C struct"""
+    onboard: bool = False
+    """whether measured->onboard contains data of the nominal vehicle, as in Python control laws"""
 
     @model_validator(mode="after")
     def _check(self) -> "CController":
@@ -168,27 +156,23 @@ class CController(ControllerModel):
 class FmuController(ControllerModel):
     """Custom control law as a Functional Mock-up Unit for co-simulation."""
 
-    law: Literal["fmu"] = Field(description="kind of control law")
-    file: File = Field(description="FMU file (FMI 2.0 or 3.0)")
-    inputs: dict[str, bool | float | str] = Field(
-        description="source of each input: measured.NAME, reference.NAME, onboard.NAME, "
-        "gains.NAME, time, or a constant such as true, 3 or 20 deg"
-    )
-    outputs: dict[str, str] = Field(
-        description="name of the FMU output that supplies each field of the command (such as "
-        "elevator) or each commanded effector of the vehicle"
-    )
-    params: dict[str, Any] = Field(
-        {}, description="initial values of the FMU's parameters, with units if they have any"
-    )
-    design: File | None = Field(
-        None,
-        description="gains: a Python file with design(), or a CSV file of gains as a function of "
-        "time",
-    )
-    files: tuple[str, ...] = Field((), description=_FILES)
-    rate: Rate = Field(100.0, description=_RATE)
-    period: Annotated[int, Field(ge=0, le=100)] = Field(0, description=_PERIOD)
+    law: Literal["fmu"]
+    """kind of control law"""
+    file: File
+    """FMU file (FMI 2.0 or 3.0)"""
+    inputs: dict[str, bool | float | str]
+    """source of each input: measured.NAME, reference.NAME, onboard.NAME, gains.NAME, time, or a
+    constant such as true, 3 or 20 deg"""
+    outputs: dict[str, str]
+    """name of the FMU output that supplies each field of the command (such as elevator) or each
+    commanded effector of the vehicle"""
+    params: dict[str, Any] = {}
+    """initial values of the FMU's parameters, with units if they have any"""
+    design: File | None = None
+    """gains: a Python file with design(), or a CSV file of gains as a function of time"""
+    files: tuple[str, ...] = _FILES
+    rate: Rate = _RATE
+    period: int = _PERIOD
 
     @model_validator(mode="after")
     def _check(self) -> "FmuController":
@@ -225,25 +209,21 @@ class FmuController(ControllerModel):
 class ProcessController(ControllerModel):
     """Custom control law in a program; each flight has a process of its own."""
 
-    law: Literal["process"] = Field(description="kind of control law")
-    command: tuple[_Word, ...] = Field(min_length=1, description="program and its arguments")
-    files: Annotated[tuple[Path, ...], _Files] = Field((), description=_FILES)
-    protocol: Literal["binary", "json"] = Field(
-        "json", description="records: lines of JSON, or 64-bit floats in the machine's byte order"
-    )
-    inputs: tuple[str, ...] = Field(
-        (),
-        description="values in a request: time, measured.NAME, reference.NAME or onboard.NAME; by "
-        "default time and all measured quantities",
-    )
-    outputs: tuple[str, ...] = Field(
-        ("aileron", "rudder", "elevator", "equivalence_ratio"),
-        description="values in a reply: fields of the command, or effectors of the vehicle",
-    )
-    time_limit: Annotated[Time, Field(gt=0.0)] = Field(
-        60.0, description="limit on the elapsed time until a reply"
-    )
-    rate: Rate = Field(100.0, description=_RATE)
+    law: Literal["process"]
+    """kind of control law"""
+    command: tuple[_Word, ...] = Field(min_length=1)
+    """program and its arguments"""
+    files: Annotated[tuple[Path, ...], _Files] = _FILES
+    protocol: Literal["binary", "json"] = "json"
+    """records: lines of JSON, or 64-bit floats in the machine's byte order"""
+    inputs: tuple[str, ...] = ()
+    """values in a request: time, measured.NAME, reference.NAME or onboard.NAME; by default time
+    and all measured quantities"""
+    outputs: tuple[str, ...] = ("aileron", "rudder", "elevator", "equivalence_ratio")
+    """values in a reply: fields of the command, or effectors of the vehicle"""
+    time_limit: Annotated[Time, Field(gt=0.0)] = 60.0
+    """limit on the elapsed time until a reply"""
+    rate: Rate = _RATE
     period: ClassVar[int] = 0
     design: ClassVar[None] = None
 

@@ -17,16 +17,9 @@ from pydantic import (
 )
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.documents import (
-    CommaKeys,
-    File,
-    InputError,
-    Refusal,
-    StrictModel,
-    read_document,
-    validate,
-)
+from abhv_mc.io.documents import CommaKeys, File, StrictModel, read_document, validate
 from abhv_mc.io.input_files import made_once
+from abhv_mc.io.messages import InputError, Refusal
 from abhv_mc.io.units import Angle, AngularRate, Length, Mass, Pressure, Speed, Time, parse_in_unit
 from abhv_mc_vehicle.control.mission_tables import (
     DENSITIES,
@@ -43,8 +36,8 @@ from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
 from abhv_mc_vehicle.vehicle.shared_keys import LoadLimits, Positive, Rising, SensingKeys
 
 _NORTHMOST = math.radians(89.99001)
-_KIND = "kind of manoeuvre"
-_LENGTH = "duration of the manoeuvre"
+_KIND = Field(description="kind of manoeuvre")
+_LENGTH = Field(description="duration of the manoeuvre")
 Duration = Annotated[Time, Positive]
 GravitationalParameter = Annotated[
     float,
@@ -62,62 +55,62 @@ class Start(StrictModel):
     needs from the start.
     """
 
-    altitude: Length = Field(description="initial geodetic altitude")
-    speed: Annotated[Speed, Positive] = Field(description="initial speed relative to the Earth")
-    heading: Angle = Field(description="initial heading, clockwise from north")
-    latitude: Annotated[Angle, Field(gt=-_NORTHMOST, lt=_NORTHMOST)] = Field(
-        description="initial geodetic latitude, at most 89.99 deg in magnitude"
-    )
-    longitude: Angle = Field(0.0, description="initial longitude, positive to the east")
-    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
-        0.0, description="initial flight path angle, if the flight starts in a climb or descent"
-    )
-    bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = Field(
-        0.0, description="initial bank angle about the velocity, positive to the right"
-    )
+    altitude: Length
+    """initial geodetic altitude"""
+    speed: Annotated[Speed, Positive]
+    """initial speed relative to the Earth"""
+    heading: Angle
+    """initial heading, clockwise from north"""
+    latitude: Annotated[Angle, Field(gt=-_NORTHMOST, lt=_NORTHMOST)]
+    """initial geodetic latitude, at most 89.99 deg in magnitude"""
+    longitude: Angle = 0.0
+    """initial longitude, positive to the east"""
+    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = 0.0
+    """initial flight path angle, if the flight starts in a climb or descent"""
+    bank: Annotated[Angle, Field(gt=-1.4, lt=1.4)] = 0.0
+    """initial bank angle about the velocity, positive to the right"""
 
 
 class Level(StrictModel):
     """Straight and level flight."""
 
-    kind: Literal["level"] = Field(description=_KIND)
+    kind: Literal["level"] = _KIND
 
 
 class Phase(StrictModel):
     """Manoeuvre with an optional name."""
 
-    name: str | None = Field(
-        None,
-        description="name of the manoeuvre; the key 'phase' of a metric can select its time "
-        "window by this name",
-    )
+    name: str | None = None
+    """name of the manoeuvre; the key 'phase' of a metric can select its time window by this name"""
 
 
 class Climb(Phase):
     """Smooth change of altitude and speed, with zero rate and acceleration at both ends."""
 
-    kind: Literal["climb"] = Field(description=_KIND)
-    altitude_change: Length = Field(description="change of altitude, positive upwards")
-    length: Duration = Field(description=_LENGTH)
-    speed_change: Speed = Field(0.0, description="change of speed during the manoeuvre")
+    kind: Literal["climb"] = _KIND
+    altitude_change: Length
+    """change of altitude, positive upwards"""
+    length: Duration = _LENGTH
+    speed_change: Speed = 0.0
+    """change of speed during the manoeuvre"""
 
 
 class PullUp(Phase):
     """Smooth change of the flight path angle, which remains constant afterwards."""
 
-    kind: Literal["pull_up"] = Field(description=_KIND)
-    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)] = Field(
-        description="flight path angle at the end of the pull-up, positive upwards"
-    )
-    length: Duration = Field(description=_LENGTH)
+    kind: Literal["pull_up"] = _KIND
+    flight_path_angle: Annotated[Angle, Field(gt=-1.0, lt=1.0)]
+    """flight path angle at the end of the pull-up, positive upwards"""
+    length: Duration = _LENGTH
 
 
 class Turn(Phase):
     """Smooth change of the heading, positive to the right."""
 
-    kind: Literal["turn"] = Field(description=_KIND)
-    heading_change: Angle = Field(description="change of heading, positive to the right")
-    length: Duration = Field(description=_LENGTH)
+    kind: Literal["turn"] = _KIND
+    heading_change: Angle
+    """change of heading, positive to the right"""
+    length: Duration = _LENGTH
 
 
 class SManoeuvre(Phase):
@@ -129,22 +122,15 @@ class SManoeuvre(Phase):
     ends.
     """
 
-    kind: Literal["s_manoeuvre"] = Field(description=_KIND)
-    offset: Length = Field(
-        description="displacement, positive to the left of the initial heading (north when flying "
-        "east)"
-    )
-    length: Duration = Field(description=_LENGTH)
-    bank_time: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0,
-        description="duration of the bank ramp at each end of the manoeuvre, at most half the "
-        "manoeuvre's length",
-    )
-    sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = Field(
-        1.0,
-        description="exponent of the acceleration; larger values give longer straight flight "
-        "between the turns",
-    )
+    kind: Literal["s_manoeuvre"] = _KIND
+    offset: Length
+    """displacement, positive to the left of the initial heading (north when flying east)"""
+    length: Duration = _LENGTH
+    bank_time: Annotated[Time, Field(ge=0.0)] = 0.0
+    """duration of the bank ramp at each end of the manoeuvre, at most half the manoeuvre's
+    length"""
+    sharpness: Annotated[float, Field(ge=1.0, le=10.0)] = 1.0
+    """exponent of the acceleration; larger values give longer straight flight between the turns"""
 
     @model_validator(mode="after")
     def _check(self) -> "SManoeuvre":
@@ -167,32 +153,34 @@ class SManoeuvre(Phase):
 class WaypointTurn(StrictModel):
     """One of several changes of heading."""
 
-    at: Annotated[Time, Field(ge=0.0)] = Field(
-        description="time after start_time at which the change starts"
-    )
-    heading_change: Angle = Field(description="change of heading, positive to the right")
-    length: Duration = Field(description=_LENGTH)
+    at: Annotated[Time, Field(ge=0.0)]
+    """time after start_time at which the change starts"""
+    heading_change: Angle
+    """change of heading, positive to the right"""
+    length: Duration = _LENGTH
 
 
 class Waypoints(StrictModel):
     """Several changes of heading, which add up if they overlap."""
 
-    kind: Literal["waypoints"] = Field(description=_KIND)
-    turns: list[WaypointTurn] = Field(min_length=1, description="heading changes of the mission")
+    kind: Literal["waypoints"] = _KIND
+    turns: list[WaypointTurn] = Field(min_length=1)
+    """heading changes of the mission"""
 
 
 class Recorded(StrictModel):
     """Trajectory from a CSV file with columns time_s, altitude_m, speed_mps and heading_deg."""
 
-    kind: Literal["recorded"] = Field(description=_KIND)
-    file: File = Field(description="CSV file of the trajectory, relative to the mission file")
+    kind: Literal["recorded"] = _KIND
+    file: File
+    """CSV file of the trajectory, relative to the mission file"""
 
 
 class LevelPhase(Phase):
     """Flight with constant flight path angle and heading."""
 
-    kind: Literal["level"] = Field(description=_KIND)
-    length: Duration = Field(description=_LENGTH)
+    kind: Literal["level"] = _KIND
+    length: Duration = _LENGTH
 
 
 InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(discriminator="kind")]
@@ -201,10 +189,9 @@ InPhases = Annotated[LevelPhase | Climb | PullUp | Turn | SManoeuvre, Field(disc
 class Phases(StrictModel):
     """Sequence of manoeuvres, each starting with the final values of the previous one."""
 
-    kind: Literal["phases"] = Field(description=_KIND)
-    phases: Annotated[tuple[InPhases, ...], Field(min_length=1)] = Field(
-        description="manoeuvres in order"
-    )
+    kind: Literal["phases"] = _KIND
+    phases: Annotated[tuple[InPhases, ...], Field(min_length=1)]
+    """manoeuvres in order"""
 
 
 Manoeuvre = Annotated[
@@ -216,51 +203,39 @@ Manoeuvre = Annotated[
 class MissionLimits(LoadLimits):
     """Limits that end a flight."""
 
-    altitude: Annotated[tuple[Length, Length], Rising] = Field(
-        (10e3, 40e3), description="minimum and maximum altitude"
-    )
-    speed: Annotated[Speed, Positive] | None = Field(
-        None, description="maximum speed; default: twice the largest speed of the reference"
-    )
-    fuel_out: bool = Field(True, description="whether a flight ends when its fuel is exhausted")
+    altitude: Annotated[tuple[Length, Length], Rising] = (10e3, 40e3)
+    """minimum and maximum altitude"""
+    speed: Annotated[Speed, Positive] | None = None
+    """maximum speed; default: twice the largest speed of the reference"""
+    fuel_out: bool = True
+    """whether a flight ends when its fuel is exhausted"""
 
 
 class End(StrictModel):
     """Conditions, any of which ends the mission before its full duration has elapsed."""
 
-    altitude_above: Length | None = Field(
-        None, description="the mission is complete when the altitude exceeds this value"
-    )
-    altitude_below: Length | None = Field(
-        None, description="the mission is complete when the altitude is below this value"
-    )
-    speed_above: Speed | None = Field(
-        None, description="the mission is complete when the speed exceeds this value"
-    )
-    speed_below: Speed | None = Field(
-        None, description="the mission is complete when the speed is below this value"
-    )
-    mach_above: float | None = Field(
-        None, description="the mission is complete when the Mach number exceeds this value"
-    )
-    mach_below: float | None = Field(
-        None, description="the mission is complete when the Mach number is below this value"
-    )
-    dynamic_pressure_above: Pressure | None = Field(
-        None, description="the mission is complete when the dynamic pressure exceeds this value"
-    )
-    dynamic_pressure_below: Pressure | None = Field(
-        None, description="the mission is complete when the dynamic pressure is below this value"
-    )
-    flight_path_angle_above: Angle | None = Field(
-        None, description="the mission is complete when the flight path angle exceeds this value"
-    )
-    flight_path_angle_below: Angle | None = Field(
-        None, description="the mission is complete when the flight path angle is below this value"
-    )
-    mass_below: Mass | None = Field(
-        None, description="the mission is complete when the mass is below this value"
-    )
+    altitude_above: Length | None = None
+    """the mission is complete when the altitude exceeds this value"""
+    altitude_below: Length | None = None
+    """the mission is complete when the altitude is below this value"""
+    speed_above: Speed | None = None
+    """the mission is complete when the speed exceeds this value"""
+    speed_below: Speed | None = None
+    """the mission is complete when the speed is below this value"""
+    mach_above: float | None = None
+    """the mission is complete when the Mach number exceeds this value"""
+    mach_below: float | None = None
+    """the mission is complete when the Mach number is below this value"""
+    dynamic_pressure_above: Pressure | None = None
+    """the mission is complete when the dynamic pressure exceeds this value"""
+    dynamic_pressure_below: Pressure | None = None
+    """the mission is complete when the dynamic pressure is below this value"""
+    flight_path_angle_above: Angle | None = None
+    """the mission is complete when the flight path angle exceeds this value"""
+    flight_path_angle_below: Angle | None = None
+    """the mission is complete when the flight path angle is below this value"""
+    mass_below: Mass | None = None
+    """the mission is complete when the mass is below this value"""
 
     def range_of(self, name: str) -> tuple[float, float]:
         """Return the range of the quantity ``name`` within which the flight continues."""
@@ -272,10 +247,10 @@ class End(StrictModel):
 class AirTable(CommaKeys):
     """Table over altitude, such as a sounding, with units in the header."""
 
-    file: File = Field(description="CSV file of the table, relative to the mission file")
-    columns: dict[str, str] = Field(
-        {}, description="column headers in the table by quantity, such as {altitude: HGHT}"
-    )
+    file: File
+    """CSV file of the table, relative to the mission file"""
+    columns: dict[str, str] = {}
+    """column headers in the table by quantity, such as {altitude: HGHT}"""
 
 
 class WindTable(AirTable):
@@ -297,34 +272,28 @@ class DensityTable(AirTable):
 class Ensemble(CommaKeys):
     """Atmospheres of which each flight of a campaign has one."""
 
-    ensemble: File = Field(
-        description="CSV or Parquet file with the columns member, altitude, those of 'wind' and of "
-        "'density', and optionally weight"
-    )
-    columns: dict[str, str] = Field(
-        {}, description="column headers in the table by quantity, such as {altitude: HGHT}"
-    )
+    ensemble: File
+    """CSV or Parquet file with the columns member, altitude, those of 'wind' and of 'density',
+    and optionally weight"""
+    columns: dict[str, str] = {}
+    """column headers in the table by quantity, such as {altitude: HGHT}"""
 
 
 class EarthNumbers(StrictModel):
     """Constants of the Earth model; the defaults are those of WGS-84."""
 
-    equatorial_radius: Annotated[Length, Positive] = Field(
-        WGS84.equatorial_radius, description="equatorial radius of the ellipsoid"
+    equatorial_radius: Annotated[Length, Positive] = WGS84.equatorial_radius
+    """equatorial radius of the ellipsoid"""
+    flattening: Annotated[float, Field(ge=0.0, lt=0.1)] = WGS84.flattening
+    """flattening of the ellipsoid; 0: a sphere"""
+    gravitational_parameter: Annotated[GravitationalParameter, Positive] = (
+        WGS84.gravitational_parameter
     )
-    flattening: Annotated[float, Field(ge=0.0, lt=0.1)] = Field(
-        WGS84.flattening, description="flattening of the ellipsoid; 0: a sphere"
-    )
-    gravitational_parameter: Annotated[GravitationalParameter, Positive] = Field(
-        WGS84.gravitational_parameter,
-        description="product of the gravitational constant and the mass of the Earth",
-    )
-    j2: Annotated[float, Field(ge=0.0, lt=0.01)] = Field(
-        WGS84.j2, description="second zonal harmonic; 0: a central field"
-    )
-    rotation_rate: AngularRate = Field(
-        WGS84.rotation_rate, description="angular rate of the Earth; 0 rad/s: no rotation"
-    )
+    """product of the gravitational constant and the mass of the Earth"""
+    j2: Annotated[float, Field(ge=0.0, lt=0.01)] = WGS84.j2
+    """second zonal harmonic; 0: a central field"""
+    rotation_rate: AngularRate = WGS84.rotation_rate
+    """angular rate of the Earth; 0 rad/s: no rotation"""
 
 
 _BY_NAME = Discriminator(lambda value: "name" if isinstance(value, str) else "given")
@@ -333,50 +302,42 @@ _BY_NAME = Discriminator(lambda value: "name" if isinstance(value, str) else "gi
 class Mission(StrictModel):
     """Mission of a flight: start, manoeuvres, limits, environment and end."""
 
-    name: str = Field(description="name of the mission")
-    start: Start = Field(description="position, speed and attitude at the start")
-    duration: Annotated[Time, Field(gt=0.0, le=3600.0)] = Field(
-        60.0, description="duration of a flight"
-    )
-    start_time: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time at which the manoeuvre starts"
-    )
-    manoeuvre: Manoeuvre = Field(description="manoeuvre or sequence of manoeuvres")
-    limits: MissionLimits = Field(MissionLimits(), description="limits that end a flight")
+    name: str
+    """name of the mission"""
+    start: Start
+    """position, speed and attitude at the start"""
+    duration: Annotated[Time, Field(gt=0.0, le=3600.0)] = 60.0
+    """duration of a flight"""
+    start_time: Annotated[Time, Field(ge=0.0)] = 0.0
+    """time at which the manoeuvre starts"""
+    manoeuvre: Manoeuvre
+    """manoeuvre or sequence of manoeuvres"""
+    limits: MissionLimits = MissionLimits()
+    """limits that end a flight"""
     earth: Annotated[
         Annotated[Literal["wgs84"], Tag("name")] | Annotated[EarthNumbers, Tag("given")],
         _BY_NAME,
-    ] = Field("wgs84", description="model of the Earth: wgs84, or custom constants")
-    end: End = Field(
-        End(), description="conditions that complete the mission before its duration has elapsed"
-    )
+    ] = "wgs84"
+    """model of the Earth: wgs84, or custom constants"""
+    end: End = End()
+    """conditions that complete the mission before its duration has elapsed"""
     wind: Annotated[
         Annotated[Literal["none"], Tag("name")] | Annotated[WindTable, Tag("given")], _BY_NAME
-    ] = Field(
-        "none",
-        description="wind of the nominal flight, to which wind.north etc. are added; nominal "
-        "controls are computed without wind",
-    )
+    ] = "none"
+    """wind of the nominal flight, to which wind.north etc. are added; nominal controls are
+    computed without wind"""
     density: Annotated[
         Annotated[Literal["standard"], Tag("name")] | Annotated[DensityTable, Tag("given")],
         _BY_NAME,
-    ] = Field(
-        "standard",
-        description="air density of the nominal flight: standard atmosphere, or a table",
-    )
-    atmosphere: Ensemble | None = Field(
-        None,
-        description="members that campaigns draw as `atmosphere.member`; a member replaces the "
-        "tables of 'wind' and 'density', which remain those of the nominal flight",
-    )
-    sensing: SensingKeys = Field(
-        SensingKeys(),
-        description="reference for the measured quantities; default: the reference in the vehicle "
-        "file",
-    )
-    step: Annotated[Time, Field(ge=1e-4, le=0.1)] = Field(
-        0.01, description="time step of the integrator"
-    )
+    ] = "standard"
+    """air density of the nominal flight: standard atmosphere, or a table"""
+    atmosphere: Ensemble | None = None
+    """members that campaigns draw as `atmosphere.member`; a member replaces the tables of 'wind'
+    and 'density', which remain those of the nominal flight"""
+    sensing: SensingKeys = SensingKeys()
+    """reference for the measured quantities; default: the reference in the vehicle file"""
+    step: Annotated[Time, Field(ge=1e-4, le=0.1)] = 0.01
+    """time step of the integrator"""
 
     @model_validator(mode="after")
     def _check(self) -> "Mission":

@@ -14,8 +14,7 @@ from abhv_mc.io.foreign_table import (
     read_numbers,
     take_numbers,
 )
-from abhv_mc.io.input_error import InputError, one_of
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.messages import InputError, counted, grouped_digits, one_of
 from abhv_mc.io.units import ANGLE, DENSITY, FRACTION, KELVIN, LENGTH, PRESSURE, SPEED, TIME
 from abhv_mc_vehicle.kernel.world.atmosphere import GAS_CONSTANT, atmosphere, geopotential_height
 

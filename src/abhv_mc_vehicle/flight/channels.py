@@ -133,7 +133,7 @@ CHANNELS += (
 )
 
 # Reference trajectory of the mission, which is the same for all flights of a campaign.
-REFERENCE_CHANNELS: tuple[Signal, ...] = (
+REFERENCE_CHANNELS = (
     Signal("altitude_reference_m", "m", "reference altitude"),
     Signal("speed_reference_mps", "m/s", "reference speed"),
     Signal("flight_path_angle_reference_deg", "deg", "reference flight path angle"),
@@ -145,7 +145,7 @@ REFERENCE_CHANNELS: tuple[Signal, ...] = (
     Signal("east_reference_m", "m", "reference east displacement"),
 )
 
-CHANNEL_INDEX: dict[str, int] = {signal.name: i for i, signal in enumerate(CHANNELS)}
+CHANNEL_INDEX = {signal.name: i for i, signal in enumerate(CHANNELS)}
 
 SURFACES = ("aileron", "elevator", "rudder")
 # Quantities for which limit cycles are measured.
@@ -155,7 +155,7 @@ SWINGS = {
     "sideslip": "sideslip",
 }
 # Sources that are not recorded in histories.
-_SOURCES: tuple[Source, ...] = (
+_SOURCES = (
     *(
         Source(
             f"{name}_from_trim_deg",
@@ -210,7 +210,7 @@ _SOURCES: tuple[Source, ...] = (
     Source("engine_failed", "-", "1 if an engine has failed or unstarted", "engine_failed", True),
     Source("outside_tables", "-", "positive if an input is outside the tables", "outside", True),
 )
-SOURCES: dict[str, Source] = {source.name: source for source in (*CHANNELS, *_SOURCES)}
+SOURCES = {source.name: source for source in (*CHANNELS, *_SOURCES)}
 
 
 def effector_sources(names: Sequence[str]) -> tuple[Source, ...]:

@@ -15,8 +15,7 @@ from abhv_mc.flights.expressions import SourceRow, compile_expression
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.signals import Source
 from abhv_mc.flights.statistic import Operation, Statistic
-from abhv_mc.io.input_error import Refusal
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import Refusal, counted
 from abhv_mc_vehicle.flight.channels import SOURCES, effector_sources, state_channels
 from abhv_mc_vehicle.kernel.flight.counting import MAX_LEAN, MAX_PROGRAMS, Counted, Lean, Programs
 from abhv_mc_vehicle.kernel.flight.observe import find_row

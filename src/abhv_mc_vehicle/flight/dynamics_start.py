@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints, Mask
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.mission import Mission
 from abhv_mc_vehicle.kernel.numerics.quaternion import rotate_meridional
 from abhv_mc_vehicle.kernel.plant import state as s

@@ -151,7 +151,7 @@ _SAMPLED = 512  # number of flights per call if quantiles need all ticks; limits
 _LONGEST = 600.0  # time limit for fly_until with native code, s
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
-compiled_flight: Callable[[int], Any] = cache(make_fly_lanes)
+compiled_flight = cache(make_fly_lanes)
 
 
 @cache

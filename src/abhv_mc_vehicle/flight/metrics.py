@@ -102,7 +102,7 @@ def _surface(name: str) -> tuple[Metric, ...]:
     )  # fmt: skip
 
 
-METRICS: tuple[Metric, ...] = (
+METRICS = (
     *_error("altitude_error", "m", "altitude error", "Altitude error", "altitude_error_m",
             leads="max"),
     *_error("speed_error", "m/s", "speed error", "Speed error", "speed_error_mps", leads="max"),
@@ -177,6 +177,6 @@ def effector_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
     )  # fmt: skip
 
 
-METRIC_INDEX: dict[str, int] = {metric.name: i for i, metric in enumerate(METRICS)}
-BUILT_IN: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *MARGINS)}
+METRIC_INDEX = {metric.name: i for i, metric in enumerate(METRICS)}
+BUILT_IN = {metric.name: metric for metric in (*METRICS, *MARGINS)}
 ELEVATOR_TRAVEL = next(m.name for m in METRICS if m.of == "elevator_moved_deg")

@@ -14,7 +14,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.child import LostError, in_child, run_in_thread
 from abhv_mc.flights.outcomes import LAW_LOST, Outcome
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.law_file import PYTHON
 from abhv_mc_vehicle.flight.fly import describe_last_tick, fly, fly_until, nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan

@@ -100,7 +100,7 @@ def _above(outcome: Outcome, source: str, name: str, factor: float = 1.0) -> Lim
 
 
 # If two limits are exceeded at the same tick, the later entry determines the outcome.
-LIMITS: tuple[Limit, ...] = (
+LIMITS = (
     Limit(Outcome.POLE_LIMIT, "latitude", lambda limits: (-NEAREST_POLE, NEAREST_POLE)),
     Limit(Outcome.FUEL_OUT, "fuel_left_kg", lambda limits: (limits.fuel_min, math.inf)),
     *map(_end, EndBounds._fields),
@@ -129,7 +129,7 @@ LIMITS: tuple[Limit, ...] = (
 )
 
 
-NO_SOURCES: NDArray[np.str_] = np.empty((0, 2), np.str_)
+NO_SOURCES = np.empty((0, 2), np.str_)
 
 
 # Prefixes of dispersed parameters that lean kernels do not support.

@@ -10,7 +10,7 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.flights.metrics import pack_metrics
 from abhv_mc.flights.timing import Timing
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.controller_file import (
     Controller,
     LqrController,

@@ -8,7 +8,8 @@ from typing import Any
 from abhv_mc.custom_code.child import in_child
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.entry_points import LAW_BACKENDS, load_entry_point
-from abhv_mc.io.documents import Document, InputError, InputErrors
+from abhv_mc.io.documents import Document
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc_vehicle.control.law_file import NATIVE, PYTHON, USER_LAWS
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.flight.interface import TOGETHER, UserCode
@@ -44,7 +45,7 @@ def open_vehicle(plan: FlightPlan, width: int) -> Iterator[UserCode]:
     foreign = plan.vehicle.foreign
     code = plan.vehicle_code
     # The reference keeps the functions alive while the kernel uses them.
-    functions: tuple[Any, ...] = (None, None, None)
+    functions = (None, None, None)
     if foreign.digest.any():
         if code is None or code.digest != foreign.digest.tobytes():
             raise ValueError("the source of the vehicle's custom functions is missing")
@@ -192,7 +193,7 @@ def _find_backend(law: str, file: str) -> LawBackend:
     """Return the backend of a native control law. Raise InputError if none is registered."""
     if law == "c":
         return LawBackend(open_c_law, find_c_memory)
-    backend: LawBackend | None = load_entry_point(LAW_BACKENDS, law)
+    backend = load_entry_point(LAW_BACKENDS, law)
     if backend is None:
         raise InputError(
             file,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from abhv_mc.custom_code.source import compile_text, read_source
 from abhv_mc.flights.parameters import Parameter, Parameters
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.io.units import parse_any, si_unit_of, unit_of
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.control.law_file import PythonController

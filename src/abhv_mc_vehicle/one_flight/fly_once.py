@@ -23,16 +23,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.execution.first_flights import differs
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.documents import (
-    Document,
-    InputError,
-    Refusal,
-    one_of,
-    read_document,
-    write_document,
-)
-from abhv_mc.io.input_error import check_mapping
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import Document, read_document, write_document
+from abhv_mc.io.messages import InputError, Refusal, check_mapping, one_of, quoted
 from abhv_mc.io.units import Dimension, parse_quantity
 from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input

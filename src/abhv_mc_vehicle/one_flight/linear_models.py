@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from abhv_mc.io.documents import InputError, one_of
-from abhv_mc.io.phrases import joined, quoted
+from abhv_mc.io.messages import InputError, joined, one_of, quoted
 from abhv_mc.io.units import ANGLE, TIME
 from abhv_mc.shipped import DEFAULT_VEHICLE
 from abhv_mc_vehicle.control.mission import read_mission

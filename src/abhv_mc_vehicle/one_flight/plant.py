@@ -16,12 +16,11 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.documents import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE
 from abhv_mc_vehicle.flight.arguments import make_kernel_plan, make_results
 from abhv_mc_vehicle.flight.fly import choose_flight, fly_until
-from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.user_law import open_law
 from abhv_mc_vehicle.kernel.flight.interface import LANES, Z_ROWS, make_memory
 from abhv_mc_vehicle.kernel.flight.observe import ALIVE
@@ -160,8 +159,8 @@ class Plant:
         folder = temporary_folder() / f"plant_{id(self)}"
         path = write_inputs({**study, "dispersions": dict(dispersions or {})}, folder)
         self._experiment = read_campaign(path)
-        plans: Any = self._experiment.simulator.make_plans(["plant"])
-        self._plan: FlightPlan = plans["plant"]
+        plans = self._experiment.simulator.make_plans(["plant"])
+        self._plan = plans["plant"]
         names = tuple(channel.name for channel in self._plan.channels)
         self.channels = names if channels is None else tuple(channels)
         _check_names("channels", self.channels, names)
@@ -341,7 +340,7 @@ class Plant:
     def _observe(self, recorded: dict[str, Singles], observe: bool) -> PlantState:
         """Return the state at the current tick; the flights are not changed."""
         time = min(self._tick, self._plan.timing.ticks) * self.period
-        measured: dict[str, Floats] = {}
+        measured = {}
         channels = recorded if self._tick > self._plan.timing.ticks else {}
         if observe and self._tick <= self._plan.timing.ticks:
             self._group = 0

@@ -7,8 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from abhv_mc.io.documents import InputError, found_value
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.messages import InputError, found_value, joined
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, SPEED, format_quantity
 from abhv_mc.shipped import DEFAULT_VEHICLE
 from abhv_mc_vehicle.control.design.flying_qualities import FlyingQualities, find_flying_qualities

@@ -110,7 +110,7 @@ def _failing_sensor(name: str, unit: str) -> tuple[Parameter, ...]:
     )
 
 
-_TABLE: tuple[Parameter, ...] = (
+_TABLE = (
     _factor(ONE, "constant factor on terms without a parameter (not dispersible)"),
     _factor("atmosphere.density", "air density at every altitude"),
     _error(
@@ -297,7 +297,7 @@ _TABLE: tuple[Parameter, ...] = (
 )
 
 _ENTRIES = {entry.name: entry for entry in _TABLE}
-PARAMETERS: tuple[Parameter, ...] = tuple(_ENTRIES.pop(name) for name in PARAMETER_NAMES)
+PARAMETERS = tuple(_ENTRIES.pop(name) for name in PARAMETER_NAMES)
 assert not _ENTRIES, f"parameters that the kernel does not know: {', '.join(_ENTRIES)}"  # noqa: S101
 
 

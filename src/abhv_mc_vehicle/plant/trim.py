@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.messages import joined
 from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth, find_surroundings
 from abhv_mc_vehicle.vehicle.actuators import deflection_range

@@ -17,8 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.user_law import measured_count
 from abhv_mc_vehicle.kernel.flight.sensors import MAX_DELAY_TICKS

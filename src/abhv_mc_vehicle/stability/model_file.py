@@ -9,7 +9,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.io.atomic_write import atomic_write
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.stability.linearize import (

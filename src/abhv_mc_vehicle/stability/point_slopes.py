@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats, Ints, Mask
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc_vehicle.control.law_file import USER_LAWS
 from abhv_mc_vehicle.flight.fly import fly_until, nominal_parameters
 from abhv_mc_vehicle.flight.plan import FlightPlan

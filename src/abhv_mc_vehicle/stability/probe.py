@@ -152,7 +152,7 @@ _INTEGRALS = (
     *("roll_rate", "pitch_rate", "yaw_rate"),
 )
 _DIFFERENTIATORS = ("angle_of_attack", "bank", "roll_rate", "pitch_rate", "yaw_rate")
-_MEMORY: dict[str, dict[str, int]] = {
+_MEMORY = {
     "tlc": {
         **dict(
             zip(
@@ -292,7 +292,7 @@ def law_memory_rows(plan: FlightPlan) -> dict[str, int]:
     """
     if plan.law == "fmu":
         check_states(plan)
-    own: dict[str, int] = {}
+    own = {}
     if plan.law in USER_LAWS:
         own = {name: row for name, (row, _) in law_memory(plan).items()}
     return own | _MEMORY.get(plan.commanding_law, {})

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.controller_file import Controller
 from abhv_mc_vehicle.control.design.reference import (
     GuidanceTrim,

@@ -12,7 +12,7 @@ from typing import Any
 
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.atomic_write import atomic_write
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.kernel.cache import compilation_lock
 from abhv_mc_vehicle.kernel.jit import scalar
 from abhv_mc_vehicle.kernel.jit_pointer import Uncompilable, compile_pointer

@@ -13,7 +13,7 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.custom_code.child import in_child
 from abhv_mc.custom_code.source import UserSource
 from abhv_mc.io.foreign_table import NumberTable, read_foreign_table
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.controller_file import LqrController
 from abhv_mc_vehicle.control.design.design_model import (
     attitude_rates,

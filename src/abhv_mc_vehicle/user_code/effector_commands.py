@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.documents import InputError, one_of, read_document
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.control.law_file import UserController
 from abhv_mc_vehicle.kernel.plant import state as s

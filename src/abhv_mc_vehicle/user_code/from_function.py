@@ -7,7 +7,7 @@ import types
 from collections.abc import Callable
 from typing import Any
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.user_code.law_interface import CLASSES
 from abhv_mc_vehicle.user_code.module import CONTROLLER
 

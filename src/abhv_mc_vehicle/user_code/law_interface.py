@@ -30,7 +30,7 @@ class Command(NamedTuple):
 
 COMMAND_FIELDS = Command._fields[:-2]  # outputs of laws in C and FMUs
 # Command of a law that does not command effectors directly.
-MixedCommand: Any = NamedTuple("MixedCommand", [(name, float) for name in Command._fields[:-1]])  # type: ignore[misc]
+MixedCommand = NamedTuple("MixedCommand", [(name, float) for name in Command._fields[:-1]])  # type: ignore[misc]
 
 
 class Measured(NamedTuple):
@@ -63,7 +63,7 @@ class Measured(NamedTuple):
     acceleration_z: float
 
 
-Reference: Any = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]
+Reference = NamedTuple("Reference", [(name, float) for name in REFERENCE])  # type: ignore[misc]
 Reference.__doc__ = (
     """Reference of the mission and nominal controls at one control tick, SI and radians."""
 )
@@ -230,7 +230,7 @@ class Motion(NamedTuple):
 
 
 _N_MEASURED = len(Measured._fields)
-Sensed: Any = namedtuple("Sensed", Measured._fields, defaults=[*_N_MEASURED * [0.0]])  # type: ignore[misc]
+Sensed = namedtuple("Sensed", Measured._fields, defaults=[*_N_MEASURED * [0.0]])  # type: ignore[misc]
 Sensed.__doc__ = (
     """Contributions of custom states to the measurements, in the units of the measurements."""
 )
@@ -248,7 +248,7 @@ class Effect(NamedTuple):
     sensed: Any = Sensed()
 
 
-Filtered: Any = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED * [NOT_GIVEN]])  # type: ignore[misc]
+Filtered = namedtuple("Filtered", Measured._fields, defaults=[*_N_MEASURED * [NOT_GIVEN]])  # type: ignore[misc]
 Filtered.__doc__ = """Result of a measurement filter; omitted fields keep the measured values."""
 FILTER_ARGUMENTS = ("measured", "reference", "memory", "settings", "time", "dt")
 

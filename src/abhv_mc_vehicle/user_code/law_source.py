@@ -18,9 +18,9 @@ from typing import Any
 
 from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder, read_source
 from abhv_mc.io.atomic_write import atomic_write
-from abhv_mc.io.documents import Document, InputError, InputErrors, one_of
+from abhv_mc.io.documents import Document
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, InputErrors, one_of, quoted
 from abhv_mc_vehicle.control.law_file import (
     CController,
     FmuController,

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError, Refusal, one_of
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, Refusal, counted, one_of
 from abhv_mc.io.units import parse_unit
 from abhv_mc_vehicle.kernel.laws.user import MAX_MEMORY
 from abhv_mc_vehicle.user_code.effector_commands import parse_law
@@ -30,7 +29,7 @@ from abhv_mc_vehicle.user_code.module import (
     texts_of,
 )
 
-_REFUSED: dict[str, tuple[type[ast.AST], ...]] = {
+_REFUSED = {
     "lists": (ast.List, ast.ListComp, ast.GeneratorExp),
     "dictionaries": (ast.Dict, ast.DictComp),
     "sets": (ast.Set, ast.SetComp),
@@ -234,9 +233,7 @@ def _find_refused(node: ast.AST, names: dict[str, Any], local: set[str]) -> tupl
 
 def _fields_of(law: Law) -> dict[str, Any]:
     """Return the class of each argument of a law."""
-    kinds: dict[str, Any] = {
-        argument: kind for argument, kind in GIVEN.items() if argument in law.arguments
-    }
+    kinds = {argument: kind for argument, kind in GIVEN.items() if argument in law.arguments}
     return kinds | {
         parameter: getattr(law, parameter)
         for parameter in ("memory", "settings", "commands")

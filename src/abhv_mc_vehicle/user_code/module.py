@@ -16,7 +16,7 @@ from typing import Any
 
 from abhv_mc.custom_code.child import LostError, in_child
 from abhv_mc.custom_code.source import UserSource, compile_text
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 from abhv_mc_vehicle.user_code.unpack import in_its_folder, laws_folder, unpack, watching
 
 _LONGEST = 600.0  # time limit for running a file, s

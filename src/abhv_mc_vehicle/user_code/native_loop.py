@@ -21,8 +21,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.child import check_may_run
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc_vehicle.kernel.jit_pointer import address_of, call_c, floats_at
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.laws.user import FAULT, MAX_MEMORY, MEMORY

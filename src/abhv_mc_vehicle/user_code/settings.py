@@ -6,8 +6,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.documents import Document, InputError, InputErrors, Refusal, one_of
-from abhv_mc.io.phrases import joined
+from abhv_mc.io.documents import Document
+from abhv_mc.io.messages import InputErrors, Refusal, joined, one_of
 from abhv_mc.io.units import TIME, parse_in_unit, parse_quantity
 from abhv_mc_vehicle.control.law_file import PythonController
 from abhv_mc_vehicle.user_code.compiled import COMMANDS
@@ -45,7 +45,7 @@ def _read_fields(
     Raise InputErrors with the source locations of invalid entries.
     """
     fields = kind._fields if kind is not None else ()
-    errors: list[InputError] = []
+    errors = []
     for name in entries:
         if name not in fields:
             expected = (

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abhv_mc.io.input_error import Refusal, one_of
+from abhv_mc.io.messages import Refusal, one_of
 from abhv_mc_vehicle.kernel.jit import scalar
 
 _INSIDE = -1e-12  # smallest barycentric coordinate that counts as inside, to allow for rounding

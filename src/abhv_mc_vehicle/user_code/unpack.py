@@ -23,7 +23,7 @@ from typing import Any
 from abhv_mc.cache_root import cache_root
 from abhv_mc.custom_code.read_guard import EVENTS, ReadGuard, package_folders
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import PACKAGES
 from abhv_mc.version import ROOT
 from abhv_mc_vehicle.kernel.compiler_target import code_folder

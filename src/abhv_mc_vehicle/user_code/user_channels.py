@@ -5,8 +5,7 @@ from collections import namedtuple
 from typing import Any
 
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc_vehicle.kernel.laws.user import CHANNEL, MAX_CHANNELS, MEMORY
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.state import STATE_INDEX, X, variable_row
@@ -27,7 +26,7 @@ from abhv_mc_vehicle.user_code.module import refuse_in_words, run_module
 
 # Measurements available in every flight, regardless of what the law requests.
 _NAMES = Measured._fields[: s.N_MEASURED]
-_Seen: Any = namedtuple("Measured", _NAMES)  # type: ignore[misc]
+_Seen = namedtuple("Measured", _NAMES)  # type: ignore[misc]
 # Lane-memory rows of true values; the first rows are in the order of Measured.
 _ACTUAL = {
     **dict(zip(_NAMES, (X + s.ALTITUDE, s.SPEED, s.GAMMA, s.CHI), strict=False)),
@@ -40,7 +39,7 @@ _ACTUAL = {
     **{name: s.SPECIFIC_X + i for i, name in enumerate(ACCELERATIONS)},
     **{name: X + STATE_INDEX[name] for name in ("q0", "q1", "q2", "q3")},
 }
-_Actual: Any = namedtuple("Actual", _ACTUAL)  # type: ignore[misc]
+_Actual = namedtuple("Actual", _ACTUAL)  # type: ignore[misc]
 _ARGUMENTS = ("actual", "measured", "memory", "reference", "command", "time", "dt")
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder
-from abhv_mc.io.input_error import InputError, Refusal, one_of
 from abhv_mc.io.input_files import made_once
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, Refusal, counted, one_of
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 from abhv_mc_vehicle.kernel.plant import state as s
@@ -208,7 +207,7 @@ def _try_out(module: Module, function: str, code: VehicleCode, kinds: list[Any])
         ):
             _check_count(module, code, len(rates.elts), node.lineno)
     try:
-        effect: Any = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
+        effect = module.names[function](*(kind(*[1.0] * len(kind._fields)) for kind in kinds))
     except (ArithmeticError, ValueError):
         return
     line = returns[0].lineno

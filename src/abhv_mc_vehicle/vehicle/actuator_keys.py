@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from abhv_mc.io.documents import File, Refusal, StrictModel, YesNo, describe
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import File, StrictModel, YesNo
+from abhv_mc.io.messages import Refusal, describe, quoted
 from abhv_mc.io.units import (
     Acceleration,
     Angle,
@@ -36,18 +36,24 @@ PROPULSION_TABLES = {
 
 
 ActuatorKind = Literal["second_order", "first_order", "ideal"]
-_KIND = (
-    "second_order (default), first_order with time constant 1 / bandwidth, or ideal (position "
-    "equal to command)"
+_KIND = Field(
+    None,
+    description=(
+        "second_order (default), first_order with time constant 1 / bandwidth, or ideal (position "
+        "equal to command)"
+    ),
 )
-_DEAD_ZONE = (
-    "dead zone: magnitude of the error between command and position below which the actuator does "
-    "not move"
+_DEAD_ZONE = Field(
+    None,
+    description=(
+        "dead zone: magnitude of the error between command and position below which the actuator "
+        "does not move"
+    ),
 )
-_BACKLASH = "total free play between the actuator and the surface"
+_BACKLASH = Field(None, description="total free play between the actuator and the surface")
 
 # Keys that each kind of actuator requires; other dynamics keys are rejected.
-DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
+DYNAMICS = {
     "second_order": ("bandwidth", "damping", "rate_limit"),
     "first_order": ("bandwidth", "rate_limit"),
     "ideal": (),
@@ -57,18 +63,12 @@ DYNAMICS: dict[ActuatorKind, tuple[str, ...]] = {
 class Actuator(StrictModel):
     """Dynamic properties of an actuator."""
 
-    bandwidth: Annotated[AngularRate, Positive] | None = Field(
-        None,
-        description="natural frequency of a second-order actuator, or 1 / time constant of a "
-        "first-order one",
-    )
-    damping: Annotated[float, Positive] | None = Field(
-        None, description="damping ratio of a second-order actuator"
-    )
-    ideal: bool = Field(
-        False,
-        description="whether the actuator is ideal; 'ideal: true' is equivalent to 'kind: ideal'",
-    )
+    bandwidth: Annotated[AngularRate, Positive] | None = None
+    """natural frequency of a second-order actuator, or 1 / time constant of a first-order one"""
+    damping: Annotated[float, Positive] | None = None
+    """damping ratio of a second-order actuator"""
+    ideal: bool = False
+    """whether the actuator is ideal; 'ideal: true' is equivalent to 'kind: ideal'"""
 
     def _choose_kind(self, kind: ActuatorKind | None) -> ActuatorKind | None:
         """Return the kind of actuator, or None. Raise Refusal if 'kind' contradicts 'ideal'."""
@@ -98,15 +98,13 @@ def check_dynamics(kind: ActuatorKind, keys: Collection[str], what: str) -> None
 class EngineActuator(Actuator):
     """Actuator dynamics of the throttle."""
 
-    throttle_kind: ActuatorKind | None = Field(None, description=_KIND)
-    damping: Annotated[float, Positive] | None = Field(
-        None, description="damping ratio of a second-order actuator; default: 1"
-    )
-    rate_limit: Annotated[Frequency, Positive] | None = Field(
-        None, description="maximum rate of change of the throttle"
-    )
-    dead_zone: Annotated[float, Field(ge=0.0)] | None = Field(None, description=_DEAD_ZONE)
-    backlash: Annotated[float, Field(ge=0.0)] | None = Field(None, description=_BACKLASH)
+    throttle_kind: ActuatorKind | None = _KIND
+    damping: Annotated[float, Positive] | None = None
+    """damping ratio of a second-order actuator; default: 1"""
+    rate_limit: Annotated[Frequency, Positive] | None = None
+    """maximum rate of change of the throttle"""
+    dead_zone: Annotated[float, Field(ge=0.0)] | None = _DEAD_ZONE
+    backlash: Annotated[float, Field(ge=0.0)] | None = _BACKLASH
 
     @property
     def response(self) -> ActuatorKind:
@@ -125,9 +123,9 @@ class EngineActuator(Actuator):
 class SurfaceActuator(Actuator):
     """Actuator dynamics of a control surface."""
 
-    kind: ActuatorKind | None = Field(None, description=_KIND)
-    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = Field(None, description=_DEAD_ZONE)
-    backlash: Annotated[Angle, Field(ge=0.0)] | None = Field(None, description=_BACKLASH)
+    kind: ActuatorKind | None = _KIND
+    dead_zone: Annotated[Angle, Field(ge=0.0)] | None = _DEAD_ZONE
+    backlash: Annotated[Angle, Field(ge=0.0)] | None = _BACKLASH
 
     @property
     def response(self) -> ActuatorKind | None:
@@ -138,51 +136,37 @@ class SurfaceActuator(Actuator):
 class PythonFunction(StrictModel):
     """Custom function of a vehicle, which is compiled separately from the simulator."""
 
-    python: File = Field(description="Python file, relative to the vehicle file")
-    settings: dict[str, Any] = Field(
-        default_factory=dict,
-        description="values for the fields of the class Settings in the Python file",
-    )
+    python: File
+    """Python file, relative to the vehicle file"""
+    settings: dict[str, Any] = {}
+    """values for the fields of the class Settings in the Python file"""
 
 
 class ThrustLine(StrictModel):
     """Thrust line relative to the moment reference."""
 
-    inclination: Angle = Field(
-        0.0, description=("angle of the thrust direction above the body x axis")
-    )
-    offset: Length = Field(
-        0.0,
-        description="distance of the thrust line below the moment reference; a positive value "
-        "gives a nose-up moment",
-    )
+    inclination: Angle = 0.0
+    """angle of the thrust direction above the body x axis"""
+    offset: Length = 0.0
+    """distance of the thrust line below the moment reference; a positive value gives a nose-up
+    moment"""
 
 
 class Unstart(StrictModel):
     """Flow conditions in which the inlet stays started; under other conditions it unstarts."""
 
-    angle_of_attack: AngleRange = Field(
-        (-math.inf, math.inf),
-        description="angles of attack at which the inlet stays started",
-    )
-    sideslip: Annotated[Angle, Positive] = Field(
-        math.inf, description="maximum sideslip of a started inlet, in either direction"
-    )
-    mach: Range = Field(
-        (-math.inf, math.inf), description="Mach numbers at which the inlet stays started"
-    )
-    restart_delay: Annotated[Time, Field(ge=0.0)] = Field(
-        math.inf,
-        description="time for which all conditions must be met before the inlet restarts; "
-        "default: no restart",
-    )
-    drag_increment: float = Field(
-        0.0, description="increment of the drag coefficient while the inlet is unstarted"
-    )
-    pitching_moment_increment: float = Field(
-        0.0,
-        description="increment of the pitching moment coefficient while the inlet is unstarted",
-    )
+    angle_of_attack: AngleRange = (-math.inf, math.inf)
+    """angles of attack at which the inlet stays started"""
+    sideslip: Annotated[Angle, Positive] = math.inf
+    """maximum sideslip of a started inlet, in either direction"""
+    mach: Range = (-math.inf, math.inf)
+    """Mach numbers at which the inlet stays started"""
+    restart_delay: Annotated[Time, Field(ge=0.0)] = math.inf
+    """time for which all conditions must be met before the inlet restarts; default: no restart"""
+    drag_increment: float = 0.0
+    """increment of the drag coefficient while the inlet is unstarted"""
+    pitching_moment_increment: float = 0.0
+    """increment of the pitching moment coefficient while the inlet is unstarted"""
 
     @model_validator(mode="after")
     def _check(self) -> "Unstart":
@@ -206,25 +190,23 @@ class Unstart(StrictModel):
 class Relight(StrictModel):
     """Recovery of the thrust after an engine failure; the loss follows the throttle's lag."""
 
-    delay: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time from the end of the failure until the thrust begins to recover"
-    )
-    time_constant: Annotated[Time, Field(ge=0.0)] = Field(
-        0.0, description="time constant of the thrust recovery; 0 uses the lag of the throttle"
-    )
+    delay: Annotated[Time, Field(ge=0.0)] = 0.0
+    """time from the end of the failure until the thrust begins to recover"""
+    time_constant: Annotated[Time, Field(ge=0.0)] = 0.0
+    """time constant of the thrust recovery; 0 uses the lag of the throttle"""
 
 
 class Engine(StrictModel):
     """One of several engines of a vehicle, which may fail separately."""
 
-    share: Annotated[Fraction, Positive] | None = Field(
-        None, description="share of this engine in the total thrust; default: equal shares"
-    )
-    x: Length = Field(
-        0.0, description="distance of the engine forward of the thrust line's reference point"
-    )
-    y: Length = Field(0.0, description="distance of the engine to the right of the thrust line")
-    z: Length = Field(0.0, description="distance of the engine below the thrust line")
+    share: Annotated[Fraction, Positive] | None = None
+    """share of this engine in the total thrust; default: equal shares"""
+    x: Length = 0.0
+    """distance of the engine forward of the thrust line's reference point"""
+    y: Length = 0.0
+    """distance of the engine to the right of the thrust line"""
+    z: Length = 0.0
+    """distance of the engine below the thrust line"""
 
 
 def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, float]]:
@@ -236,15 +218,10 @@ def engine_rows(engines: dict[str, Engine]) -> list[tuple[float, float, float, f
 
 
 class _Inlets(StrictModel):
-    unstart: Unstart | None = Field(
-        None,
-        description="flow conditions under which the inlet stays started; default: all conditions",
-    )
-    engines: dict[str, Engine] = Field(
-        default_factory=dict,
-        max_length=MAX_ENGINES,
-        description="engines by name, if the vehicle has several; default: one engine",
-    )
+    unstart: Unstart | None = None
+    """flow conditions under which the inlet stays started; default: all conditions"""
+    engines: dict[str, Engine] = Field({}, max_length=MAX_ENGINES)
+    """engines by name, if the vehicle has several; default: one engine"""
 
     @model_validator(mode="after")
     def _check_engines(self) -> Self:
@@ -269,47 +246,47 @@ class _Inlets(StrictModel):
 
 
 class _Propulsion(EngineActuator, _Inlets):
-    specific_impulse: str = Field(description="name of the table that gives the specific impulse")
-    standard_gravity: Annotated[Acceleration, Positive] = Field(
-        9.80665,
-        description="gravitational acceleration in the definition of the specific impulse",
-    )
-    thrust_line: ThrustLine = Field(
-        ThrustLine(), description="position and direction of the thrust; default: along body x"
-    )
-    equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising] = Field(
-        description="minimum and maximum equivalence ratio"
-    )
-    relight: Relight = Field(
-        Relight(), description="recovery of the thrust after an engine failure"
-    )
+    specific_impulse: str
+    """name of the table that gives the specific impulse"""
+    standard_gravity: Annotated[Acceleration, Positive] = 9.80665
+    """gravitational acceleration in the definition of the specific impulse"""
+    thrust_line: ThrustLine = ThrustLine()
+    """position and direction of the thrust; default: along body x"""
+    equivalence_ratio: Annotated[tuple[Annotated[float, Field(ge=0.0)], float], Rising]
+    """minimum and maximum equivalence ratio"""
+    relight: Relight = Relight()
+    """recovery of the thrust after an engine failure"""
 
 
 class Capture(_Propulsion):
     """Thrust as stoichiometric ratio * eta * Isp * g0 * rho * V * capture ratio * cowl area."""
 
-    kind: Literal["capture"] = Field(description="method of computing thrust")
-    stoichiometric_ratio: Annotated[Fraction, Positive] = Field(
-        description="stoichiometric fuel-air ratio by mass"
-    )
-    cowl_area: Annotated[Area, Positive] = Field(description="area of the inlet cowl")
-    capture_area_ratio: str = Field(
-        description="name of the table that gives the ratio of captured area to cowl area"
-    )
+    kind: Literal["capture"]
+    """method of computing thrust"""
+    stoichiometric_ratio: Annotated[Fraction, Positive]
+    """stoichiometric fuel-air ratio by mass"""
+    cowl_area: Annotated[Area, Positive]
+    """area of the inlet cowl"""
+    capture_area_ratio: str
+    """name of the table that gives the ratio of captured area to cowl area"""
 
 
 class ThrustArea(_Propulsion):
     """Thrust as dynamic pressure * thrust area."""
 
-    kind: Literal["thrust_area"] = Field(description="method of computing thrust")
-    area: str = Field(description="name of the table that gives thrust divided by dynamic pressure")
+    kind: Literal["thrust_area"]
+    """method of computing thrust"""
+    area: str
+    """name of the table that gives thrust divided by dynamic pressure"""
 
 
 class ThrustFunction(EngineActuator, PythonFunction, _Inlets):
     """Thrust computed by a Python function of air data and throttle."""
 
-    function: str = Field("thrust", description="name of the Python function")
-    throttle: Range = Field((0.0, 1.0), description="minimum and maximum throttle")
+    function: str = "thrust"
+    """name of the Python function"""
+    throttle: Range = (0.0, 1.0)
+    """minimum and maximum throttle"""
 
 
 def _propulsion_kind(value: Any) -> str:
@@ -333,19 +310,18 @@ def throttle_range(engine: Propulsion | None) -> tuple[float, float]:
 
 
 AxisDeflection = Literal["aileron", "rudder", "elevator"]
-AXIS_DEFLECTIONS: tuple[AxisDeflection, ...] = get_args(AxisDeflection)
+AXIS_DEFLECTIONS = get_args(AxisDeflection)
 
 
 class Surfaces(SurfaceActuator):
     """Actuator settings that apply to the three axis deflections."""
 
-    limit: Annotated[Angle, Positive] = Field(description="maximum deflection in either direction")
-    limits: dict[AxisDeflection, Annotated[Angle, Positive]] = Field(
-        default_factory=dict, description="maximum deflections that differ from 'limit', by axis"
-    )
-    rate_limit: Annotated[AngularRate, Positive] | None = Field(
-        None, description="maximum deflection rate"
-    )
+    limit: Annotated[Angle, Positive]
+    """maximum deflection in either direction"""
+    limits: dict[AxisDeflection, Annotated[Angle, Positive]] = {}
+    """maximum deflections that differ from 'limit', by axis"""
+    rate_limit: Annotated[AngularRate, Positive] | None = None
+    """maximum deflection rate"""
 
     @model_validator(mode="after")
     def _check(self) -> "Surfaces":
@@ -362,13 +338,16 @@ class Surfaces(SurfaceActuator):
 class Effector(SurfaceActuator):
     """Control surface: deflection per axis command and, optionally, an actuator of its own."""
 
-    aileron: float = Field(0.0, description="deflection per unit of aileron command")
-    rudder: float = Field(0.0, description="deflection per unit of rudder command")
-    elevator: float = Field(0.0, description="deflection per unit of elevator command")
-    limits: tuple[Angle, Angle] | None = Field(None, description="minimum and maximum deflection")
-    rate: Annotated[AngularRate, Positive] | None = Field(
-        None, description="maximum deflection rate"
-    )
+    aileron: float = 0.0
+    """deflection per unit of aileron command"""
+    rudder: float = 0.0
+    """deflection per unit of rudder command"""
+    elevator: float = 0.0
+    """deflection per unit of elevator command"""
+    limits: tuple[Angle, Angle] | None = None
+    """minimum and maximum deflection"""
+    rate: Annotated[AngularRate, Positive] | None = None
+    """maximum deflection rate"""
 
     @property
     def driven(self) -> bool:
@@ -401,7 +380,7 @@ class Effector(SurfaceActuator):
         kind = self.response or surfaces.response or "second_order"
         if moves and self.response is None and kind == "ideal":
             kind = "second_order"
-        dynamics: dict[str, float] = {}
+        dynamics = {}
         for name in DYNAMICS[kind]:
             value = own[name] if own[name] is not None else getattr(surfaces, name)
             if value is not None:
@@ -417,15 +396,13 @@ Number = float | str
 class CustomState(StrictModel):
     """Custom state: its unit and, if it has no equilibrium, its initial value."""
 
-    unit: str = Field(description="SI unit of the state, such as m, rad/s or K; - if dimensionless")
-    start: Number | None = Field(
-        None,
-        description="initial value of the state; default: its equilibrium value in trim",
-    )
+    unit: str
+    """SI unit of the state, such as m, rad/s or K; - if dimensionless"""
+    start: Number | None = None
+    """initial value of the state; default: its equilibrium value in trim"""
 
-    circular: YesNo = Field(
-        False, description="whether the state is an angle of which a full turn changes nothing"
-    )
+    circular: YesNo = False
+    """whether the state is an angle of which a full turn changes nothing"""
 
     @model_validator(mode="after")
     def _check(self) -> "CustomState":
@@ -440,10 +417,9 @@ class CustomState(StrictModel):
 class Dynamics(StrictModel):
     """Custom dynamics: states that cause forces and moments and affect the sensors."""
 
-    file: File = Field(
-        description="path of a Python file with one function decorated with @dynamics, relative "
-        "to the vehicle file"
-    )
+    file: File
+    """path of a Python file with one function decorated with @dynamics, relative to the vehicle
+    file"""
     states: dict[
         str,
         Annotated[
@@ -453,13 +429,10 @@ class Dynamics(StrictModel):
                 json_schema_input_type=str | CustomState,
             ),
         ],
-    ] = Field(
-        min_length=1, max_length=MAX_STATES, description="custom states by name, each with its unit"
-    )
-    settings: dict[str, Number] = Field(
-        default_factory=dict,
-        description="numbers passed to the function; a campaign may disperse them",
-    )
+    ] = Field(min_length=1, max_length=MAX_STATES)
+    """custom states by name, each with its unit"""
+    settings: dict[str, Number] = {}
+    """numbers passed to the function; a campaign may disperse them"""
 
     @model_validator(mode="after")
     def _check(self) -> "Dynamics":

@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
-from abhv_mc.io.documents import CommaKeys, File, Refusal, StrictModel, one_of
+from abhv_mc.io.documents import CommaKeys, File, StrictModel
+from abhv_mc.io.messages import Refusal, one_of
 from abhv_mc.io.units import (
     ANGLE,
     AREA,
@@ -53,40 +54,33 @@ _Size = Field(ge=1e-6)  # minimum of a reference length or area in SI units
 class Reference(StrictModel):
     """Reference area and reference lengths of the aerodynamic coefficients."""
 
-    area: Annotated[Area, _Size] = Field(description="reference area of all coefficients")
-    span: Annotated[Length, _Size] = Field(
-        description="reference length of the rolling and yawing moments"
-    )
-    chord: Annotated[Length, _Size] = Field(description="reference length of the pitching moment")
-    nose_radius: Annotated[Length, Positive] | None = Field(
-        None, description="nose radius for the stagnation heat flux"
-    )
+    area: Annotated[Area, _Size]
+    """reference area of all coefficients"""
+    span: Annotated[Length, _Size]
+    """reference length of the rolling and yawing moments"""
+    chord: Annotated[Length, _Size]
+    """reference length of the pitching moment"""
+    nose_radius: Annotated[Length, Positive] | None = None
+    """nose radius for the stagnation heat flux"""
 
 
 class MassPoint(StrictModel):
     """Mass properties at one mass; the centre of gravity is relative to the moment reference."""
 
-    mass: Annotated[Mass, Positive] = Field(
-        description="vehicle mass at which these mass properties apply"
-    )
-    inertia_xx: Annotated[Inertia, Positive] = Field(
-        description="moment of inertia about body x (forward)"
-    )
-    inertia_yy: Annotated[Inertia, Positive] = Field(
-        description="moment of inertia about body y (right)"
-    )
-    inertia_zz: Annotated[Inertia, Positive] = Field(
-        description="moment of inertia about body z (down)"
-    )
-    inertia_matrix_element_13: Inertia = Field(
-        0.0, description="element xz of the inertia matrix: minus the integral of x z dm"
-    )
-    center_of_gravity_x: Length = Field(
-        0.0, description="distance of the centre of gravity forward of the moment reference"
-    )
-    center_of_gravity_z: Length = Field(
-        0.0, description="distance of the centre of gravity below the moment reference"
-    )
+    mass: Annotated[Mass, Positive]
+    """vehicle mass at which these mass properties apply"""
+    inertia_xx: Annotated[Inertia, Positive]
+    """moment of inertia about body x (forward)"""
+    inertia_yy: Annotated[Inertia, Positive]
+    """moment of inertia about body y (right)"""
+    inertia_zz: Annotated[Inertia, Positive]
+    """moment of inertia about body z (down)"""
+    inertia_matrix_element_13: Inertia = 0.0
+    """element xz of the inertia matrix: minus the integral of x z dm"""
+    center_of_gravity_x: Length = 0.0
+    """distance of the centre of gravity forward of the moment reference"""
+    center_of_gravity_z: Length = 0.0
+    """distance of the centre of gravity below the moment reference"""
 
     @model_validator(mode="after")
     def _check(self) -> "MassPoint":
@@ -107,9 +101,8 @@ class MassPoint(StrictModel):
 class MassPoints(StrictModel):
     """Mass properties as functions of mass, linear between the points and constant outside."""
 
-    points: tuple[MassPoint, ...] = Field(
-        (), description="mass properties in order of increasing mass"
-    )
+    points: tuple[MassPoint, ...] = ()
+    """mass properties in order of increasing mass"""
 
     @model_validator(mode="after")
     def _check_points(self) -> Self:
@@ -126,19 +119,12 @@ class MassPoints(StrictModel):
 class MassModel(MassPoints):
     """Initial mass of a flight, and mass properties as functions of mass."""
 
-    start: Annotated[Mass, Positive] = Field(
-        description="initial mass of the vehicle, within the mass range of the points"
-    )
-    empty: Annotated[Mass, Positive] | None = Field(
-        None,
-        description="mass without fuel, at which the engine stops; default: the engine burns no "
-        "fuel",
-    )
-    file: File | None = Field(
-        None,
-        description="CSV file with one row per point and the columns mass_kg, inertia_xx_kg_m2, "
-        "...",
-    )
+    start: Annotated[Mass, Positive]
+    """initial mass of the vehicle, within the mass range of the points"""
+    empty: Annotated[Mass, Positive] | None = None
+    """mass without fuel, at which the engine stops; default: the engine burns no fuel"""
+    file: File | None = None
+    """CSV file with one row per point and the columns mass_kg, inertia_xx_kg_m2, ..."""
 
     @model_validator(mode="after")
     def _check(self) -> "MassModel":
@@ -161,17 +147,16 @@ class MassModel(MassPoints):
 class TableEntry(CommaKeys):
     """Table read from a CSV file, or a constant."""
 
-    file: File | None = Field(
-        None, description="CSV file with one column per axis and the column 'value'"
-    )
-    constant: float | None = Field(None, description="constant value instead of a file")
-    unit: str = Field("-", description="unit of the values, such as 1/deg, 1/rad, s, m2")
-    scale: float = Field(1.0, description="factor that multiplies the values")
-    columns: dict[str, str] = Field(
-        default_factory=dict,
-        description="meanings of columns with non-standard headers, such as alpha: "
-        "angle_of_attack deg",
-    )
+    file: File | None = None
+    """CSV file with one column per axis and the column 'value'"""
+    constant: float | None = None
+    """constant value instead of a file"""
+    unit: str = "-"
+    """unit of the values, such as 1/deg, 1/rad, s, m2"""
+    scale: float = 1.0
+    """factor that multiplies the values"""
+    columns: dict[str, str] = {}
+    """meanings of columns with non-standard headers, such as alpha: angle_of_attack deg"""
 
     @model_validator(mode="after")
     def _check(self) -> "TableEntry":
@@ -194,71 +179,59 @@ class TableEntry(CommaKeys):
 class Term(StrictModel):
     """Term of a coefficient: a table, optionally multiplied by a variable."""
 
-    table: str = Field(description="name of a table")
-    times: str | None = Field(
-        None,
-        description="variable that multiplies the table, such as elevator or pitch_rate",
-    )
-    scale: float = Field(1.0, description="factor that multiplies the values of the table")
+    table: str
+    """name of a table"""
+    times: str | None = None
+    """variable that multiplies the table, such as elevator or pitch_rate"""
+    scale: float = 1.0
+    """factor that multiplies the values of the table"""
 
 
 class ReferencePoint(StrictModel):
     """Reference point of a function's moments, relative to the moment reference."""
 
-    x: Length = Field(
-        0.0,
-        description="distance, forward of the moment reference, of the point about which the "
-        "function's moments are defined",
-    )
-    z: Length = Field(
-        0.0,
-        description="distance, below the moment reference, of the point about which the "
-        "function's moments are defined",
-    )
+    x: Length = 0.0
+    """distance, forward of the moment reference, of the point about which the function's moments
+    are defined"""
+    z: Length = 0.0
+    """distance, below the moment reference, of the point about which the function's moments are
+    defined"""
 
 
 class AerodynamicsFunction(PythonFunction):
     """Coefficients computed by a Python function of air data, controls and rates."""
 
-    function: str = Field("coefficients", description="name of the Python function")
-    frame: Literal["body", "stability", "wind"] = Field(
-        description="axes of the force coefficients: body (CX CY CZ), stability (CL CD, CY along "
-        "body y) or wind (CL CD CC)"
-    )
-    reference_point: ReferencePoint = Field(
-        ReferencePoint(), description="point about which the moment coefficients are defined"
-    )
+    function: str = "coefficients"
+    """name of the Python function"""
+    frame: Literal["body", "stability", "wind"]
+    """axes of the force coefficients: body (CX CY CZ), stability (CL CD, CY along body y) or
+    wind (CL CD CC)"""
+    reference_point: ReferencePoint = ReferencePoint()
+    """point about which the moment coefficients are defined"""
     nodes: dict[Literal["mach", "angle_of_attack", "equivalence_ratio"], tuple[float, ...]] = Field(
-        default_factory=dict,
-        description="values of variables at which the function has kinks (angles in rad); these "
-        "values become nodes of the trim tables",
+        default_factory=dict
     )
+    """values of variables at which the function has kinks (angles in rad); these values become
+    nodes of the trim tables"""
 
 
 class Aerodynamics(StrictModel):
     """Aerodynamic coefficients, each the sum of its terms."""
 
-    force_axes: Literal["stability", "wind"] = Field(
-        "stability",
-        description="axes of lift and drag; in wind axes, drag opposes the velocity even with "
-        "sideslip",
-    )
-    lift: tuple[Term, ...] = Field((), description="terms of the lift coefficient, positive up")
-    drag: tuple[Term, ...] = Field(
-        (), description="terms of the drag coefficient, positive rearward"
-    )
-    side_force: tuple[Term, ...] = Field(
-        (), description="terms of the side-force coefficient, positive to the right"
-    )
-    rolling_moment: tuple[Term, ...] = Field(
-        (), description="terms of the rolling-moment coefficient, positive right wing down"
-    )
-    pitching_moment: tuple[Term, ...] = Field(
-        (), description="terms of the pitching-moment coefficient, positive nose up"
-    )
-    yawing_moment: tuple[Term, ...] = Field(
-        (), description="terms of the yawing-moment coefficient, positive nose right"
-    )
+    force_axes: Literal["stability", "wind"] = "stability"
+    """axes of lift and drag; in wind axes, drag opposes the velocity even with sideslip"""
+    lift: tuple[Term, ...] = ()
+    """terms of the lift coefficient, positive up"""
+    drag: tuple[Term, ...] = ()
+    """terms of the drag coefficient, positive rearward"""
+    side_force: tuple[Term, ...] = ()
+    """terms of the side-force coefficient, positive to the right"""
+    rolling_moment: tuple[Term, ...] = ()
+    """terms of the rolling-moment coefficient, positive right wing down"""
+    pitching_moment: tuple[Term, ...] = ()
+    """terms of the pitching-moment coefficient, positive nose up"""
+    yawing_moment: tuple[Term, ...] = ()
+    """terms of the yawing-moment coefficient, positive nose right"""
 
 
 def _aerodynamics_kind(value: Any) -> str:
@@ -269,16 +242,16 @@ def _aerodynamics_kind(value: Any) -> str:
 class FlightLimits(LoadLimits):
     """Limits of the vehicle; a flight that exceeds a limit ends."""
 
-    angle_of_attack: AngleRange = Field(description="minimum and maximum angle of attack")
-    sideslip: Annotated[Angle, Positive] = Field(description="maximum sideslip in either direction")
-    mach: Range = Field((-math.inf, math.inf), description="minimum and maximum Mach number")
-    altitude: Annotated[tuple[Length, Length], Rising] = Field(
-        (-math.inf, math.inf), description="minimum and maximum altitude"
-    )
-    states: dict[str, Number] = Field(
-        default_factory=dict,
-        description="maximum magnitudes of custom states; the keys have the form state.NAME",
-    )
+    angle_of_attack: AngleRange
+    """minimum and maximum angle of attack"""
+    sideslip: Annotated[Angle, Positive]
+    """maximum sideslip in either direction"""
+    mach: Range = (-math.inf, math.inf)
+    """minimum and maximum Mach number"""
+    altitude: Annotated[tuple[Length, Length], Rising] = (-math.inf, math.inf)
+    """minimum and maximum altitude"""
+    states: dict[str, Number] = {}
+    """maximum magnitudes of custom states; the keys have the form state.NAME"""
 
     # Keys of the form state.NAME are stored in one field.
     model_config = ConfigDict(json_schema_extra={"patternProperties": {r"^state\.": {}}})
@@ -298,39 +271,34 @@ class FlightLimits(LoadLimits):
 class VehicleDocument(StrictModel):
     """Content of a vehicle file: constants, tables, and build-up of the coefficients."""
 
-    name: str = Field(description="name of the vehicle")
-    description: str = Field(
-        "", description="description of the vehicle and the source of its data"
-    )
-    reference: Reference = Field(description="reference area and lengths of the coefficients")
-    mass: MassModel = Field(description="mass, inertia and centre of gravity")
-    surfaces: Surfaces | None = Field(
-        None, description="actuators of the control surfaces; default: none"
-    )
-    effectors: dict[str, Effector] = Field(
-        default_factory=dict,
-        max_length=MAX_EFFECTORS,
-        description="control surfaces, each driven by a mix of aileron, rudder and elevator",
-    )
-    propulsion: Propulsion | None = Field(None, description="engine of the vehicle; default: none")
-    sensing: SensingKeys = Field(
-        SensingKeys(),
-        description="reference for the measured quantities; a mission may override it",
-    )
-    limits: FlightLimits | None = Field(
-        None, description="limits that end a flight; default: no limits"
-    )
-    tables: dict[str, TableEntry] = Field(
-        default_factory=dict, description="tables by name; each table must be used"
-    )
+    name: str
+    """name of the vehicle"""
+    description: str = ""
+    """description of the vehicle and the source of its data"""
+    reference: Reference
+    """reference area and lengths of the coefficients"""
+    mass: MassModel
+    """mass, inertia and centre of gravity"""
+    surfaces: Surfaces | None = None
+    """actuators of the control surfaces; default: none"""
+    effectors: dict[str, Effector] = Field({}, max_length=MAX_EFFECTORS)
+    """control surfaces, each driven by a mix of aileron, rudder and elevator"""
+    propulsion: Propulsion | None = None
+    """engine of the vehicle; default: none"""
+    sensing: SensingKeys = SensingKeys()
+    """reference for the measured quantities; a mission may override it"""
+    limits: FlightLimits | None = None
+    """limits that end a flight; default: no limits"""
+    tables: dict[str, TableEntry] = {}
+    """tables by name; each table must be used"""
     aerodynamics: Annotated[
         Annotated[Aerodynamics, Tag("terms")] | Annotated[AerodynamicsFunction, Tag("python")],
         Discriminator(_aerodynamics_kind),
-    ] = Field(Aerodynamics(), description="terms of the six coefficients, or a function")
+    ] = Aerodynamics()
+    """terms of the six coefficients, or a function"""
 
-    dynamics: Dynamics | None = Field(
-        None, description="custom states, integrated with the vehicle; default: none"
-    )
+    dynamics: Dynamics | None = None
+    """custom states, integrated with the vehicle; default: none"""
 
     def state_limits(self) -> dict[str, float]:
         """Return the limits of each custom state. Raise Refusal if a limit is invalid."""

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.io.documents import Document, InputErrors, Refusal, one_of, read_document, validate
+from abhv_mc.io.documents import Document, read_document, validate
 from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_files import made_once, read_input
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputErrors, Refusal, counted, one_of
 from abhv_mc.io.units import dimension_of, parse_any, parse_quantity, parse_unit, si_unit_of
 from abhv_mc_vehicle.kernel.plant.state import MAX_SETTINGS
 from abhv_mc_vehicle.kernel.plant.vehicle import (

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal
 from abhv_mc.io.units import Angle, HeatFlux, Pressure
 from abhv_mc_vehicle.kernel.plant.vehicle import LoadBounds, Sensing
 
@@ -44,16 +45,12 @@ STILL_AIR = "still air and no noise, because gusts and noise cause ripple withou
 class Oscillation(StrictModel):
     """Maximum oscillation (ripple) of each angle; a larger oscillation ends a flight."""
 
-    bank: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum peak-to-peak amplitude of oscillations of the bank error"
-    )
-    angle_of_attack: Annotated[Angle, Positive] | None = Field(
-        None,
-        description="maximum peak-to-peak amplitude of oscillations of the angle-of-attack error",
-    )
-    sideslip: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum peak-to-peak amplitude of oscillations of the sideslip"
-    )
+    bank: Annotated[Angle, Positive] | None = None
+    """maximum peak-to-peak amplitude of oscillations of the bank error"""
+    angle_of_attack: Annotated[Angle, Positive] | None = None
+    """maximum peak-to-peak amplitude of oscillations of the angle-of-attack error"""
+    sideslip: Annotated[Angle, Positive] | None = None
+    """maximum peak-to-peak amplitude of oscillations of the sideslip"""
 
 
 def _oscillation(value: Any) -> Any:
@@ -67,31 +64,22 @@ def _oscillation(value: Any) -> Any:
 class LoadLimits(StrictModel):
     """Load limits; a flight that exceeds a limit ends. By default there are no limits."""
 
-    dynamic_pressure: Annotated[Pressure, Positive] | None = Field(
-        None, description="maximum dynamic pressure"
-    )
-    load_factor: Annotated[float, Positive] | None = Field(
-        None,
-        description="maximum magnitude of the specific force, in g, as a plain number",
-    )
-    heat_flux: Annotated[HeatFlux, Positive] | None = Field(
-        None,
-        description="maximum heat flux at the stagnation point; requires reference.nose_radius in "
-        "the vehicle file",
-    )
-    bank: Annotated[Angle, Positive] | None = Field(
-        None, description="maximum bank angle about the velocity, in either direction"
-    )
+    dynamic_pressure: Annotated[Pressure, Positive] | None = None
+    """maximum dynamic pressure"""
+    load_factor: Annotated[float, Positive] | None = None
+    """maximum magnitude of the specific force, in g, as a plain number"""
+    heat_flux: Annotated[HeatFlux, Positive] | None = None
+    """maximum heat flux at the stagnation point; requires reference.nose_radius in the vehicle
+    file"""
+    bank: Annotated[Angle, Positive] | None = None
+    """maximum bank angle about the velocity, in either direction"""
     oscillation: (
         Annotated[
             Oscillation, BeforeValidator(_oscillation, json_schema_input_type=Angle | Oscillation)
         ]
         | None
-    ) = Field(
-        None,
-        description="maximum ripple of bank, angle of attack and sideslip: one value, or a value "
-        "per angle",
-    )
+    ) = None
+    """maximum ripple of bank, angle of attack and sideslip: one value, or a value per angle"""
 
     def bounds(self) -> LoadBounds:
         """Return the limits as numbers for the kernel."""
@@ -130,17 +118,12 @@ Against = Literal["air", "inertial"]
 class SensingKeys(StrictModel):
     """Reference of measured quantities: the air, or the Earth ("inertial")."""
 
-    angle_of_attack: Against | None = Field(
-        None, description="reference for the measured angle of attack: air, or inertial (default)"
-    )
-    sideslip: Against | None = Field(
-        None, description="reference for the measured sideslip: air, or inertial (default)"
-    )
-    airspeed: Against | None = Field(
-        None,
-        description="reference for the measured speed: air, or inertial (default: speed relative "
-        "to the Earth)",
-    )
+    angle_of_attack: Against | None = None
+    """reference for the measured angle of attack: air, or inertial (default)"""
+    sideslip: Against | None = None
+    """reference for the measured sideslip: air, or inertial (default)"""
+    airspeed: Against | None = None
+    """reference for the measured speed: air, or inertial (default: speed relative to the Earth)"""
 
 
 def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:

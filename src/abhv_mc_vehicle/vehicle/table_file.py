@@ -15,8 +15,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table, read_head, split_head
-from abhv_mc.io.input_error import Refusal, one_of
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import Refusal, counted, one_of
 from abhv_mc.io.units import ANGLE, LENGTH, MASS, parse_unit
 from abhv_mc_vehicle.kernel.plant.vehicle import (
     CHUNK,
@@ -77,7 +76,7 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
     """
     everything = [table.ordered() for table in tables]
     entry_of = dict(fixed)
-    constants: dict[float, int] = {}
+    constants = {}
     for name in FIXED_TABLE_ROWS:
         if name not in entry_of:
             value = _ABSENT[name]
@@ -343,7 +342,7 @@ def read_table(
                 f"the table has no column '{name}', which the vehicle file describes",
                 one_of(rows.heads),
             )
-    roles: dict[str, tuple[int, Role]] = {}
+    roles = {}
     for i in range(len(rows.heads)):
         role = _find_role(rows, i, columns, effectors)
         if role.name == IGNORE:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abhv_mc.array_types import Floats, Numbers
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.io.units import parse_any, si_unit_of, unit_of
 from abhv_mc_vehicle.kernel.plant.vehicle import (
     COEFFICIENTS,

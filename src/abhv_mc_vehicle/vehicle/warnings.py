@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.messages import counted, grouped_digits
 from abhv_mc_vehicle.kernel.plant.vehicle import COEFFICIENTS, Vehicle
 from abhv_mc_vehicle.vehicle.actuators import deflection_range, slack_warnings
 from abhv_mc_vehicle.vehicle.table_file import nodes_of

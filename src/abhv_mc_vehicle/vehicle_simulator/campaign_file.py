@@ -22,17 +22,8 @@ from abhv_mc.campaign.file.systems import Contents
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED
 from abhv_mc.flights.metrics import MARGIN_NAMES, MARGINS, Metric
 from abhv_mc.flights.signals import Channel
-from abhv_mc.io.documents import (
-    Document,
-    File,
-    InputError,
-    Problems,
-    Refusal,
-    StrictModel,
-    one_of,
-    read_document,
-)
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.documents import Document, File, Problems, StrictModel, read_document
+from abhv_mc.io.messages import InputError, Refusal, counted, grouped_digits, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.shipped import shipped_files
 from abhv_mc_vehicle.control.mission import read_mission
@@ -62,16 +53,11 @@ from abhv_mc_vehicle.vehicle_simulator.user_metrics import (
 class MarginsOfFlights(StrictModel):
     """Flights and times for which stability margins are computed."""
 
-    at: Points = Field(
-        ("trim",),
-        description="points at which margins are computed: 'trim', a time of the flight such as "
-        "30 s, or a list of these",
-    )
-    flights: FlightCount = Field(
-        100,
-        description="number of flights, counted from the first, for which margins are computed; "
-        "or 'all'",
-    )
+    at: Points = ("trim",)
+    """points at which margins are computed: 'trim', a time of the flight such as 30 s, or a list
+    of these"""
+    flights: FlightCount = 100
+    """number of flights, counted from the first, for which margins are computed; or 'all'"""
 
     def of(self, runs: int) -> int:
         """Return the number of flights, out of ``runs``, for which margins are computed."""
@@ -109,75 +95,56 @@ class VehicleHistories(KeepHistories):
 
     channels: Annotated[
         tuple[str, ...], BeforeValidator(as_list, json_schema_input_type=str | list[str])
-    ] = Field(
-        (ALL,),
-        description="names of channels, or 'all'; each effector with an actuator has its own "
-        "channels",
-    )
+    ] = (ALL,)
+    """names of channels, or 'all'; each effector with an actuator has its own channels"""
 
 
 class VehicleEnvelopes(KeepEnvelopes):
     """Channels and rate of the time-history envelopes over all flights."""
 
-    channels: Channels = Field(STANDARD_CHANNELS, description="names of channels, or 'all'")
+    channels: Channels = STANDARD_CHANNELS
+    """names of channels, or 'all'"""
 
 
 class VehicleKeep(Keep):
     """Outputs that a campaign stores in addition to metrics."""
 
-    histories: VehicleHistories = Field(
-        VehicleHistories(), description="flights whose full time histories are stored"
-    )
-    envelopes: VehicleEnvelopes = Field(
-        VehicleEnvelopes(), description="time-history envelopes over all flights"
-    )
+    histories: VehicleHistories = VehicleHistories()
+    """flights whose full time histories are stored"""
+    envelopes: VehicleEnvelopes = VehicleEnvelopes()
+    """time-history envelopes over all flights"""
 
 
 class VehicleCampaign(Campaign):
     """Campaign file of the built-in simulator of a vehicle."""
 
-    vehicle: Annotated[File, _shipped("vehicle")] = Field(
-        description="vehicle file, relative to the campaign file, or a shipped name"
-    )
-    mission: Annotated[File, _shipped("mission")] = Field(
-        description="mission file, relative to the campaign file, or a shipped name"
-    )
-    controllers: Annotated[
-        dict[Name, Annotated[File, _shipped("control")]], Field(min_length=1)
-    ] = Field(
-        description="controller files or shipped names by name; all controllers are simulated "
-        "with the same samples"
-    )
-    channels: File | None = Field(
-        None, description="Python file of custom channels, relative to the campaign file"
-    )
+    vehicle: Annotated[File, _shipped("vehicle")]
+    """vehicle file, relative to the campaign file, or a shipped name"""
+    mission: Annotated[File, _shipped("mission")]
+    """mission file, relative to the campaign file, or a shipped name"""
+    controllers: Annotated[dict[Name, Annotated[File, _shipped("control")]], Field(min_length=1)]
+    """controller files or shipped names by name; all controllers are simulated with the same
+    samples"""
+    channels: File | None = None
+    """Python file of custom channels, relative to the campaign file"""
     metrics: Annotated[
         Annotated[dict[MetricName, MetricEntry], Tag("entries")] | Annotated[File, Tag("file")],
         Discriminator(_metrics_kind),
-    ] = Field({}, description="custom metrics by name, or a file of metrics")
-    keep_out: dict[MetricName, Zone] = Field(
-        {},
-        description="zones that flights must not enter, by name; the metric distance_from_NAME_m "
-        "is the smallest distance of the ground track, negative inside",
-    )
-    margins: MarginsOfFlights | None = Field(
-        None,
-        description="stability margins of dispersed flights as metrics; default: margins of the "
-        "nominal vehicle and at the corners of the dispersions",
-    )
-    keep: VehicleKeep = Field(
-        VehicleKeep(), description="outputs to store in addition to the metrics of every flight"
-    )
-    tune: Tune | None = Field(
-        None,
-        description="free parameters, objective and limits of `abhv-mc tune`; flights do not "
-        "depend on them",
-    )
-    figures: Literal["paper"] | None = Field(
-        None,
-        description="'paper': the report reproduces the figures of Zhu and Shen (2014) and lists "
-        "the values published there",
-    )
+    ] = {}
+    """custom metrics by name, or a file of metrics"""
+    keep_out: dict[MetricName, Zone] = {}
+    """zones that flights must not enter, by name; the metric distance_from_NAME_m is the
+    smallest distance of the ground track, negative inside"""
+    margins: MarginsOfFlights | None = None
+    """stability margins of dispersed flights as metrics; default: margins of the nominal vehicle
+    and at the corners of the dispersions"""
+    keep: VehicleKeep = VehicleKeep()
+    """outputs to store in addition to the metrics of every flight"""
+    tune: Tune | None = None
+    """free parameters, objective and limits of `abhv-mc tune`; flights do not depend on them"""
+    figures: Literal["paper"] | None = None
+    """'paper': the report reproduces the figures of Zhu and Shen (2014) and lists the values
+    published there"""
 
 
 @dataclass(frozen=True)

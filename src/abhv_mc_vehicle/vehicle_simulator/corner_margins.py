@@ -15,7 +15,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.interfaces import TrimMargins
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.stability.fly_with_margins import MarginPlan, add_margins
 
@@ -50,7 +50,7 @@ def make_margin_plans(
             "a vehicle with both",
         )
     sampled = campaign.rows(campaign.make_samples().draw(0, min(campaign.runs, _LOOKED_AT)))
-    margin_plans: dict[str, MarginPlan] = {}
+    margin_plans = {}
     for name, plan in plans.items():
         steady = make_steady(campaign, plan, model.controllers[name])
         period = find_period(
@@ -186,7 +186,7 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
 
 def _least(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the smallest margins of one loop over all corners, with None if unlimited."""
-    least: dict[str, Any] = {"loop": rows[0]["loop"]}
+    least = {"loop": rows[0]["loop"]}
     for key in rows[0]:
         if key.endswith(
             (

@@ -6,7 +6,7 @@ import numpy as np
 
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.csv_table import csv_text
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.laws.columns import LQR_GAINS, TIME, TLC_GAINS
 

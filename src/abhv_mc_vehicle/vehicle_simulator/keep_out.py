@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.documents import Refusal, StrictModel
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal
 from abhv_mc.io.units import Angle, Length
 from abhv_mc_vehicle.vehicle_simulator.user_metrics import MetricEntry
 
@@ -25,11 +26,12 @@ Position = tuple[Angle, Angle]
 class Zone(StrictModel):
     """Circle or convex polygon that flights must not enter."""
 
-    center: Position | None = Field(None, description="latitude and longitude of a circle's centre")
-    radius: Annotated[Length, Field(gt=0.0)] | None = Field(None, description="radius of a circle")
-    polygon: Annotated[tuple[Position, ...], Field(min_length=3, max_length=20)] | None = Field(
-        None, description="latitude and longitude of each corner of a convex polygon, in order"
-    )
+    center: Position | None = None
+    """latitude and longitude of a circle's centre"""
+    radius: Annotated[Length, Field(gt=0.0)] | None = None
+    """radius of a circle"""
+    polygon: Annotated[tuple[Position, ...], Field(min_length=3, max_length=20)] | None = None
+    """latitude and longitude of each corner of a convex polygon, in order"""
 
     @model_validator(mode="after")
     def _check(self) -> "Zone":

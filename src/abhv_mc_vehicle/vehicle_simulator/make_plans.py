@@ -19,7 +19,7 @@ from abhv_mc.custom_code.source import read_source
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.flights.metrics import pack_metrics
 from abhv_mc.flights.outcomes import SENTENCES, Outcome
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.design.reference import COLUMN_INDEX
 from abhv_mc_vehicle.control.law_file import USER_LAWS
 from abhv_mc_vehicle.flight.arguments import make_results

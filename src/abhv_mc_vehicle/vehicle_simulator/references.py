@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.kinds import find_kind, locate
-from abhv_mc.io.documents import Document, InputErrors, read_document
+from abhv_mc.io.documents import Document, read_document
+from abhv_mc.io.messages import InputErrors
 from abhv_mc_vehicle.control.law_file import USER_LAWS, UserController, find_files
 
 _YAML = (".yaml", ".yml")

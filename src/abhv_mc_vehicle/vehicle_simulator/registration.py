@@ -47,7 +47,7 @@ def _enumerate_names(parts: Schema) -> None:
         campaign["properties"][key]["propertyNames"] = names
     parts["Correlation"]["properties"]["between"]["prefixItems"] = [{"type": "string", **names}] * 2
     for keep in ("VehicleHistories", "VehicleEnvelopes"):
-        channel_name: Schema = {
+        channel_name = {
             "type": "string",
             "anyOf": [{"enum": ["all", *CHANNEL_INDEX]}, {"pattern": _OWN_CHANNEL}],
         }

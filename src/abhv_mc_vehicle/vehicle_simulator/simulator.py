@@ -22,7 +22,8 @@ from abhv_mc.interfaces import (
     StoredPlans,
     TrimMargins,
 )
-from abhv_mc.io.documents import InputError, read_document
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import (
     CHANNELS,
     REFERENCE_CHANNELS,

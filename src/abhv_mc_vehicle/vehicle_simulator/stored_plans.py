@@ -14,7 +14,8 @@ import numpy as np
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.custom_code.source import UserSource, check_trusted, is_in_a_folder, read_source
 from abhv_mc.interfaces import REMEDY, Arrays, StoredPlans
-from abhv_mc.io.documents import InputError, read_document
+from abhv_mc.io.documents import read_document
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.controller_file import Controller, read_controller
 from abhv_mc_vehicle.control.design.trim_tables import rebuild_trim_tables
 from abhv_mc_vehicle.control.law_file import USER_LAWS, UserController

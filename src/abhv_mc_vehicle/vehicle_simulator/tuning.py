@@ -5,15 +5,15 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from abhv_mc.flights.metrics import MARGIN_NAMES
-from abhv_mc.io.documents import Refusal, StrictModel
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal, quoted
 from abhv_mc.io.units import TIME, Fraction, parse_quantity
 from abhv_mc.statistics.quantile_pairs import flights_to_bound
 from abhv_mc_vehicle.flight.metrics import ELEVATOR_TRAVEL
 
 Quantile = Annotated[Fraction, Field(gt=0.0, lt=1.0)]
-_METRIC = "name of the metric"
-_QUANTILE = "quantile of the metric over the flights"
+_METRIC = Field(description="name of the metric")
+_QUANTILE = Field(0.95, description="quantile of the metric over the flights")
 
 
 class Free(StrictModel):
@@ -22,17 +22,17 @@ class Free(StrictModel):
     In the campaign file, the value of ``key`` alone may replace the mapping.
     """
 
-    key: str = Field(description="key in the controller file, such as velocity.speed.bandwidth")
-    factor: Annotated[float, Field(gt=1.0, le=1e4)] = Field(
-        5.0, description="largest factor by which tuning may multiply or divide the parameter"
-    )
+    key: str
+    """key in the controller file, such as velocity.speed.bandwidth"""
+    factor: Annotated[float, Field(gt=1.0, le=1e4)] = 5.0
+    """largest factor by which tuning may multiply or divide the parameter"""
 
 
 class Aim(StrictModel):
     """Objective: quantile of a metric; early terminations count as the worst value."""
 
-    metric: str = Field(description=_METRIC)
-    quantile: Quantile = Field(0.95, description=_QUANTILE)
+    metric: str = _METRIC
+    quantile: Quantile = _QUANTILE
 
 
 class Limit(StrictModel):
@@ -42,19 +42,17 @@ class Limit(StrictModel):
     the nominal vehicle and all corners of the dispersions.
     """
 
-    metric: str = Field(description=_METRIC)
-    quantile: Quantile = Field(0.95, description=_QUANTILE)
-    below: float | None = Field(None, description="upper limit, in the metric's unit")
-    above: float | None = Field(None, description="lower limit, in the metric's unit")
-    below_start_times: Annotated[float, Field(gt=0.0)] | None = Field(
-        None,
-        description="upper limit, as a multiple of the value that the initial controller attains",
-    )
-    vehicles: Literal["nominal", "corners"] | None = Field(
-        None,
-        description="vehicles whose stability margin must meet the limit: only the nominal vehicle "
-        "(default), or also the vehicles at all corners of the dispersions",
-    )
+    metric: str = _METRIC
+    quantile: Quantile = _QUANTILE
+    below: float | None = None
+    """upper limit, in the metric's unit"""
+    above: float | None = None
+    """lower limit, in the metric's unit"""
+    below_start_times: Annotated[float, Field(gt=0.0)] | None = None
+    """upper limit, as a multiple of the value that the initial controller attains"""
+    vehicles: Literal["nominal", "corners"] | None = None
+    """vehicles whose stability margin must meet the limit: only the nominal vehicle (default),
+    or also the vehicles at all corners of the dispersions"""
 
     @property
     def is_margin(self) -> bool:
@@ -113,27 +111,23 @@ class Tune(StrictModel):
             ),
             json_schema_input_type=list[str | Free],
         ),
-    ] = Field(description="parameters to vary")
-    minimise: Aim = Field(description="quantity to minimise")
-    limits: tuple[Limit, ...] = Field((), description="limits that the tuned controller must meet")
-    margins_at: Points = Field(
-        ("trim",),
-        description="points at which stability margins are computed: 'trim', or times of the "
-        "flight such as 30 s",
-    )
-    usage: Aim = Field(
-        Aim(metric=ELEVATOR_TRAVEL, quantile=0.5),
-        description="second objective; it forms a Pareto front with the objective of 'minimise'",
-    )
-    flights: Annotated[int, Field(ge=32, le=100_000)] = Field(
-        64, description="number of flights for each candidate; all candidates have the same samples"
-    )
-    candidates: Annotated[int, Field(ge=17, le=100_000)] = Field(
-        320, description="number of parameter sets to evaluate"
-    )
-    validation: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
-        1000, description="number of new flights for validating the tuned and initial controllers"
-    )
+    ]
+    """parameters to vary"""
+    minimise: Aim
+    """quantity to minimise"""
+    limits: tuple[Limit, ...] = ()
+    """limits that the tuned controller must meet"""
+    margins_at: Points = ("trim",)
+    """points at which stability margins are computed: 'trim', or times of the flight such as 30
+    s"""
+    usage: Aim = Aim(metric=ELEVATOR_TRAVEL, quantile=0.5)
+    """second objective; it forms a Pareto front with the objective of 'minimise'"""
+    flights: Annotated[int, Field(ge=32, le=100_000)] = 64
+    """number of flights for each candidate; all candidates have the same samples"""
+    candidates: Annotated[int, Field(ge=17, le=100_000)] = 320
+    """number of parameter sets to evaluate"""
+    validation: Annotated[int, Field(ge=100, le=1_000_000)] = 1000
+    """number of new flights for validating the tuned and initial controllers"""
 
     @model_validator(mode="after")
     def _bounded(self) -> "Tune":

@@ -25,17 +25,8 @@ from abhv_mc.flights.metrics import (
     name_end,
 )
 from abhv_mc.flights.statistic import MAX_DECLARED, Statistic
-from abhv_mc.io.documents import (
-    Document,
-    InputError,
-    Refusal,
-    StrictModel,
-    found_value,
-    one_of,
-    read_document,
-    validate,
-)
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.documents import Document, StrictModel, read_document, validate
+from abhv_mc.io.messages import InputError, Refusal, counted, found_value, one_of, quoted
 from abhv_mc.io.units import Fraction, Time
 from abhv_mc_vehicle.flight.channels import SOURCES
 from abhv_mc_vehicle.flight.compile_metrics import MOST_CHANNELS, source_rows
@@ -64,50 +55,36 @@ def _statistic(value: Any) -> Any:
 class MetricEntry(StrictModel):
     """Metric declared in a campaign file."""
 
-    of: str = Field(
-        description="channel, or expression of channels with + - * / abs min max sqrt sin cos"
-    )
+    of: str
+    """channel, or expression of channels with + - * / abs min max sqrt sin cos"""
     statistic: Annotated[
         Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])
-    ] = Field(
-        description="statistic of the quantity in 'of' over the control ticks of the time window"
-    )
-    limit: Annotated[float, Field(ge=0.0)] | None = Field(
-        None,
-        description="limit for the *_outside statistics, or smallest change that counts as a "
-        "reversal, in the unit of the quantity in 'of'",
-    )
-    share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = Field(
-        None,
-        description="for quantile: share of the control ticks at which the value is at most the "
-        "quantile",
-    )
-    from_: Time = Field(0.0, alias="from", description="start of the time window")
-    to: Time | None = Field(None, description="end of the time window; default: end of the flight")
-    phase: str | None = Field(
-        None, description="name of the mission phase that is used as the time window"
-    )
-    settled: bool = Field(
-        False,
-        description="whether to exclude each ramp or step of the bank command and the 5 s after it",
-    )
-    empty: float | None = Field(
-        None,
-        description="value of the metric if a flight ends before the time window; default: no "
-        "value, which counts as a failure",
-    )
-    bad: Bad | None = Field(
-        None,
-        description="which values are worse: high, low, or large in magnitude; default: low for "
-        "min, else high",
-    )
-    unit: str | None = Field(
-        None, description="unit of the metric, if it does not follow from the channel or the name"
-    )
-    label: str | None = Field(
-        None, description="name of the metric in the report, without unit; default: the key"
-    )
-    doc: str = Field("", description="description of the metric in the report")
+    ]
+    """statistic of the quantity in 'of' over the control ticks of the time window"""
+    limit: Annotated[float, Field(ge=0.0)] | None = None
+    """limit for the *_outside statistics, or smallest change that counts as a reversal, in the
+    unit of the quantity in 'of'"""
+    share: Annotated[Fraction, Field(gt=0.0, lt=1.0)] | None = None
+    """for quantile: share of the control ticks at which the value is at most the quantile"""
+    from_: Time = Field(0.0, alias="from")
+    """start of the time window"""
+    to: Time | None = None
+    """end of the time window; default: end of the flight"""
+    phase: str | None = None
+    """name of the mission phase that is used as the time window"""
+    settled: bool = False
+    """whether to exclude each ramp or step of the bank command and the 5 s after it"""
+    empty: float | None = None
+    """value of the metric if a flight ends before the time window; default: no value, which
+    counts as a failure"""
+    bad: Bad | None = None
+    """which values are worse: high, low, or large in magnitude; default: low for min, else high"""
+    unit: str | None = None
+    """unit of the metric, if it does not follow from the channel or the name"""
+    label: str | None = None
+    """name of the metric in the report, without unit; default: the key"""
+    doc: str = ""
+    """description of the metric in the report"""
 
     @model_validator(mode="after")
     def _check(self) -> "MetricEntry":

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from abhv_mc.io.documents import read_document
-from abhv_mc.io.input_error import InputError
 from abhv_mc.io.input_files import reading_once
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_campaigns, shipped_configs
 from abhv_mc_vehicle import check_inputs
 from abhv_mc_vehicle.control.controller_file import read_controller

@@ -13,7 +13,7 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.inputs import collect_inputs
 from abhv_mc.io.documents import write_document
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc.shipped import shipped_configs
 
 TABLE = """\

@@ -8,7 +8,7 @@ from fake_flight import run, write_campaign
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.feasibility import find_impossible, find_slips
 from abhv_mc.check_inputs import check_inputs
-from abhv_mc.io.documents import InputErrors
+from abhv_mc.io.messages import InputErrors
 
 RARE = "[{metric: altitude_error_max_m, below: 50, probability: 0.9999}]"
 

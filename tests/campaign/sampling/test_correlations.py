@@ -14,7 +14,7 @@ from abhv_mc.campaign.sampling.designs import make_copula, normal_correlation
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, DiscreteMarginal
 from abhv_mc.campaign.sampling.marginals import MixtureMarginal as Mixture
 from abhv_mc.folder.inputs import collect_inputs
-from abhv_mc.io.documents import Refusal
+from abhv_mc.io.messages import Refusal
 
 NORMAL = ContinuousMarginal("norm", (0.0, 1.0))
 RARE = DiscreteMarginal(np.arange(2.0), np.array([0.95, 1.0]))

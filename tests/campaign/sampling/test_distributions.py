@@ -13,7 +13,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.designs import Design
 from abhv_mc.campaign.sampling.distributions import Distribution
 from abhv_mc.campaign.sampling.marginals import DiscreteMarginal
-from abhv_mc.io.documents import InputError, Refusal
+from abhv_mc.io.messages import InputError, Refusal
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 

@@ -12,7 +12,7 @@ from scipy import stats
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.derived_parameters import compile_derived, sine
 from abhv_mc.campaign.sampling.samples import read_sample_file
-from abhv_mc.io.documents import InputError, Refusal
+from abhv_mc.io.messages import InputError, Refusal
 from abhv_mc.search.space import make_space
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX

@@ -11,7 +11,7 @@ from scipy.stats import binom
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.report.numbers.summary import read_summary, summarize
 from abhv_mc.topics.comparison.model import make_standings

@@ -12,7 +12,7 @@ from abhv_mc.analysis.reweight import make_change, parse_settings, weigh_flights
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.cli.app import app
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.whatif import (
     _reweight_quantiles,

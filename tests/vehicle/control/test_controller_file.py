@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from abhv_mc.io.documents import write_document
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.controller_file import LqrController, read_controller
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "control"

@@ -7,7 +7,7 @@ import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.mission import read_mission
 from abhv_mc_vehicle.control.mission_tables import (
     DENSITIES,

@@ -12,7 +12,7 @@ from short_flights import change_vehicle
 
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.timing import Timing
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.fly import fly, fly_until, nominal_parameters
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere

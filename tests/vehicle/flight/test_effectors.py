@@ -8,7 +8,7 @@ import pytest
 from short_flights import cut, rows_of, short_plan, write_law
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.laws.columns import LQR_SETTINGS, TLC_SETTINGS
 from abhv_mc_vehicle.kernel.plant import state as s

@@ -13,7 +13,7 @@ import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX

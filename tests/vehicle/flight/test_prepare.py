@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import abhv_mc
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.prepare import table_faults
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE

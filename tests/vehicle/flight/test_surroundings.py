@@ -8,7 +8,7 @@ import pytest
 from short_flights import cut, rows_of, short_plan
 
 import abhv_mc
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.mission_tables import DENSITIES, WIND, join_air, read_air_table
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly, fly_until, nominal_parameters

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import abhv_mc
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.kernel.laws import columns as ref

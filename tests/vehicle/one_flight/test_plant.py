@@ -7,7 +7,7 @@ import pytest
 import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.fly import fly
 
 LAW = """

@@ -15,7 +15,7 @@ from vehicle.stability.systems import (
     steady_plan,
 )
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.kernel.plant.vehicle import SENSORS
 from abhv_mc_vehicle.stability.analysis import analyse, margins_of_flights
 from abhv_mc_vehicle.stability.linearize import closed_period, linearize

@@ -7,7 +7,7 @@ import pytest
 from vehicle.stability.systems import assert_predicted, decibels, parameters, plans_of
 
 import abhv_mc
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.fly import fly
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.stability.analysis import NO_SLOPES, analyse, margins_of_flights

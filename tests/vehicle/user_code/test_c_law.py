@@ -12,7 +12,7 @@ from short_flights import assert_same, disperse, short_plan
 from vehicle.user_code.test_user_law import CASCADE
 
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.input_error import InputError, InputErrors
+from abhv_mc.io.messages import InputError, InputErrors
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.numerics.lane_math import clamp, sincos, wrap

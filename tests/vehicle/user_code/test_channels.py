@@ -5,7 +5,7 @@ import pytest
 from short_flights import cut
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import find_input
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.custom_code.source import UserSource, find_package_versions
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.kernel.flight.interface import Z_ROWS
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.custom_code.source import UserSource
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.one_flight.fly_once import make_document
 from abhv_mc_vehicle.user_code.from_function import make_law_text
 from abhv_mc_vehicle.user_code.load_law import load_law

@@ -5,7 +5,7 @@ import pytest
 from short_flights import short_plan, write_law
 
 from abhv_mc.extend import cholesky, matmul, solve
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.jit import scalar

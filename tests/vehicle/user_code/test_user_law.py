@@ -10,7 +10,7 @@ from short_flights import assert_same, disperse, short_plan
 
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.opening import read_plan, write_plan
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.control.design.design_model import wrench_at
 from abhv_mc_vehicle.control.design.lqr_design import make_nominal

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from short_flights import rows_of
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES

@@ -5,7 +5,7 @@ import re
 import pytest
 from short_flights import change_vehicle
 
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.channels import state_channels
 from abhv_mc_vehicle.vehicle.file import read_vehicle_file

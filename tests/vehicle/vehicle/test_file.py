@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.kernel.plant.actuator_step import (
     DEAD_ZONE,
     ENGINE,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES
 from abhv_mc_vehicle.vehicle.table_file import parse_role, read_table
 

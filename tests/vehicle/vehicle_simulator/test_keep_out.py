@@ -8,7 +8,8 @@ from matplotlib.path import Path as MatplotlibPath
 
 from abhv_mc.flights.expressions import compile_expression
 from abhv_mc.flights.statistic import MAX_REGISTERS
-from abhv_mc.io.documents import Document, InputError, validate
+from abhv_mc.io.documents import Document, validate
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.compile_metrics import source_rows
 from abhv_mc_vehicle.vehicle_simulator.keep_out import Zone
 from abhv_mc_vehicle.vehicle_simulator.user_metrics import pack_sources

@@ -13,7 +13,7 @@ from fake_flight import make_plan
 from scipy.io import loadmat
 
 from abhv_mc.folder.opening import read_plan, write_plan
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.design.reference import COLUMN_INDEX
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.flight.plan import FlightPlan

@@ -36,16 +36,8 @@ from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.campaign.sampling.samples import SampleFile, full_rows, read_sample_file
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.documents import (
-    Document,
-    InputErrors,
-    Problems,
-    Refusal,
-    one_of,
-    read_document,
-    validate,
-)
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.documents import Document, Problems, read_document, validate
+from abhv_mc.io.messages import InputErrors, Refusal, counted, one_of, quoted
 from abhv_mc.io.units import parse_in_any_unit
 
 _SAME = 1e-9  # relative tolerance within which nominal values count as equal
@@ -206,7 +198,7 @@ def _check_names(model: Campaign, systems: Sequence[str], errors: Problems) -> N
 def _make_marginals(
     model: Campaign, parameters: Parameters, errors: Problems
 ) -> dict[str, Marginal]:
-    marginals: dict[str, Marginal] = {}
+    marginals = {}
     for name, distribution in model.dispersions.items():
         where = ("dispersions", name)
         if name not in parameters.dispersible or (
@@ -248,7 +240,7 @@ def _make_copula(
 
     A folder with samples of other correlations is therefore not extended.
     """
-    pairs: dict[tuple[str, str], float] = {}
+    pairs = {}
     document, copula = errors.document, Copula((), np.eye(0))
     entries = [*document.entries.get("correlations", ())]
     for i, entry in enumerate(model.correlations):

@@ -9,7 +9,8 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from abhv_mc.campaign import MOST_WORKERS
 from abhv_mc.campaign.file.unknowns import Unknown, UnknownPoints
 from abhv_mc.campaign.sampling.distributions import Distribution, Value
-from abhv_mc.io.documents import File, Refusal, StrictModel, found_value
+from abhv_mc.io.documents import File, StrictModel
+from abhv_mc.io.messages import Refusal, found_value
 from abhv_mc.io.units import Fraction, Frequency, Time
 
 ALL = "all"
@@ -46,37 +47,29 @@ class KeepHistories(StrictModel):
         tuple[int | str, ...],
         AfterValidator(_flights),
         BeforeValidator(as_list, json_schema_input_type=int | str | list[int | str]),
-    ] = Field(
-        ("worst 20",),
-        description=(
-            "'all', 'none', 'failed', 'worst 20', 'every 100', a flight number, or a list of these"
-        ),
-    )
-    by: str = Field(
-        BY_REQUIREMENTS,
-        description=(
-            "criterion for 'worst': requirements (the largest exceedance of a limit, relative to "
-            "the limit) or a metric; early terminations come first"
-        ),
-    )
-    rate: Rate = Field(10.0, description="samples per second of flight")
+    ] = ("worst 20",)
+    """'all', 'none', 'failed', 'worst 20', 'every 100', a flight number, or a list of these"""
+    by: str = BY_REQUIREMENTS
+    """criterion for 'worst': requirements (the largest exceedance of a limit, relative to the
+    limit) or a metric; early terminations come first"""
+    rate: Rate = 10.0
+    """samples per second of flight"""
 
 
 class KeepEnvelopes(StrictModel):
     """Time-history envelopes over all flights."""
 
-    rate: Rate = Field(5.0, description="time bins per second of flight")
+    rate: Rate = 5.0
+    """time bins per second of flight"""
 
 
 class Keep(StrictModel):
     """Outputs that a campaign stores in addition to metrics."""
 
-    histories: KeepHistories = Field(
-        KeepHistories(), description="flights whose full time histories are stored"
-    )
-    envelopes: KeepEnvelopes = Field(
-        KeepEnvelopes(), description="time-history envelopes over all flights"
-    )
+    histories: KeepHistories = KeepHistories()
+    """flights whose full time histories are stored"""
+    envelopes: KeepEnvelopes = KeepEnvelopes()
+    """time-history envelopes over all flights"""
 
 
 TRACED = (
@@ -117,16 +110,12 @@ DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one
 class Sampling(StrictModel):
     """Sampling design; in a campaign file, the name of the design may replace the mapping."""
 
-    design: DesignName = Field("random", description="name of the sampling design")
-    levels: Annotated[int, Field(ge=2, le=1000)] = Field(
-        2, description="number of values per parameter in the designs 'grid' and 'one_at_a_time'"
-    )
-    path: File | None = Field(
-        None,
-        description=(
-            "CSV or Parquet file for the design 'file', with one column per parameter in SI units"
-        ),
-    )
+    design: DesignName = "random"
+    """name of the sampling design"""
+    levels: Annotated[int, Field(ge=2, le=1000)] = 2
+    """number of values per parameter in the designs 'grid' and 'one_at_a_time'"""
+    path: File | None = None
+    """CSV or Parquet file for the design 'file', with one column per parameter in SI units"""
 
     @model_validator(mode="after")
     def _path_for_a_file(self) -> "Sampling":
@@ -145,17 +134,13 @@ def _sampling(value: Any) -> Any:
 class Correlation(StrictModel):
     """Spearman's rank correlation or normal correlation of two parameters."""
 
-    between: tuple[str, str] = Field(description="the two correlated parameters")
-    rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
-        None, description="rank correlation (Spearman); give either 'rank' or 'normal'"
-    )
-    normal: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
-        None,
-        description=(
-            "correlation of the two normal variables in the Gaussian copula; give either 'rank' "
-            "or 'normal'"
-        ),
-    )
+    between: tuple[str, str]
+    """the two correlated parameters"""
+    rank: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = None
+    """rank correlation (Spearman); give either 'rank' or 'normal'"""
+    normal: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = None
+    """correlation of the two normal variables in the Gaussian copula; give either 'rank' or
+    'normal'"""
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "Correlation":
@@ -176,50 +161,33 @@ class Correlation(StrictModel):
 class RequirementEntry(StrictModel):
     """Requirement on the probability that a metric lies below, above or between limits."""
 
-    metric: str = Field(description="name of the metric to which the limits apply")
-    below: Value | None = Field(None, description="upper limit of the metric, in the metric's unit")
-    above: Value | None = Field(
-        None,
-        description=(
-            "lower limit of the metric, in the metric's unit; with 'below' and 'above' the metric "
-            "must lie between the limits"
-        ),
-    )
-    probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)] = Field(
-        description="required probability that a flight meets the limits, such as 99.73 %"
-    )
-    consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
-        0.10,
-        description=(
-            "consumer's risk: largest probability that a system just short of the requirement "
-            "ever gets the verdict PASS"
-        ),
-    )
-    producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = Field(
-        None,
-        description=(
-            "producer's risk: largest probability that a system that just meets the requirement "
-            "ever gets the verdict FAIL; default: the consumer's risk"
-        ),
-    )
-    controllers: tuple[str, ...] | None = Field(
-        None,
-        description=(
-            "controllers that must meet the requirement; default: 'under_test' of the campaign"
-        ),
-    )
-    ended_early: Literal["failure", "as_measured"] = Field(
-        "failure",
-        description=(
-            "how a flight that terminates early is counted: as a failure, or by its measured value"
-        ),
-    )
-    id: str | None = Field(
-        None, description="identifier of the requirement, such as GNC-12; shown in all outputs"
-    )
-    text: str | None = Field(None, description="text of the requirement in the source document")
-    source: str | None = Field(None, description="source document of the requirement")
-    rationale: str | None = Field(None, description="rationale of the requirement")
+    metric: str
+    """name of the metric to which the limits apply"""
+    below: Value | None = None
+    """upper limit of the metric, in the metric's unit"""
+    above: Value | None = None
+    """lower limit of the metric, in the metric's unit; with 'below' and 'above' the metric must
+    lie between the limits"""
+    probability: Annotated[Fraction, Field(gt=0.0, lt=1.0)]
+    """required probability that a flight meets the limits, such as 99.73 %"""
+    consumer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = 0.10
+    """consumer's risk: largest probability that a system just short of the requirement ever gets
+    the verdict PASS"""
+    producer_risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] | None = None
+    """producer's risk: largest probability that a system that just meets the requirement ever
+    gets the verdict FAIL; default: the consumer's risk"""
+    controllers: tuple[str, ...] | None = None
+    """controllers that must meet the requirement; default: 'under_test' of the campaign"""
+    ended_early: Literal["failure", "as_measured"] = "failure"
+    """how a flight that terminates early is counted: as a failure, or by its measured value"""
+    id: str | None = None
+    """identifier of the requirement, such as GNC-12; shown in all outputs"""
+    text: str | None = None
+    """text of the requirement in the source document"""
+    source: str | None = None
+    """source document of the requirement"""
+    rationale: str | None = None
+    """rationale of the requirement"""
 
     @model_validator(mode="after")
     def _some_limit(self) -> "RequirementEntry":
@@ -231,55 +199,42 @@ class RequirementEntry(StrictModel):
 class PooledSeed(StrictModel):
     """Seed and number of flights of one member of a pooled campaign."""
 
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="seed of the samples")
-    runs: Annotated[int, Field(ge=1)] = Field(
-        description="number of flights, counted from flight 0"
-    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    """seed of the samples"""
+    runs: Annotated[int, Field(ge=1)]
+    """number of flights, counted from flight 0"""
 
 
 class Family(StrictModel):
     """Risk of at least one false PASS among all pairs of a requirement and a controller."""
 
-    method: Literal["holm"] = Field(
-        "holm", description="correction for multiple verdicts: Holm's step-down procedure"
-    )
-    risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = Field(
-        0.10, description="largest probability that at least one PASS is false"
-    )
+    method: Literal["holm"] = "holm"
+    """correction for multiple verdicts: Holm's step-down procedure"""
+    risk: Annotated[Fraction, Field(gt=0.0, lt=0.5)] = 0.10
+    """largest probability that at least one PASS is false"""
 
 
 class Execution(StrictModel):
     """Execution settings, which do not affect any result."""
 
-    workers: Workers = Field(
-        None,
-        description="number of blocks of flights computed in parallel; auto: one per core",
-    )
-    batch: Batch = Field(None, description="number of flights in a block")
-    isolation: Literal["auto", "processes", "threads"] = Field(
-        "auto",
-        description=(
-            "isolation of flights: with processes, a flight that crashes or hangs does not affect "
-            "other flights; auto: threads for small campaigns without custom code, otherwise "
-            "processes"
-        ),
-    )
-    flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = Field(
-        None,
-        description=(
-            "limit on the processor time (on a cluster: wall time) per 16 flights; flights that "
-            "exceed the limit count as hanging; default: 20 times the time of 16 nominal flights "
-            "computed one by one, including margins, and at least 30 s"
-        ),
-    )
+    workers: Workers = None
+    """number of blocks of flights computed in parallel; auto: one per core"""
+    batch: Batch = None
+    """number of flights in a block"""
+    isolation: Literal["auto", "processes", "threads"] = "auto"
+    """isolation of flights: with processes, a flight that crashes or hangs does not affect other
+    flights; auto: threads for small campaigns without custom code, otherwise processes"""
+    flight_time_limit: Annotated[Time, Field(gt=0.0)] | None = None
+    """limit on the processor time (on a cluster: wall time) per 16 flights; flights that exceed
+    the limit count as hanging; default: 20 times the time of 16 nominal flights computed one by
+    one, including margins, and at least 30 s"""
 
 
 class Compared(StrictModel):
     """Controllers that a campaign compares."""
 
-    compare: Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
-        description="controllers to compare"
-    )
+    compare: Annotated[tuple[Name, ...], Field(min_length=2)]
+    """controllers to compare"""
 
 
 def select_asked(data: dict[str, Any], controllers: Collection[str]) -> dict[str, Any]:
@@ -301,16 +256,12 @@ def _asks_kind(value: Any) -> str:
 class Campaign(StrictModel):
     """Keys that the campaign files of all simulators have."""
 
-    name: Name = Field(description="name of the campaign and of its results folder in reports/")
-    question: str = Field(
-        "", description="question that the campaign answers; headline of the report"
-    )
-    author: str = Field(
-        "",
-        description=(
-            "person or organization responsible for the campaign, named at the start of the report"
-        ),
-    )
+    name: Name
+    """name of the campaign and of its results folder in reports/"""
+    question: str = ""
+    """question that the campaign answers; headline of the report"""
+    author: str = ""
+    """person or organization responsible for the campaign, named at the start of the report"""
     asks: (
         Annotated[
             Annotated[Literal["drivers", "margins", "worst"], Tag("answer")]
@@ -318,94 +269,47 @@ class Campaign(StrictModel):
             Discriminator(_asks_kind),
         ]
         | None
-    ) = Field(
-        None,
-        description=(
-            "topic of the report's first sentence: {compare: [controllers]}, drivers, margins or "
-            "worst; default: whether the requirements are met"
-        ),
-    )
-    under_test: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
-        None,
-        description=(
-            "controllers under test, which must meet the requirements without 'controllers'; the "
-            "exit code depends on their verdicts; default: all controllers"
-        ),
-    )
-    runs: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
-        None,
-        description="number of flights per controller; omitted if the design determines the number",
-    )
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        0, description="seed of all random samples; equal seeds give equal flights"
-    )
-    pooled: tuple[PooledSeed, ...] = Field(
-        (),
-        description="seeds of the campaigns joined by `abhv-mc merge`, in order; default: one seed",
-    )
+    ) = None
+    """topic of the report's first sentence: {compare: [controllers]}, drivers, margins or worst;
+    default: whether the requirements are met"""
+    under_test: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
+    """controllers under test, which must meet the requirements without 'controllers'; the exit
+    code depends on their verdicts; default: all controllers"""
+    runs: Annotated[int, Field(ge=1, le=2**30)] | None = None
+    """number of flights per controller; omitted if the design determines the number"""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """seed of all random samples; equal seeds give equal flights"""
+    pooled: tuple[PooledSeed, ...] = ()
+    """seeds of the campaigns joined by `abhv-mc merge`, in order; default: one seed"""
     sampling: Annotated[
         Sampling, BeforeValidator(_sampling, json_schema_input_type=DesignName | Sampling)
-    ] = Field(
-        Sampling(),
-        description=(
-            "sampling design: a name, or a mapping with its settings; verdicts need 'random'"
-        ),
-    )
-    dispersions: dict[str, Distribution] = Field(
-        {}, description="distributions of the dispersed parameters, by parameter name"
-    )
-    unknowns: dict[str, Unknown] = Field(
-        {},
-        description=(
-            "bounds of parameters that have a fixed but unknown value for the whole programme; "
-            "requirements are judged at points within these bounds"
-        ),
-    )
-    points: UnknownPoints | None = Field(
-        None,
-        description=(
-            "values of the unknowns at which requirements are judged, for example those found by "
-            "an earlier `run`; default: `run` searches for the worst values"
-        ),
-    )
-    correlations: tuple[Correlation, ...] = Field((), description="pairs of correlated parameters")
-    derived: dict[str, str] = Field(
-        {},
-        description=(
-            "parameters computed from other parameters of the same flight, as expressions in SI "
-            "units"
-        ),
-    )
+    ] = Sampling()
+    """sampling design: a name, or a mapping with its settings; verdicts need 'random'"""
+    dispersions: dict[str, Distribution] = {}
+    """distributions of the dispersed parameters, by parameter name"""
+    unknowns: dict[str, Unknown] = {}
+    """bounds of parameters that have a fixed but unknown value for the whole programme;
+    requirements are judged at points within these bounds"""
+    points: UnknownPoints | None = None
+    """values of the unknowns at which requirements are judged, for example those found by an
+    earlier `run`; default: `run` searches for the worst values"""
+    correlations: tuple[Correlation, ...] = ()
+    """pairs of correlated parameters"""
+    derived: dict[str, str] = {}
+    """parameters computed from other parameters of the same flight, as expressions in SI units"""
     requirements: Annotated[
         tuple[RequirementEntry, ...],
         BeforeValidator(lambda value: value, json_schema_input_type=list[RequirementEntry] | str),
-    ] = Field(
-        (),
-        description=(
-            "requirements on the flights, each with a probability, or a CSV file of requirements"
-        ),
-    )
-    stop: Literal["when proven"] | None = Field(
-        None,
-        description=(
-            "'when proven': the campaign ends as soon as every requirement has the verdict PASS "
-            "or FAIL"
-        ),
-    )
-    family: Family | None = Field(
-        None,
-        description="joint risk that any PASS is false; default: each requirement has its own risk",
-    )
-    keep: Keep = Field(
-        Keep(), description="outputs to store in addition to the metrics of every flight"
-    )
-    measured: dict[str, str | float] = Field(
-        {},
-        description=(
-            "standard deviation of a test flight's measurement error for each channel or metric, "
-            "used by `abhv-mc place` and `identify`; default: sensor noise of the campaign"
-        ),
-    )
-    execution: Execution = Field(
-        Execution(), description="execution settings; no result depends on them"
-    )
+    ] = ()
+    """requirements on the flights, each with a probability, or a CSV file of requirements"""
+    stop: Literal["when proven"] | None = None
+    """'when proven': the campaign ends as soon as every requirement has the verdict PASS or FAIL"""
+    family: Family | None = None
+    """joint risk that any PASS is false; default: each requirement has its own risk"""
+    keep: Keep = Keep()
+    """outputs to store in addition to the metrics of every flight"""
+    measured: dict[str, str | float] = {}
+    """standard deviation of a test flight's measurement error for each channel or metric, used
+    by `abhv-mc place` and `identify`; default: sensor noise of the campaign"""
+    execution: Execution = Execution()
+    """execution settings; no result depends on them"""

@@ -32,8 +32,8 @@ from abhv_mc.flights.parameters import Parameters
 from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.flights.signals import Signal
 from abhv_mc.interfaces import Engine, Plan, Simulator
-from abhv_mc.io.documents import Document, InputError, one_of
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import Document
+from abhv_mc.io.messages import InputError, one_of, quoted
 from abhv_mc.statistics.estimates import Criterion
 from abhv_mc.statistics.family import judge_family
 from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED, Verdict, judge

@@ -11,8 +11,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
-from abhv_mc.io.documents import InputError
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import InputError, counted
 from abhv_mc.statistics.evidence import flights_to_pass
 
 # Parameters that must be positive. Factors on coefficients need not be positive, because components

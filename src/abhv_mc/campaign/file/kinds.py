@@ -6,8 +6,8 @@ from pkgutil import resolve_name
 from typing import Any, get_args
 
 from abhv_mc.campaign.file.systems import find_simulator, load_simulators
-from abhv_mc.io.documents import Document, InputError, found_value, read_document
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import Document, read_document
+from abhv_mc.io.messages import InputError, found_value, quoted
 
 _CAMPAIGN = "campaign"
 
@@ -32,7 +32,7 @@ def load_model(kind: str) -> Any:
 @functools.cache
 def _keys(kind: str) -> frozenset[str]:
     """Return the top-level keys of a kind of input files."""
-    models: list[Any] = (
+    models = (
         [simulator.keys for simulator in load_simulators().values()]
         if kind == _CAMPAIGN
         else [load_model(kind)]

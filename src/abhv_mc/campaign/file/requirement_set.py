@@ -9,15 +9,8 @@ from abhv_mc.campaign.file.check import check_campaign
 from abhv_mc.campaign.file.config import TRACED, RequirementEntry
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.file.requirements import read_requirements, select_requirements
-from abhv_mc.io.documents import (
-    Document,
-    InputError,
-    InputErrors,
-    StrictModel,
-    found_value,
-    read_document,
-    validate,
-)
+from abhv_mc.io.documents import Document, StrictModel, read_document, validate
+from abhv_mc.io.messages import InputError, InputErrors, found_value
 
 # Campaign-file keys for judging and reporting, on which the flights do not depend.
 JUDGING = ("requirements", "family", "under_test", "question", "asks")

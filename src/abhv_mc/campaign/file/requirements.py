@@ -17,16 +17,9 @@ from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.file.systems import Contents, Input, InputName
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Distribution
-from abhv_mc.io.documents import (
-    Document,
-    InputError,
-    Problems,
-    Refusal,
-    StrictModel,
-    one_of,
-    validate,
-)
+from abhv_mc.io.documents import Document, Problems, StrictModel, validate
 from abhv_mc.io.foreign_table import ForeignTable, read_foreign_table
+from abhv_mc.io.messages import InputError, Refusal, one_of
 
 _COLUMNS = tuple(RequirementEntry.model_fields)
 _NUMBERS = ("below", "above", "probability", "consumer_risk", "producer_risk")

@@ -16,8 +16,8 @@ from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.flights.signals import Signal
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.interfaces import Simulator
-from abhv_mc.io.documents import Document, Problems, Refusal, StrictModel, YesNo, one_of
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.documents import Document, Problems, StrictModel, YesNo
+from abhv_mc.io.messages import Refusal, one_of, quoted
 from abhv_mc.io.units import check_angle, parse_in_any_unit
 
 SYSTEMS = "systems"
@@ -42,20 +42,18 @@ InputName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_.]*$", max_length=60)]
 class Quantity(StrictModel):
     """Quantity of a custom simulator."""
 
-    unit: Unit = Field("-", description="unit of the quantity, as free text; '-' if dimensionless")
-    doc: str = Field("", description="description of the quantity in the report")
+    unit: Unit = "-"
+    """unit of the quantity, as free text; '-' if dimensionless"""
+    doc: str = ""
+    """description of the quantity in the report"""
 
 
 class HistoryChannel(Quantity):
     """Column of the history that a flight returns."""
 
-    circular: YesNo = Field(
-        False,
-        description=(
-            "whether the channel is an angle of which a full turn changes nothing, such as a "
-            "heading; the unit must then be an angle, such as deg or rad"
-        ),
-    )
+    circular: YesNo = False
+    """whether the channel is an angle of which a full turn changes nothing, such as a heading;
+    the unit must then be an angle, such as deg or rad"""
 
     @model_validator(mode="after")
     def _check_unit(self) -> "HistoryChannel":
@@ -67,22 +65,19 @@ class HistoryChannel(Quantity):
 class Input(Quantity):
     """Input of a flight for a custom simulator."""
 
-    nominal: float = Field(0.0, description="nominal value, in the unit of the input")
-    seed: YesNo = Field(
-        False, description="whether the input is a random seed, an integer drawn for each flight"
-    )
+    nominal: float = 0.0
+    """nominal value, in the unit of the input"""
+    seed: YesNo = False
+    """whether the input is a random seed, an integer drawn for each flight"""
 
 
 class OwnMetric(Quantity):
     """Metric that a custom simulator returns for a flight."""
 
-    bad: Bad | None = Field(
-        None,
-        description="which values are worse: high, low, or large in magnitude; default: high",
-    )
-    label: str | None = Field(
-        None, description="name of the metric in the report, without unit; default: the key"
-    )
+    bad: Bad | None = None
+    """which values are worse: high, low, or large in magnitude; default: high"""
+    label: str | None = None
+    """name of the metric in the report, without unit; default: the key"""
 
     def record(self, name: str) -> Metric:
         """Return the metric as a record, in the same form as built-in metrics."""
@@ -102,27 +97,16 @@ class OwnMetric(Quantity):
 class SystemsCampaign(Campaign):
     """Keys of a campaign that compares systems, with inputs and metrics in any units."""
 
-    systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = Field(
-        {"system": {}},
-        description=("systems to compare, keyed by name, each with its own simulator settings"),
-    )
-    inputs: dict[InputName, Input] = Field({}, description="inputs of a flight, by name")
-    metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)] = Field(
-        description="metrics that a flight returns, by name"
-    )
-    outcomes: dict[MetricName, str] = Field(
-        {},
-        description=(
-            "reasons for early termination: one sentence for each code that a flight can return"
-        ),
-    )
-    histories: dict[MetricName, HistoryChannel] = Field(
-        {},
-        description=(
-            "channels of the time history by name; each flight returns them in addition to the "
-            "time (s)"
-        ),
-    )
+    systems: Annotated[dict[Name, dict[str, Any]], Field(min_length=1)] = {"system": {}}
+    """systems to compare, keyed by name, each with its own simulator settings"""
+    inputs: dict[InputName, Input] = {}
+    """inputs of a flight, by name"""
+    metrics: Annotated[dict[MetricName, OwnMetric], Field(min_length=1)]
+    """metrics that a flight returns, by name"""
+    outcomes: dict[MetricName, str] = {}
+    """reasons for early termination: one sentence for each code that a flight can return"""
+    histories: dict[MetricName, HistoryChannel] = {}
+    """channels of the time history by name; each flight returns them in addition to the time (s)"""
 
     @model_validator(mode="after")
     def _names(self) -> "SystemsCampaign":
@@ -185,13 +169,15 @@ def read_systems(document: Document, model: SystemsCampaign, errors: Problems) -
 class Installed(StrictModel):
     """Simulator of an installed package."""
 
-    package: str = Field(description="name under which a package registers its simulator")
+    package: str
+    """name under which a package registers its simulator"""
 
 
 class PackageCampaign(SystemsCampaign):
     """Campaign file for the simulator of an installed package."""
 
-    simulator: Installed = Field(description="installed simulator that computes the flights")
+    simulator: Installed
+    """installed simulator that computes the flights"""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.designs import INDEPENDENT
 from abhv_mc.campaign.sampling.distributions import Value
 from abhv_mc.flights.parameters import Parameter, Parameters
-from abhv_mc.io.documents import Problems, StrictModel, one_of
-from abhv_mc.io.phrases import counted, grouped_digits, joined, quoted
+from abhv_mc.io.documents import Problems, StrictModel
+from abhv_mc.io.messages import counted, grouped_digits, joined, one_of, quoted
 from abhv_mc.statistics.unknowns import (
     MOST_UNKNOWNS,
     SEARCH_FLIGHTS,
@@ -27,10 +27,10 @@ from abhv_mc.statistics.verdicts import Verdict
 class Unknown(StrictModel):
     """Bounds of an unknown parameter; a percentage is relative to the nominal value."""
 
-    low: Value = Field(
-        description="lower bound: a value, or a change relative to the nominal value such as -10 %"
-    )
-    high: Value = Field(description="upper bound, in the same form as 'low'")
+    low: Value
+    """lower bound: a value, or a change relative to the nominal value such as -10 %"""
+    high: Value
+    """upper bound, in the same form as 'low'"""
 
 
 Count = Annotated[int, Field(ge=0)]
@@ -58,47 +58,36 @@ def unknowns_hint(dispersed: Iterable[str]) -> str:
 class MostFailures(StrictModel):
     """Point at which one controller failed a requirement most often during the search."""
 
-    controller: str = Field(description="controller for which the point was found")
-    requirement: Count = Field(description="index of the requirement, from 0")
-    point: Count = Field(description="index of the point, from 0")
-    failures: Count = Field(description="number of failures at the point during the search")
-    flights: Count = Field(
-        SEARCH_FLIGHTS, description="number of flights simulated at each point tried"
-    )
-    tried: Count = Field(description="number of points tried")
+    controller: str
+    """controller for which the point was found"""
+    requirement: Count
+    """index of the requirement, from 0"""
+    point: Count
+    """index of the point, from 0"""
+    failures: Count
+    """number of failures at the point during the search"""
+    flights: Count = SEARCH_FLIGHTS
+    """number of flights simulated at each point tried"""
+    tried: Count
+    """number of points tried"""
 
 
 class UnknownPoints(StrictModel):
     """Values of the unknowns at which requirements are judged, as found by `run`."""
 
-    tried: Count = Field(0, description="number of points tried in the search")
-    shared: Count | None = Field(
-        None,
-        description=(
-            "number of points, counted from the first, at which all requirements are judged; "
-            "default: all points. At every other point, a requirement is judged only if an entry "
-            "of `most_failures` assigns that point to it"
-        ),
-    )
-    most_failures: tuple[MostFailures, ...] = Field(
-        (),
-        description=(
-            "for each controller and requirement, the point at which the requirement failed most "
-            "often during the search"
-        ),
-    )
-    requirements: tuple[dict[str, Any], ...] | None = Field(
-        None,
-        description=(
-            "requirements for which the points were searched; default: requirements of the campaign"
-        ),
-    )
-    at: dict[str, tuple[float, ...]] = Field(
-        description=(
-            "values of each unknown at the points, in SI units; each flight is simulated at every"
-            " point"
-        )
-    )
+    tried: Count = 0
+    """number of points tried in the search"""
+    shared: Count | None = None
+    """number of points, counted from the first, at which all requirements are judged; default:
+    all points. At every other point, a requirement is judged only if an entry of `most_failures`
+    assigns that point to it"""
+    most_failures: tuple[MostFailures, ...] = ()
+    """for each controller and requirement, the point at which the requirement failed most often
+    during the search"""
+    requirements: tuple[dict[str, Any], ...] | None = None
+    """requirements for which the points were searched; default: requirements of the campaign"""
+    at: dict[str, tuple[float, ...]]
+    """values of each unknown at the points, in SI units; each flight is simulated at every point"""
 
 
 @dataclass(frozen=True)
@@ -197,7 +186,7 @@ def points_entry(
     ``flights`` is the number of flights that each search simulates at a point.
     """
     values = unknowns.values(chosen.points)
-    entry: dict[str, object] = {
+    entry = {
         "tried": len(np.unique(np.vstack([search.points for search in searches]), axis=0))
         if searches
         else 0,

@@ -16,7 +16,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flights.expressions import SourceRow, compile_expression
 from abhv_mc.flights.parameters import Parameters
 from abhv_mc.flights.statistic import Operation
-from abhv_mc.io.input_error import Refusal
+from abhv_mc.io.messages import Refusal
 
 _SIN = (
     -0.16666666666666666,

@@ -27,8 +27,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.sampling.marginals import Marginal, clip_probabilities, find_atoms
 from abhv_mc.flights.parameters import Parameters
-from abhv_mc.io.documents import Refusal
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import Refusal, quoted
 
 _LARGEST = 1.0 - 1e-6  # largest normal correlation of discrete values
 _POINTS = 14  # binary logarithm of the number of Sobol points
@@ -177,7 +176,7 @@ class Design:
         dimension = self.parameters.dispersible.index(name) + 1
         rng = make_generator(self.seed, name, self.kind)
         if self.kind == "sobol":  # Sobol sequence (Joe & Kuo 2008), scrambled (Matousek 1998)
-            sampler: Any = qmc.Sobol(d=dimension, bits=_BITS, rng=rng)
+            sampler = qmc.Sobol(d=dimension, bits=_BITS, rng=rng)
             return _slice(sampler, first, stop) + 0.5 ** (_BITS + 1)
         # Halton sequence with digit permutations (Owen 2017)
         return clip_probabilities(_slice(qmc.Halton(d=dimension, rng=rng), first, stop))

@@ -7,7 +7,7 @@ from the nominal value 0 in the parameter's unit.
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -21,32 +21,26 @@ from abhv_mc.campaign.sampling.marginals import (
     SometimesMarginal,
 )
 from abhv_mc.flights.parameters import Parameter
-from abhv_mc.io.documents import Refusal, StrictModel, one_of
-from abhv_mc.io.phrases import counted, quoted
+from abhv_mc.io.documents import StrictModel
+from abhv_mc.io.messages import Refusal, counted, one_of, quoted
 from abhv_mc.io.units import Fraction
 
 Value = float | str  # a number, or a string with a unit
 
 _NUMBER = Parameter("number", "-", 1.0, "")
-_KIND: Any = Field(description="kind of distribution")
+_KIND = Field(description="kind of distribution")
 _Weights = tuple[Annotated[float, Field(gt=0.0)], ...]
 
 
 class _Distribution(StrictModel):
     distribution: str = _KIND
-    probability: Annotated[Fraction, Field(gt=0.0, le=1.0)] = Field(
-        1.0,
-        description="probability that the drawn value applies; otherwise the nominal value is used",
-    )
+    probability: Annotated[Fraction, Field(gt=0.0, le=1.0)] = 1.0
+    """probability that the drawn value applies; otherwise the nominal value is used"""
 
-    varies_by: Literal["vehicle", "flight"] | None = Field(
-        None,
-        description=(
-            "'vehicle': flights of one vehicle share the value in `abhv-mc place` and `identify`; "
-            "'flight': each flight has its own; default: flight for the atmosphere, wind, initial "
-            "errors, noise and failures, else vehicle"
-        ),
-    )
+    varies_by: Literal["vehicle", "flight"] | None = None
+    """'vehicle': flights of one vehicle share the value in `abhv-mc place` and `identify`;
+    'flight': each flight has its own; default: flight for the atmosphere, wind, initial errors,
+    noise and failures, else vehicle"""
 
     @abstractmethod
     def draw_from(self, parameter: Parameter) -> Marginal:
@@ -82,14 +76,12 @@ class _Distribution(StrictModel):
 
 
 class _Ranged(_Distribution):
-    half_width: Value | None = Field(
-        None,
-        description=(
-            "distance from the nominal value (mean, mode) to either end; replaces low and high"
-        ),
-    )
-    low: Value | None = Field(None, description="lower end of the range")
-    high: Value | None = Field(None, description="upper end of the range")
+    half_width: Value | None = None
+    """distance from the nominal value (mean, mode) to either end; replaces low and high"""
+    low: Value | None = None
+    """lower end of the range"""
+    high: Value | None = None
+    """upper end of the range"""
 
     def _range(self, parameter: Parameter, center: float) -> tuple[float, float]:
         """Return the range from ``half_width`` about ``center``, or from ``low`` and ``high``."""
@@ -133,8 +125,10 @@ class Normal(_Distribution):
     """Normal distribution."""
 
     distribution: Literal["normal"] = _KIND
-    sigma: Value = Field(description="standard deviation")
-    mean: Value | None = Field(None, description="mean; default: the nominal value")
+    sigma: Value
+    """standard deviation"""
+    mean: Value | None = None
+    """mean; default: the nominal value"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         mean, sigma = self._center("mean", parameter), self._positive("sigma", parameter)
@@ -145,10 +139,10 @@ class TruncatedNormal(_Ranged):
     """Normal distribution truncated to a range, without probability mass at the ends."""
 
     distribution: Literal["truncated_normal"] = _KIND
-    sigma: Value = Field(description="standard deviation before truncation")
-    mean: Value | None = Field(
-        None, description="mean before truncation; default: the nominal value"
-    )
+    sigma: Value
+    """standard deviation before truncation"""
+    mean: Value | None = None
+    """mean before truncation; default: the nominal value"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy.special import ndtr
@@ -169,7 +163,8 @@ class Triangular(_Ranged):
     """Triangular distribution."""
 
     distribution: Literal["triangular"] = _KIND
-    mode: Value | None = Field(None, description="most likely value; default: the nominal value")
+    mode: Value | None = None
+    """most likely value; default: the nominal value"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         mode = self._center("mode", parameter)
@@ -186,10 +181,10 @@ class Lognormal(_Distribution):
     """Lognormal distribution."""
 
     distribution: Literal["lognormal"] = _KIND
-    sigma: Value = Field(
-        description="standard deviation of the natural logarithm, as a number or percentage"
-    )
-    median: Value | None = Field(None, description="median; default: the nominal value")
+    sigma: Value
+    """standard deviation of the natural logarithm, as a number or percentage"""
+    median: Value | None = None
+    """median; default: the nominal value"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         sigma = _read(_NUMBER, self.sigma, "sigma")
@@ -206,8 +201,10 @@ class Beta(_Ranged):
     """Beta distribution with shape parameters a and b, scaled to a range."""
 
     distribution: Literal["beta"] = _KIND
-    a: Annotated[float, Field(gt=0.0)] = Field(description="first shape parameter")
-    b: Annotated[float, Field(gt=0.0)] = Field(description="second shape parameter")
+    a: Annotated[float, Field(gt=0.0)]
+    """first shape parameter"""
+    b: Annotated[float, Field(gt=0.0)]
+    """second shape parameter"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         low, high = self._range(parameter, parameter.nominal)
@@ -218,12 +215,10 @@ class Discrete(_Distribution):
     """Discrete distribution with equal or specified weights."""
 
     distribution: Literal["discrete"] = _KIND
-    values: Annotated[tuple[Value, ...], Field(min_length=2)] = Field(
-        description="values to draw from"
-    )
-    weights: _Weights | None = Field(
-        None, description="weight of each value; default: equal weights"
-    )
+    values: Annotated[tuple[Value, ...], Field(min_length=2)]
+    """values to draw from"""
+    weights: _Weights | None = None
+    """weight of each value; default: equal weights"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         values = np.array(
@@ -242,12 +237,14 @@ class Scipy(_Distribution):
     """Continuous distribution of scipy.stats, with shape parameters, location and scale."""
 
     distribution: Literal["scipy"] = _KIND
-    law: str = Field(
-        description="name of a continuous distribution of scipy.stats, such as weibull_min"
-    )
-    shapes: dict[str, float] = Field({}, description="shape parameters by name")
-    loc: Value | None = Field(None, description="location in SI units; default: 0")
-    scale: Value | None = Field(None, description="scale in SI units; default: 1")
+    law: str
+    """name of a continuous distribution of scipy.stats, such as weibull_min"""
+    shapes: dict[str, float] = {}
+    """shape parameters by name"""
+    loc: Value | None = None
+    """location in SI units; default: 0"""
+    scale: Value | None = None
+    """scale in SI units; default: 1"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         from scipy import stats
@@ -286,12 +283,10 @@ class Mixture(_Distribution):
     """Mixture of distributions with equal or specified weights."""
 
     distribution: Literal["mixture"] = _KIND
-    parts: Annotated[tuple[_Part, ...], Field(min_length=2)] = Field(
-        description="distributions to mix"
-    )
-    weights: _Weights | None = Field(
-        None, description="weight of each distribution; default: equal weights"
-    )
+    parts: Annotated[tuple[_Part, ...], Field(min_length=2)]
+    """distributions to mix"""
+    weights: _Weights | None = None
+    """weight of each distribution; default: equal weights"""
 
     def draw_from(self, parameter: Parameter) -> Marginal:
         weights, drawn = _shares(self.weights, len(self.parts)), []

@@ -1,6 +1,6 @@
 """Marginal distributions in SI units, which convert probabilities to values."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -83,7 +83,7 @@ class _Normal(NamedTuple):
         return -np.inf, np.inf
 
 
-_PLAIN: dict[str, Callable[..., Any]] = {"uniform": _Uniform, "norm": _Normal}
+_PLAIN = {"uniform": _Uniform, "norm": _Normal}
 
 
 @dataclass(frozen=True)

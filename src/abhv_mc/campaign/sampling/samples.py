@@ -23,7 +23,7 @@ from abhv_mc.campaign.sampling.designs import (
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.io.foreign_table import read_foreign_table
-from abhv_mc.io.input_error import InputError, one_of
+from abhv_mc.io.messages import InputError, one_of
 
 _WHOLE = 2.0**52  # upper bound on the integer seeds of a custom simulator
 

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from abhv_mc.array_types import Indices, Ints
-from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, quoted
 
 _SAME = 1e-9  # relative tolerance within which points count as equal
 
@@ -72,7 +70,7 @@ def _restrict(results: FlownCampaign, points: Indices) -> FlownCampaign:
             metrics={metric: values[rows] for metric, values in controller_flights.metrics.items()},
             absent=renumber(controller_flights.absent)[0],
         )
-    unknowns: Unknowns = replace(
+    unknowns = replace(
         results.campaign.unknowns,
         points=results.campaign.unknowns.points[points],
         shared=None,

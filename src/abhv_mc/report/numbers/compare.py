@@ -12,8 +12,7 @@ from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.documents import InputError, Refusal, one_of
-from abhv_mc.io.phrases import counted, grouped_digits, quoted
+from abhv_mc.io.messages import InputError, Refusal, counted, grouped_digits, one_of, quoted
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.report.numbers.common_points import restrict_to_common_points
 from abhv_mc.statistics.gate import RISK, Gate, judge_change

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from abhv_mc.folder.flown_campaign import FlownCampaign
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import MOST_TIMES, UNSEARCHED, Verdict, about, advise, predict_pass
 from abhv_mc.topics.formatting import count_of

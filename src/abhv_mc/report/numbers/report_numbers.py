@@ -13,8 +13,7 @@ from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.summary import summarize, warnings_of
 from abhv_mc.topics.formatting import json_data
 from abhv_mc.topics.registry import BUILT_IN
-from abhv_mc.topics.section import Records
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.topic import Models, Records
 
 FORMAT = 3
 

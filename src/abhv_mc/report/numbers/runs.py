@@ -11,7 +11,7 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.stores import read_status
 from abhv_mc.interfaces import Store
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.summary import parse_summary, read_current_numbers
 
 COMPARISON_FILE = "comparison.json"  # file with the numbers of a comparison, next to its page

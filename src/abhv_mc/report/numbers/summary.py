@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 from abhv_mc.flights.metrics import GAIN_MARGIN, PHASE_MARGIN
 from abhv_mc.folder.manifest import Manifest, hash_entries
 from abhv_mc.folder.merge import suggest_merge
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.report.numbers.next_step import find_next_step
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.verdicts import label_status
@@ -23,8 +23,7 @@ from abhv_mc.topics.flights.model import ended_words
 from abhv_mc.topics.formatting import count_of, percent, shown_value, significant, spoken_name
 from abhv_mc.topics.margins import MARGINS, corners_unstable, least_margins, missing_margins
 from abhv_mc.topics.metrics import METRICS
-from abhv_mc.topics.section import Entry, Record, Records, make_records
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.topic import Entry, Models, Record, Records, make_records
 from abhv_mc.topics.verdicts import VERDICTS
 
 _LATER = label_status("PASS", set_later=True)

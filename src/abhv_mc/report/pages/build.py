@@ -15,7 +15,7 @@ from abhv_mc.folder.layout import CampaignFolder, explain_os_error, hash_file, w
 from abhv_mc.folder.manifest import Manifest, hash_entries, read_manifest
 from abhv_mc.folder.merge import suggest_merge
 from abhv_mc.identity import code_hash
-from abhv_mc.io.input_error import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.summary import HASH, read_numbers
 
 Stage = Callable[[str], AbstractContextManager[object]]

@@ -104,8 +104,8 @@ def envelope_data(
         for signal in results.campaign.channels
         if all((name, signal.name) in results.envelopes for name in names)
     }
-    channels: list[dict[str, str | None]] = []
-    arrays: dict[str, Floats] = {}
+    channels = []
+    arrays = {}
     # Custom simulators have no reference trajectory.
     times = results.reference.get("time", np.empty(0))
     every = max(1, -(-times.size // _MOST_TIMES))

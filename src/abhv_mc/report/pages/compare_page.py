@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from abhv_mc.campaign.file.requirement_set import RequirementSource
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import grouped_digits, joined
+from abhv_mc.io.messages import InputError, grouped_digits, joined
 from abhv_mc.report.numbers.compare import (
     CampaignPair,
     Compared,
@@ -35,9 +34,19 @@ from abhv_mc.topics.comparison.figures import DifferencePanel, plot_differences
 from abhv_mc.topics.comparison.model import metric_differences, usage_metrics
 from abhv_mc.topics.figure_style import controller_colors
 from abhv_mc.topics.formatting import ends_of, json_data, p_equation, percent, significant
-from abhv_mc.topics.names import Names, full_labels, names_of
-from abhv_mc.topics.section import FigureText, Fold, Item, Picture, Section, Table, make_records
-from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.topic import (
+    Drawn,
+    FigureText,
+    Fold,
+    Item,
+    Names,
+    Picture,
+    Section,
+    Table,
+    full_labels,
+    make_records,
+    names_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

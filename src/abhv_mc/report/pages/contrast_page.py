@@ -10,7 +10,7 @@ from abhv_mc.folder.controller_flights import ControllerFlights, severities
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.inputs import FolderInputs, content_of, describe_changes, read_folder_inputs
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.compare import pair_controllers, select_flights
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantile
 from abhv_mc.statistics.unpaired import quantile_difference, share_difference
@@ -18,20 +18,20 @@ from abhv_mc.topics.figure_style import CYCLE
 from abhv_mc.topics.formatting import count_of, estimate, fixed, level_name, percent
 from abhv_mc.topics.metrics.figures import make_spread, plot_distributions
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.names import full_labels
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Cell,
+    Drawn,
     FigureText,
     Fold,
     Item,
     Picture,
     Section,
     Table,
+    full_labels,
     grouped,
     interval_cell,
     make_records,
 )
-from abhv_mc.topics.topic import Drawn
 
 
 @dataclass(frozen=True)

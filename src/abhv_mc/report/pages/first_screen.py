@@ -5,12 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from abhv_mc.io.phrases import THIN
+from abhv_mc.io.messages import THIN
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.pages.flights_view import mark_of
 from abhv_mc.topics.formatting import fixed, significant
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Entry, Record
+from abhv_mc.topics.topic import Entry, Names, Record
 from abhv_mc.topics.verdicts.model import GlanceCell, GlanceRow
 
 MOST_BARS = 4  # largest number of controllers with a line of text next to each bar

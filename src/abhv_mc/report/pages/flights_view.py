@@ -190,7 +190,7 @@ def make_flights_view(
         stacked(table.flight for table in flights),
         stacked(table.outcome for table in flights),
     )
-    arrays: dict[str, Floats] = {}
+    arrays = {}
     for name in results.dispersed:
         arrays[f"column:{name}"] = (
             axis_unit(name, results.campaign.parameters)[1] * results.samples[name][number]

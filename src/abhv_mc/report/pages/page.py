@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.report.numbers.compare import Baseline
 from abhv_mc.report.numbers.summary import confidence_records, summarize
 from abhv_mc.report.pages.channel_curves import envelope_data
@@ -38,8 +38,7 @@ from abhv_mc.topics.convergence import CONVERGENCE
 from abhv_mc.topics.figure_style import controller_colors, write_png
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.registry import all_topics
-from abhv_mc.topics.section import Cell, FigureText, Records, Section, Table
-from abhv_mc.topics.topic import Drawn, Models
+from abhv_mc.topics.topic import Cell, Drawn, FigureText, Models, Records, Section, Table
 from abhv_mc.topics.verdicts import VERDICTS
 
 _MISSING = 0xFFFF

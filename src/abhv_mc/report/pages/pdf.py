@@ -5,8 +5,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from abhv_mc.io.input_error import InputError
-from abhv_mc.io.phrases import quoted
+from abhv_mc.io.messages import InputError, quoted
 
 NAMES = (
     "chromium",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted
 from abhv_mc.report.pages.page import Answer
 from abhv_mc.search.identify import FIT_RISK, Identification
 from abhv_mc.search.place import PlacedFlight, Placement
@@ -21,9 +21,17 @@ from abhv_mc.topics.figure_style import (
     title_panel,
 )
 from abhv_mc.topics.formatting import fixed, p_equation, p_value, percent, significant
-from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import FigureText, Item, Picture, Section, Table, make_records, make_row
-from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.topic import (
+    Drawn,
+    FigureText,
+    Item,
+    Picture,
+    Section,
+    Table,
+    controller_label,
+    make_records,
+    make_row,
+)
 
 _LISTED = 12  # maximum number of listed metrics per flight
 _COLUMNS = 2

@@ -8,11 +8,10 @@ from matplotlib.figure import Figure
 
 from abhv_mc.analysis.explain import Explanation
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.report.figures.searches import FLIGHT_PANELS, plot_flights
 from abhv_mc.topics.formatting import shown_value
-from abhv_mc.topics.names import controller_label
-from abhv_mc.topics.section import Records, make_records
+from abhv_mc.topics.topic import Records, controller_label, make_records
 
 _OTHERS = 10  # maximum number of listed other sets of dispersions
 _IN_TITLE = 4  # maximum number of dispersions in a title

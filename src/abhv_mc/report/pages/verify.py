@@ -11,7 +11,7 @@ from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import lock_holder
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.identity import code_hash
-from abhv_mc.io.documents import InputError
+from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.compare import compare_baseline
 from abhv_mc.report.numbers.report_numbers import make_numbers
 from abhv_mc.report.numbers.summary import HASH
@@ -43,7 +43,7 @@ def _report_differences(root: Path) -> Iterator[str]:
             yield "report.json: missing, although report.html exists"
         return
     try:
-        written: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        written = json.loads(path.read_text(encoding="utf-8"))
         files, pages, pictures = (written.pop(name) for name in ("files", "pages", "pictures"))
     except (ValueError, KeyError) as error:
         problem = f"the file does not contain the valid numbers of a report ({error})"

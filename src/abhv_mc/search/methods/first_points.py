@@ -24,7 +24,7 @@ def sobol_points(dimension: int, number: int, seed: int) -> Floats:
 def explore(record: Record, dimension: int, seed: int, batch: int) -> None:
     """Evaluate the first points in whole batches, about a quarter of all evaluations."""
     share = record.limit // 4
-    star: Floats = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
+    star = np.concatenate([np.zeros((1, dimension)), np.eye(dimension), -np.eye(dimension)])
     even = sobol_points(dimension, record.limit, seed)
     taken = 0
 

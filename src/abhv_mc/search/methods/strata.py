@@ -61,7 +61,7 @@ def list_combinations(probabilities: Floats) -> list[tuple[tuple[int, ...], floa
     switches = range(len(probabilities))
     odds = probabilities / (1.0 - probabilities)
     none = float(np.prod(1.0 - probabilities))
-    listed: list[tuple[tuple[int, ...], float]] = []
+    listed = []
     for number in range(len(probabilities) + 1):
         weighted = [
             (on, none * float(np.prod(odds[list(on)]))) for on in combinations(switches, number)

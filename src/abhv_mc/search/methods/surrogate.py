@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import counted
+from abhv_mc.io.messages import counted
 from abhv_mc.search.methods.evaluation import Evaluate, make_generator
 from abhv_mc.search.methods.gaussian_process import (
     GaussianProcess,

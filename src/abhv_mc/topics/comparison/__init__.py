@@ -14,19 +14,20 @@ from abhv_mc.topics.comparison.model import (
 from abhv_mc.topics.formatting import count_of, fixed, p_value, percent, significant
 from abhv_mc.topics.metrics import metric_statistics
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Cell,
     Fold,
     Item,
+    Names,
     Picture,
     Row,
     Section,
     Table,
     Text,
+    Topic,
+    figures_of,
     interval_cell,
 )
-from abhv_mc.topics.topic import Topic, figures_of
 
 _EFFORT = "Errors against control effort"
 _METHOD = (

@@ -29,8 +29,7 @@ from abhv_mc.topics.figure_style import (
     wrap,
 )
 from abhv_mc.topics.metrics.figures import Spread
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import FigureText, Names
 
 _MOST_POINTS = 250  # maximum number of plotted flights per controller
 _TRADES = 3  # maximum number of panels per row, and of metrics in a campaign without requirements

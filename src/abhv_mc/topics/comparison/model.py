@@ -296,7 +296,5 @@ def usage_metrics(flights: ControllerFlights) -> tuple[str, ...]:
 
 def total_usage(flights: ControllerFlights) -> Floats:
     """Return the root sum square of the rms deflections of three surfaces, deg [flight]."""
-    squares: Floats = np.sum(
-        [flights.metrics[name] ** 2 for name in usage_metrics(flights)], axis=0
-    )
+    squares = np.sum([flights.metrics[name] ** 2 for name in usage_metrics(flights)], axis=0)
     return np.sqrt(squares)

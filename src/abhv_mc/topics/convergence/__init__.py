@@ -17,20 +17,21 @@ from abhv_mc.statistics.estimates import (
 )
 from abhv_mc.topics.formatting import level_name
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Cell,
     Fold,
     Item,
+    Names,
     Picture,
     Row,
     Section,
     Table,
     Text,
+    Topic,
+    figures_of,
     grouped,
     interval_cell,
 )
-from abhv_mc.topics.topic import Topic, figures_of
 
 # minimum number of flights for a figure; with fewer flights, the intervals hide the trend
 _FEWEST = 100

@@ -19,8 +19,7 @@ from abhv_mc.topics.figure_style import (
     styled,
     title_panel,
 )
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import FigureText, Names
 
 
 def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:

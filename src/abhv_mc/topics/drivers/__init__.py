@@ -19,19 +19,20 @@ from abhv_mc.statistics.drivers import (
 )
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import parameter_doc, percent, spoken_name
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Cell,
     Fold,
+    Names,
     Picture,
     Row,
     Section,
     Table,
     Text,
+    Topic,
+    figures_of,
     grouped,
     interval_cell,
 )
-from abhv_mc.topics.topic import Topic, figures_of
 
 # share of the flights in each of two groups, with the lowest and highest values of a parameter
 _TENTH = 0.1

@@ -20,8 +20,7 @@ from abhv_mc.topics.figure_style import (
     styled,
 )
 from abhv_mc.topics.formatting import spoken_name
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import FigureText, Names
 
 _BARS = 3  # maximum number of parameters per metric
 _ROW = 0.075  # height of a bar in inches

@@ -9,19 +9,20 @@ from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.topics.formatting import fixed
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Fold,
+    Names,
     Picture,
     Row,
     Section,
     Table,
     Text,
+    Topic,
     Widget,
+    figures_of,
     make_records,
     make_row,
 )
-from abhv_mc.topics.topic import Topic, figures_of
 
 _SIGN = ", sign open"
 NO_BAND = "No band where flights spread over the circle"  # resultant length below 0.6

@@ -17,8 +17,7 @@ from abhv_mc.topics.figure_bands import (
     off_reference,
     plot_sheet,
 )
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import FigureText, Names
 
 Bands = tuple[Floats, Mapping[str, Floats]]  # a channel's times [time], and its bands by name
 # function that returns the bands of a channel under a controller, or None

@@ -21,9 +21,18 @@ from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import count_of, percent
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Picture, Row, Section, Table, Text, grouped
-from abhv_mc.topics.topic import Topic, figures_of
+from abhv_mc.topics.topic import (
+    Cell,
+    Names,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    Topic,
+    figures_of,
+    grouped,
+)
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from abhv_mc.topics.figure_style import (
     styled,
     title_panel,
 )
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import FigureText, Names
 
 _MOST_CASES = 8  # maximum number of failure cases drawn, most frequent first
 _MOST_BANDS = 4  # maximum number of single-failure cases drawn with bands

@@ -5,7 +5,7 @@ from typing import Any
 
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.folder.flown_campaign import flights_with_history
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 from abhv_mc.topics.flights.model import (
     Flights,
     WorstFlight,
@@ -20,22 +20,23 @@ from abhv_mc.topics.formatting import (
     significant,
     spoken_name,
 )
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Cell,
     Fold,
     Item,
+    Names,
     Picture,
     Records,
     Row,
     Section,
     Table,
     Text,
+    Topic,
     Widget,
+    figures_of,
     make_records,
     make_row,
 )
-from abhv_mc.topics.topic import Topic, figures_of
 
 
 def flight_section(flights: Flights, names: Names) -> Section:

@@ -21,9 +21,7 @@ from abhv_mc.topics.figure_bands import (
 )
 from abhv_mc.topics.figure_style import controller_colors, legend_below, new_figure, styled
 from abhv_mc.topics.flights.model import Flights, WorstFlight, channel_of, limit_sides
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
-from abhv_mc.topics.topic import Drawn
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 _MOST_CHANNELS = 4
 

@@ -11,20 +11,21 @@ from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.folder.steady_margins import ControllerMargins, LoopMargins, SteadyMargins
 from abhv_mc.topics.formatting import count_of, fixed, percent
 from abhv_mc.topics.missed_requirements import failed_anyhow
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Cell,
     Fold,
     Heading,
     Item,
+    Names,
     Picture,
     Row,
     Section,
     Table,
     Text,
+    Topic,
+    figures_of,
     grouped,
 )
-from abhv_mc.topics.topic import Topic, figures_of
 
 LISTED = 5  # number of listed flights, which have the smallest margins
 

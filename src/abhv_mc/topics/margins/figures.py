@@ -16,8 +16,7 @@ from abhv_mc.topics.figure_style import (
 )
 from abhv_mc.topics.margins import Margins
 from abhv_mc.topics.missed_requirements import failed_anyhow
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import FigureText, Names
 
 _MOST_POINTS = 1000  # maximum number of points per controller
 

@@ -10,19 +10,20 @@ from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import FlownCampaign
 from abhv_mc.statistics.estimates import LEVELS, Interval, quantiles, severity
 from abhv_mc.topics.formatting import level_name, significant
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import (
+from abhv_mc.topics.topic import (
     Cell,
     Fold,
+    Names,
     Picture,
     Row,
     Section,
     Table,
     Text,
+    Topic,
+    figures_of,
     grouped,
     interval_cell,
 )
-from abhv_mc.topics.topic import Topic, figures_of
 
 SMALL_IS_BAD = "small is bad"
 

@@ -21,8 +21,7 @@ from abhv_mc.topics.figure_style import (
     styled,
 )
 from abhv_mc.topics.metrics import Metrics
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import FigureText
+from abhv_mc.topics.topic import FigureText, Names
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,18 @@ from collections.abc import Set
 from abhv_mc.campaign.file.config import TRACED
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.topics.formatting import count_of, percent, significant
-from abhv_mc.topics.names import Names
-from abhv_mc.topics.section import Cell, Fold, Row, Section, Table, Text, grouped, make_row
-from abhv_mc.topics.topic import Topic
+from abhv_mc.topics.topic import (
+    Cell,
+    Fold,
+    Names,
+    Row,
+    Section,
+    Table,
+    Text,
+    Topic,
+    grouped,
+    make_row,
+)
 from abhv_mc.topics.verdicts.model import (
     ControllerVerdict,
     JudgedRequirement,

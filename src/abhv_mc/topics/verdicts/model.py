@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.folder.controller_flights import ControllerFlights, pooled_values
@@ -308,7 +307,7 @@ def _quantiles(
     """
     flights = results.flights[name]
     worse = limits.worse(flights.metrics[metric])
-    values: Floats = limits.sign * np.where(flights.failed | np.isnan(worse), np.inf, worse)
+    values = limits.sign * np.where(flights.failed | np.isnan(worse), np.inf, worse)
     point_index = flights.flight % len(results.campaign.unknowns.points)
     with np.errstate(invalid="ignore"):
         point_quantiles = np.array(

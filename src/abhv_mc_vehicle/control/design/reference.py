@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats
-from abhv_mc.io.phrases import counted, grouped_digits
+from abhv_mc.io.messages import counted, grouped_digits
 from abhv_mc_vehicle.control.design.design_cache import cache_results
 from abhv_mc_vehicle.control.design.design_model import make_environment_points
 from abhv_mc_vehicle.control.design.profile import Profile, make_profile, ramp_times

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from abhv_mc.io.documents import Document, InputError, validate
+from abhv_mc.io.documents import Document, validate
+from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.design.profile import make_profile, ramp_times
 from abhv_mc_vehicle.control.mission import Mission, read_mission
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from abhv_mc.io.phrases import grouped_digits
+from abhv_mc.io.messages import grouped_digits
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.report.pages.searched_flights import margin_text
+from abhv_mc.report.pages.search_pages import margin_text
 from abhv_mc.shipped import find_input
 
 
