@@ -13,15 +13,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from abhv_mc.io.documents import (
-    InputError,
-    Refusal,
-    StrictModel,
-    one_of,
-    read_document,
-    validate,
-)
-from abhv_mc.io.messages import , joined, quoted
+from abhv_mc.io.documents import StrictModel, read_document, validate
+from abhv_mc.io.messages import InputError, Refusal, joined, one_of, quoted
 from abhv_mc.io.units import KELVIN
 from abhv_mc.io.xml_reader import fold
 from abhv_mc_daveml.adapters import (
