@@ -100,7 +100,7 @@ def test_all_commands_with_numbers_write_json():
             "runs",
             "query",
         ),
-        *("import", "trim", "margins", "list", "verify", "validate", "show"),
+        *("import", "trim", "margins", "list", "validate", "show"),
     }
 
 

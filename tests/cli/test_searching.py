@@ -53,7 +53,7 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
         f"{numbers['value']:.5g}" in out and f"--flight {numbers['flight']}" not in out
     )  # commands are only on the page
     page = Path("out/report.html").read_text(encoding="utf-8")
-    assert f"--flight {numbers['flight']} --controller one" in page
+    assert f"--controller one --flight {numbers['flight']}" in page
     assert "http" not in page.split("<body>")[1]
     again = ("replay", "out", "--flight", numbers["flight"], "--controller", "one")
     code, out, _ = abhv_mc(*again, "--json", "-")
