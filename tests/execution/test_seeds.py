@@ -146,7 +146,7 @@ def test_a_run_judges_its_folder_and_lists_neighbours(abhv_mc, tmp_path):
     )
     own = json.loads(Path("s2/manifest.json").read_text())["requirements"][0]
     assert (code, own["verdict"], own["flights"]) == (0, "NOT SHOWN", 60)
-    assert own["words"] in Path("s2.xml").read_text() and "in 60 flights" in own["words"]
+    assert own["words"] in Path("s2.xml").read_text() and "of 60 flights" in own["words"]
     before, verdicts = out.rsplit("verdicts  ", 1)
     assert "'s1' (400 flights: 1 FAIL)" in before.splitlines()[-1]
     assert "merge s2 s1 -o s2_merged" in before.splitlines()[-1]
