@@ -11,7 +11,7 @@ from fake_flight import ENGINE, fly, run, write_campaign
 
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.execution import runner
-from abhv_mc.folder import flown_blocks
+from abhv_mc.folder import flown_blocks, hashes
 from abhv_mc.folder.flights import Digest, digest_rows
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
@@ -88,7 +88,7 @@ def test_a_kill_at_any_step_loses_nothing(campaign, tmp_path, monkeypatch, capfd
 
     monkeypatch.setattr(runner._Run, "_join_files", join)
     monkeypatch.setattr(runner, "write_block", write)
-    for owner, name in ((flown_blocks, "write_rows"), (runner, "write_manifest"), (Path, "unlink")):
+    for owner, name in ((flown_blocks, "write_rows"), (hashes, "write_manifest"), (Path, "unlink")):
         function = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *a, function=function, **k: step(function, *a, **k))
     for killed in count():
