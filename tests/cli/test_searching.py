@@ -32,7 +32,7 @@ def campaign(tmp_path):
 
 
 def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campaign, monkeypatch):
-    monkeypatch.setattr("abhv_mc_vehicle.flight.fly.fly", fly_line)
+    monkeypatch.setattr("abhv_mc_vehicle.stability.fly_with_margins.fly", fly_line)
     code, out, _ = abhv_mc(
         "worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "worst.json"
     )

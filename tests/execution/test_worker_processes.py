@@ -168,7 +168,7 @@ def test_a_limit_and_an_interrupt_end_the_wait_for_a_thread(monkeypatch):
     try:
         with pytest.raises(KeyboardInterrupt):
             run_in_thread(never)
-        monkeypatch.setattr("abhv_mc_vehicle.flight.fly.fly", never)
+        monkeypatch.setattr("abhv_mc_vehicle.one_flight.fly_once.fly_plan", never)
         with pytest.raises(KeyboardInterrupt):
             flying.fly(find_input("level", "mission"), controllers="lqr")
         with pytest.raises(TimeoutError):
