@@ -82,3 +82,11 @@ def test_every_package_is_built_typed_and_checked(repository):
     typed = sorted(path.parent.name for path in repository.glob("src/*/py.typed"))
     assert typed == list(PACKAGES)
     assert typed == sorted(path.parent.name for path in repository.glob("src/*/__init__.py"))
+
+
+def test_commands_load_where_another_package_replaces_the_entry_points():
+    pytest.importorskip("importlib_metadata")  # returns entry points of a class of its own
+    code = "import importlib_metadata; from abhv_mc.cli.app import main; main()"
+    program = [sys.executable, "-c", code, "fly", "--help"]
+    shown = subprocess.run(program, capture_output=True, text=True, check=True)
+    assert "--controllers" in shown.stdout

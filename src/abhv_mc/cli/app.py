@@ -145,8 +145,8 @@ class Group(_Short, TyperGroup):
         """Return a command, or None if it is unknown or its package cannot be imported."""
         if cmd_name not in self.commands:
             self._find_added()
-        command = self.commands.get(cmd_name)
-        if isinstance(command, EntryPoint):
+        command: Any = self.commands.get(cmd_name)
+        if hasattr(command, "load"):  # an entry point, possibly of the package importlib_metadata
             command = self.commands[cmd_name] = self._load(cmd_name, command)
         return command
 
