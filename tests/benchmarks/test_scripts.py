@@ -49,6 +49,7 @@ BENCHMARKS = (
 # `make test-thorough`, or belong to another script.
 OTHERS = {
     "benchmarks.watch": "runs whole in make test-thorough",
+    "benchmarks.bench": "limit runs it",
     "benchmarks.others.page": "test_others.py",
     "benchmarks.others.rocketpy_table": "test_others.py",
     "benchmarks.others.rocketpy_monte_carlo": "needs RocketPy",
