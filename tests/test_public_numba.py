@@ -1,6 +1,6 @@
 """Both interfaces of numba compute equal flights.
 
-The public one compiles for a minute or two if its cache is empty, because numba optimizes each
+The public one compiles for several minutes if its cache is empty, because numba optimizes each
 function separately. Its vectors are half as wide on Intel processors. Neither changes a bit.
 """
 

@@ -7,8 +7,8 @@ by name.
 
 Packages register commands as entry points of the group ``abhv_mc.commands``. An entry point has the
 name of its command, such as ``explore``. The name of a subcommand follows the name of the group and
-a dot, as in ``list.units``. The entry point refers to a function with annotations for typer, or to
-a ``typer.Typer``. A package is imported when one of its commands is run or listed. If the import
+a dot, as in ``list.metrics``. The entry point refers to a function with annotations for typer, or
+to a ``typer.Typer``. A package is imported when one of its commands is run or listed. If the import
 fails, a warning is printed and the commands of the package are omitted.
 """
 
