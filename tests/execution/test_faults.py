@@ -1,5 +1,6 @@
 """Flights that raise, hang or end their process; workers that are killed."""
 
+import contextlib
 import ctypes
 import functools
 import multiprocessing
@@ -135,12 +136,13 @@ def test_killed_workers_lose_no_flight(tmp_path, capfd):
 
     def kill_workers():
         while not ended.wait(moments.uniform(0.1, 0.4)):
-            workers = [
-                c for p in psutil.Process().children() for c in p.children()
-            ]  # children of the fork server
-            if workers and len(kills) < 10:
-                kills.append(moments.choice(workers).pid)
-                os.kill(kills[-1], signal.SIGKILL)
+            with contextlib.suppress(psutil.NoSuchProcess):  # ended while it was looked for
+                workers = [
+                    c for p in psutil.Process().children() for c in p.children()
+                ]  # children of the fork server
+                if workers and len(kills) < 10:
+                    kills.append(moments.choice(workers))
+                    kills[-1].kill()
 
     killer = threading.Thread(target=kill_workers)
     killer.start()

@@ -129,9 +129,7 @@ def _place(source: Path, target: Path, digest: str, plan: UserPlan) -> None:
         target.symlink_to(source)
     else:
         target.write_bytes(content)
-        # In folders written by older versions, programs lack the executable bit.
-        is_started = plan.command and source == Path(os.path.normpath(plan.folder), plan.command[0])
-        target.chmod(mode | stat.S_IXUSR if is_started else mode)
+        target.chmod(mode)
 
 
 @functools.lru_cache(maxsize=256)

@@ -162,11 +162,8 @@ class Product(NamedTuple):
     key: str
 
     def is_current(self, files: FileHashes) -> bool:
-        """Return whether the file is complete and has the expected key.
-
-        Files of older versions have no key and are also accepted.
-        """
-        return files.knows(self.path) and _read_key(self.path) in (None, self.key)
+        """Return whether the file is complete and has the expected key."""
+        return files.knows(self.path) and _read_key(self.path) == self.key
 
 
 def _read_key(path: Path) -> str | None:
