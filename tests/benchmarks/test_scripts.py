@@ -22,6 +22,7 @@ STUDIES = (
 BENCHMARKS = (
     *(
         "advised_flights",
+        "comparison",
         "driver_intervals",
         "gate",
         "growth",
