@@ -46,7 +46,7 @@ from abhv_mc_vehicle.kernel.plant.aerodynamics import build_up, find_cells, inte
 from abhv_mc_vehicle.kernel.plant.air_data import air_data, deflections
 from abhv_mc_vehicle.kernel.plant.disturbance import calm, disturb
 from abhv_mc_vehicle.kernel.plant.effectors import place_effectors
-from abhv_mc_vehicle.kernel.plant.equations import (
+from abhv_mc_vehicle.kernel.plant.runge_kutta import (
     equations_of_motion,
     finish_step,
     runge_kutta_stage,

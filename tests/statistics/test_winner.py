@@ -8,11 +8,11 @@ import pytest
 from scipy import integrate
 from scipy.stats import binom
 
-from abhv_mc.statistics.evidence import log_coin_evidence
 from abhv_mc.statistics.winner import (
     compare_failures,
     compare_metric,
     decide,
+    log_coin_evidence,
     pairing_gain,
 )
 

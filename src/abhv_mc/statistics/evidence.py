@@ -24,7 +24,7 @@ _FEWEST_TO_FAIL = 2
 _ENOUGH = 1e-300  # value of an incomplete beta function below which its logarithm is inaccurate
 
 
-def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
+def log_beta_part(a: float, b: float, x: float, upper: bool = False) -> float:
     """Return log(I / (x^a (1-x)^b)), I = integral of q^(a-1) (1-q)^(b-1) over 0..x or x..1."""
     fraction = float(betaincc(a, b, x) if upper else betainc(a, b, x))
     if fraction > _ENOUGH:
@@ -33,7 +33,7 @@ def _log_part(a: float, b: float, x: float, upper: bool = False) -> float:
 
 
 def _log_far(a: float, b: float, x: float) -> float:
-    """Compute `_log_part` by a series, for x far below the mean a/(a + b).
+    """Compute `log_beta_part` by a series, for x far below the mean a/(a + b).
 
     The series is 2F1(1, a + b; a + 1; x) / a (NIST DLMF 8.17.8).
     """
@@ -49,7 +49,7 @@ def log_pass_evidence(failures: int, flights: int, probability: float) -> float:
     """Return log(E_pass); the relative error of E_pass is below 1e-7 up to 1e7 flights."""
     allowed = 1.0 - probability
     a, b = failures + 0.25, flights - failures + 1.0
-    return _log_part(a, b, allowed) + log1p(-allowed) - log(4.0)
+    return log_beta_part(a, b, allowed) + log1p(-allowed) - log(4.0)
 
 
 def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
@@ -59,12 +59,7 @@ def log_fail_evidence(failures: int, flights: int, probability: float) -> float:
     allowed = 1.0 - probability
     a, b = failures - 0.25, flights - failures + 1.0
     weight = 4.0 * (1.0 - allowed**0.25)
-    return _log_part(a, b, allowed, upper=True) + log1p(-allowed) - log(weight)
-
-
-def log_coin_evidence(heads: int, tails: int) -> float:
-    """Return the log of the mean likelihood ratio between heads-favouring and fair coins."""
-    return _log_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
+    return log_beta_part(a, b, allowed, upper=True) + log1p(-allowed) - log(weight)
 
 
 @lru_cache(maxsize=65536)

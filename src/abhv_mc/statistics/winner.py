@@ -17,7 +17,7 @@ import numpy as np
 from abhv_mc.array_types import Floats, Mask
 from abhv_mc.statistics.binomial import mcnemar_exact
 from abhv_mc.statistics.estimates import Interval, pair_differences, quantile
-from abhv_mc.statistics.evidence import log_coin_evidence
+from abhv_mc.statistics.evidence import log_beta_part
 from abhv_mc.statistics.quantile_pairs import quantile_difference
 
 
@@ -135,6 +135,11 @@ def decide(
     lost = compare_failures(lost_a, lost_b)
     loses_more = lost.only_a > lost.only_b and lost.p_value <= RISK / pairs
     return Decision("a" if better > worse else "b", tails, uncompared, loses_more)
+
+
+def log_coin_evidence(heads: int, tails: int) -> float:
+    """Return the log of the mean likelihood ratio between heads-favouring and fair coins."""
+    return log_beta_part(tails + 1.0, heads + 1.0, 0.5) - log(2.0)
 
 
 def agree(decisions: Sequence[Decision]) -> Decision:

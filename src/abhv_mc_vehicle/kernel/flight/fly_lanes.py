@@ -85,11 +85,6 @@ from abhv_mc_vehicle.kernel.plant.effectors import (
     set_effectors,
     start_effectors,
 )
-from abhv_mc_vehicle.kernel.plant.equations import (
-    equations_of_motion,
-    finish_step,
-    runge_kutta_stage,
-)
 from abhv_mc_vehicle.kernel.plant.failures import (
     Failures,
     fail_plant,
@@ -111,6 +106,11 @@ from abhv_mc_vehicle.kernel.plant.foreign import (
     run_dynamics,
     start_states,
     turn_thrust,
+)
+from abhv_mc_vehicle.kernel.plant.runge_kutta import (
+    equations_of_motion,
+    finish_step,
+    runge_kutta_stage,
 )
 
 COMPACTION = 500  # number of ticks after which lanes of ended flights are reassigned

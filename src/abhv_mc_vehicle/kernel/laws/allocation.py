@@ -9,8 +9,8 @@ from abhv_mc_vehicle.kernel.jit import lanes, scalar
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.aerodynamics import N_INPUTS
-from abhv_mc_vehicle.kernel.plant.equations import aerodynamic_force
 from abhv_mc_vehicle.kernel.plant.foreign import thrust
+from abhv_mc_vehicle.kernel.plant.runge_kutta import aerodynamic_force
 
 
 @lanes

@@ -21,8 +21,8 @@ from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuators import N_EFFECTOR_ROWS, STAGE, pass_commands
 from abhv_mc_vehicle.kernel.plant.air_data import nominal_density
 from abhv_mc_vehicle.kernel.plant.disturbance import calm, density_profile
-from abhv_mc_vehicle.kernel.plant.equations import Stage
 from abhv_mc_vehicle.kernel.plant.failures import Failures, fail_plant, fail_sensors
+from abhv_mc_vehicle.kernel.plant.runge_kutta import Stage
 from abhv_mc_vehicle.kernel.plant.state import SUM, XS, X
 from abhv_mc_vehicle.kernel.plant.vehicle import NEVER
 

@@ -1,4 +1,4 @@
-"""Forces, state derivatives and sums, computed in the last loop of an integrator stage.
+"""Last loop of a Runge-Kutta stage: forces, state derivatives and their sums.
 
 Body axes are forward-right-down, the local frame is north-east-down, and the Earth is a rotating
 ellipsoid. The equations are (2)-(4) of Zhu & Shen (2014) in these axes; moments are about the
