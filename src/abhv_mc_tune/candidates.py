@@ -121,6 +121,26 @@ def read_controller_numbers(
     return ControllerNumbers(document, tuple(free))
 
 
+def check_free_numbers(campaign: Experiment) -> None:
+    """Raise InputError if no controller has all free parameters of the ``tune`` block.
+
+    The error refers to the first controller, which is tuned by default.
+    """
+    block = campaign.model.tune
+    if block is None:
+        return
+    errors = []
+    for path in campaign.model.controllers.values():
+        try:
+            read_controller_numbers(path, block.free, campaign.document, ("tune",))
+        except InputError as error:
+            errors.append(error)
+        else:
+            return
+    if errors:
+        raise errors[0]
+
+
 def _numbers(data: Any, prefix: str = "") -> Any:
     """Yield the keys and entries of all positive numbers."""
     if isinstance(data, dict):

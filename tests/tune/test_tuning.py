@@ -12,6 +12,7 @@ from abhv_mc.folder.arrays import write_array
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.messages import InputError
 from abhv_mc_tune import tuning as module
+from abhv_mc_tune.candidates import check_free_numbers
 from abhv_mc_tune.constrained_search import Scores, pareto_front, tune
 from abhv_mc_tune.request import TuneRequest
 from abhv_mc_tune.tuning import tune_controller
@@ -120,6 +121,21 @@ def test_the_best_candidate_outside_the_limits_is_written_as_rejected(request_, 
         float(str(values["altitude.bandwidth"]).split()[0])
     )
     assert [item.metric for item in result.comparisons[-4:]] == list(MARGIN_NAMES)
+
+
+def test_validate_checks_the_names_of_free_numbers(tmp_path):
+    """`validate` rejects a block `tune` with a number that no controller has."""
+
+    def read(block):
+        lines = "".join(f"  {line}\n" for line in block.splitlines())
+        path = write_campaign(tmp_path, tune=f"\n{lines}")
+        for name in ("one", "two"):
+            (tmp_path / f"{name}.yaml").write_text(CONTROLLER, encoding="utf-8")
+        return read_campaign(path)
+
+    check_free_numbers(read(BLOCK))
+    with pytest.raises(InputError, match=r"campaign.yaml:\d+:\d+.*'altitude.gain'"):
+        check_free_numbers(read(BLOCK.replace("altitude.damping,", "altitude.gain,")))
 
 
 def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
