@@ -56,7 +56,7 @@ def find_worker(pool):
 
 
 def test_blocks_give_each_worker_two_or_more():
-    assert [choose_batch(flights, 4) for flights in (64, 256, 100_000)] == [16, 32, 256]
+    assert [choose_batch(flights, 4) for flights in (64, 300, 100_000)] == [32, 64, 256]
     assert choose_unrecorded(100_000, 4, 256) == 24 * 256
     assert [choose_timed(1000, 4, seconds) for seconds in (0.0, 0.5, 60.0)] == [63, 20, 1]
 

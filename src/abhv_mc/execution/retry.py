@@ -27,6 +27,7 @@ Attempt = Callable[[Floats, "Recorded"], FlightBlock]
 
 # number of flights per call: large enough to fill all lanes, small enough to lose little in a crash
 BATCH_FLIGHTS = 256
+_LANES = 32  # flights that compiled code computes together; fewer cost as much
 PIECE = 16  # flights per piece after a block is first divided; time limits apply to this number
 _reported: set[str] = set()  # messages about lost flights that were already reported
 # Single flights are tried twice, because a process may have been killed from outside.
@@ -159,7 +160,7 @@ class Block:
 def choose_batch(flights: int, workers: int) -> int:
     """Return the block size that fills all lanes and gives at least two blocks per worker."""
     share = -(-flights // (2 * workers))
-    return max(PIECE, min(BATCH_FLIGHTS, -(-share // PIECE) * PIECE))
+    return max(_LANES, min(BATCH_FLIGHTS, -(-share // _LANES) * _LANES))
 
 
 def choose_unrecorded(flights: int, workers: int, batch: int) -> int:
