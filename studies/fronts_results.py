@@ -64,7 +64,6 @@ class Judge:
         block = fly(self.duel.table_1_plan, self.paper)
         self.table_1 = columns(block, ERRORS), columns(block, USAGE)
         self.references = tuple(np.median(metrics, axis=0) for metrics in self.table_1)
-        self.path = FRESH_PATH * self.trials["tlc"].path
 
     def fly(self, controller: Controller, name: str) -> Fresh:
         """Run the flights of a design."""
@@ -89,7 +88,7 @@ class Judge:
             not fresh.lost
             and not fresh.cycling
             and (fresh.margins >= required).all()
-            and (path < self.path).all()
+            and (path < FRESH_PATH).all()
         )
 
     def scores(self, fresh: Fresh) -> tuple[Floats, Floats]:

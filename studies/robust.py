@@ -199,13 +199,13 @@ def main() -> None:
     starts = [start_numbers(arguments.law, file) for file in arguments.start]
     start = np.zeros(len(FREE[arguments.law]))
     scores = [Search(duel, x, arguments.ordered).measure(start[None]) for x in starts]
-    if arguments.smoke:
-        print(scores)
-        return
     together = Scores(*map(np.concatenate, zip(*scores, strict=True)))
     numbers = starts[int(np.argmin(together.rank()))]
     search = Search(duel, numbers, arguments.ordered)
-    result = tune(search.measure, start, arguments.candidates, arguments.seed, arguments.step)
+    candidates = 1 if arguments.smoke else arguments.candidates
+    result = tune(search.measure, start, candidates, arguments.seed, arguments.step)
+    if arguments.smoke:
+        return
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robust.yaml"
         numbers.write(file, result.best_point)

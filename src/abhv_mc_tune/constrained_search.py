@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from abhv_mc.array_types import Floats
 from abhv_mc.search.methods.evaluation import make_generator
 
-_STEP = 0.25  # initial standard deviation
 _POPULATION = 16  # number of candidates of a generation
 _STALE = 15  # number of generations without improvement before a restart at the best candidate
 _SMALL = 0.3  # step after a restart, relative to the initial step
@@ -83,11 +82,12 @@ def tune(
     start: Floats,
     candidates: int,
     seed: int = 0,
+    step: float = 0.25,
 ) -> Tuning:
     """Search the box from -1 to 1, starting at ``start`` [dimension].
 
     ``measure`` scores points [candidate, dimension]; at most ``candidates`` are scored, including
-    the start.
+    the start. ``step`` is the initial standard deviation.
     """
     from cmaes import CMA
 
@@ -105,7 +105,7 @@ def tune(
             mean = np.zeros(len(bounds))
             mean[:dimension] = points[best]
             number = int(make_generator(seed, starts).integers(2**32))
-            sigma = _STEP if starts == 0 else _STEP * _SMALL
+            sigma = step if starts == 0 else step * _SMALL
             cma = CMA(
                 mean, sigma, bounds, n_max_resampling=1, seed=number, population_size=_POPULATION
             )
