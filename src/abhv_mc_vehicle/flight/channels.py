@@ -96,11 +96,15 @@ CHANNELS += (
     Channel(
         "angle_of_attack_error_deg",
         "deg",
-        "angle of attack minus its command",
+        "angle of attack minus the controller's command",
         "angle_of_attack_error_deg",
     ),
     Channel(
-        "bank_error_deg", "deg", "bank angle minus its command", "bank_error_deg", circular=True
+        "bank_error_deg",
+        "deg",
+        "bank angle minus the controller's command",
+        "bank_error_deg",
+        circular=True,
     ),
     Channel("altitude_measured_m", "m", "measured altitude", "m_altitude"),
     Channel("speed_measured_mps", "m/s", "measured speed", "m_speed"),

@@ -206,7 +206,7 @@ def _comparison_records(models: Models) -> Iterator[Record]:
 
 
 def _advantage(models: Models, metric: str, winner: str, selected: Sequence[str]) -> str:
-    """Return medians of the winner and its nearest rival, and the share of flights it wins.
+    """Return the medians of the winner and its nearest rival, their paired difference, and wins.
 
     The text is empty without requirements and for many controllers, which have the table.
     """
@@ -223,11 +223,12 @@ def _advantage(models: Models, metric: str, winner: str, selected: Sequence[str]
     )
     pair = comparison.pairs[" - ".join(sorted((winner, rival)))]
     entry = pair.metrics[metric]
-    share = (entry.a_better if pair.a == winner else entry.b_better) / pair.pairs
+    wins, sign = (entry.a_better, 1.0) if pair.a == winner else (entry.b_better, -1.0)
     unit = names.metrics[metric].with_unit
     values = f"{unit(significant(medians[winner]))}; {names.label(rival)} "
-    values += f"{unit(significant(medians[rival]))}"
-    return f" ({values}; on {percent(share, 2)} of flights)"
+    values += f"{unit(significant(medians[rival]))}; paired difference "
+    values += unit(significant(sign * entry.median_difference.value))
+    return f" ({values}; on {percent(wins / pair.pairs, 2)} of flights)"
 
 
 def _early_terminations(models: Models) -> dict[str, str]:
