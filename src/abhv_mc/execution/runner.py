@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from abhv_mc.array_types import Floats, Mask
+from abhv_mc.execution.added_values import add_values
 from abhv_mc.execution.executor import (
     FlightRunner,
     check_source,
@@ -44,7 +45,7 @@ from abhv_mc.execution.retry import (
     choose_unrecorded,
     cut_blocks,
 )
-from abhv_mc.execution.setup import OpenCampaign, open_campaign
+from abhv_mc.execution.setup import AddedValuesError, OpenCampaign, open_campaign
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.metrics import MARGIN_VALUES
 from abhv_mc.flights.outcomes import Outcome
@@ -90,6 +91,20 @@ def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     compiled simulator of the vehicle. Raise InputError, before files are created, if the request is
     invalid, and StorageFullError if the disk is full.
     """
+    try:
+        return _run_campaign(request, engine)
+    except AddedValuesError as error:
+
+        def run(output: Path) -> Manifest:
+            return _run_campaign(replace(request, output=output), engine).manifest
+
+        manifest = add_values(error, run)
+        if not manifest.complete:
+            return RunResult(Path(error.file), manifest)
+    return _run_campaign(request, engine)
+
+
+def _run_campaign(request: Request, engine: Engine | None) -> RunResult:
     with ExitStack() as stack:
         stack.enter_context(sigterm_as_interrupt())
         scheduler = stack.enter_context(connect(request.scheduler))

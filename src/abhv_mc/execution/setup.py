@@ -1,5 +1,6 @@
 """Setup of a run: checks of the request, and creation or opening of the results folder."""
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -17,6 +18,7 @@ from abhv_mc.custom_code.source import find_package_versions, trust
 from abhv_mc.execution.executor import check_source, find_isolation, make_ready
 from abhv_mc.execution.first_flights import FirstFlights, fly_first
 from abhv_mc.execution.unknown_points import select_points, with_points
+from abhv_mc.flights.repeatability import Repeatability
 from abhv_mc.folder.flights import SampleReader, write_samples
 from abhv_mc.folder.hashes import KEY, FileHashes, Products, read_checked
 from abhv_mc.folder.histories import write_nominal, write_reference
@@ -69,6 +71,19 @@ class OpenCampaign:
         """Range (first, stop) of the flights in the folder."""
         i, n = self.manifest.shard or (1, 1)
         return self.campaign.runs * (i - 1) // n, self.campaign.runs * i // n
+
+
+_REPEATABLE = (None, Repeatability.EXACT, Repeatability.ROUNDING)
+# changes that leave the values of flights as they are
+_ADDED = re.compile(
+    r"metrics\..*: nothing -> |(keep|histories|channels)\b|inputs/(channels|simulator)/"
+)
+
+
+class AddedValuesError(InputError):
+    """Error raised if a folder lacks only metrics or histories, and its flights can be repeated."""
+
+    identity = ""  # hash of the requested inputs
 
 
 def open_campaign(request: Request, engine: Engine | None, stack: ExitStack) -> OpenCampaign:
@@ -270,6 +285,13 @@ def _check_same(
             problem += " and with another version of the program"
             same += " and version"
         expected = f"{same}, another folder (-o DIR), or --fresh to delete the flights"
+        repeats = requested.can_rerun and flown.manifest.repeatable in _REPEATABLE
+        is_whole = flown.manifest.complete and set(before.systems) <= set(requested.controllers)
+        adds = all(map(_ADDED.match, changes)) and not changes[0].startswith("inputs/")
+        if repeats and is_whole and adds:
+            error = AddedValuesError(root, problem, expected)
+            error.identity = inputs.identity
+            raise error
         raise InputError(root, problem, expected)
     if shard and requested.runs_at_point > before.data["runs"]:
         raise InputError(

@@ -119,6 +119,7 @@ class Manifest:
     wall_time_s: float = 0.0
     digest: str | None = None
     digests: Mapping[str, str] = field(default_factory=dict)
+    earlier_digests: tuple[str, ...] | None = None  # digests before metrics were added
     controllers: Mapping[str, ControllerCount] = field(default_factory=dict)
     requirements: tuple[
         RequirementVerdict, ...

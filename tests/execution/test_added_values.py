@@ -1,0 +1,102 @@
+"""Metrics and histories that are added to stored flights, which are run again."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abhv_mc.execution import runner
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.io.messages import InputError
+from abhv_mc.requests import Request
+
+SIMULATOR = """
+def fly(inputs, settings):
+    values = {"miss": abs(inputs["a"]) + settings["bias"], "swing": inputs["a"] ** 2}
+    return {name: values[name] for name in METRICS}
+"""
+
+
+def write_campaign(
+    folder: Path, *metrics: str, limit: float = 3.0, simulator: str = SIMULATOR
+) -> Request:
+    folder.mkdir(exist_ok=True)
+    (folder / "sim.py").write_text(f"METRICS = {('miss', *metrics)}\n{simulator}")
+    content = {
+        "name": "study",
+        "simulator": {"python": "sim.py"},
+        "systems": {"first": {"bias": 0.0}, "second": {"bias": 0.5}},
+        "inputs": {"a": {}},
+        "dispersions": {"a": {"distribution": "normal", "sigma": 1.0}},
+        "metrics": {name: {} for name in ("miss", *metrics)},
+        "requirements": [{"metric": "miss", "below": limit, "probability": 0.9}],
+        "runs": 60,
+    }
+    path = folder / "study.yaml"
+    path.write_text(json.dumps(content))
+    return Request(path, folder / "out")
+
+
+@pytest.fixture
+def flown(tmp_path: Path) -> Path:
+    return run_campaign(write_campaign(tmp_path)).folder
+
+
+def test_an_added_metric_leaves_stored_values_and_gives_the_digest_of_a_new_folder(
+    flown: Path, tmp_path: Path
+) -> None:
+    before, stored = read_manifest(flown / "manifest.json"), read_flown(flown).flights
+    (flown / "notes.txt").write_text("mine")
+    request = write_campaign(tmp_path, "swing")
+    manifest = run_campaign(request).manifest
+    new = run_campaign(replace(request, output=tmp_path / "new")).manifest
+    assert manifest.digest == new.digest != before.digest
+    assert manifest.earlier_digests == (before.digest,) and new.earlier_digests is None
+    for name, flights in read_flown(flown).flights.items():
+        assert flights.metrics["miss"].tobytes() == stored[name].metrics["miss"].tobytes()
+        assert "swing" in flights.metrics and "swing" not in stored[name].metrics
+    assert (flown / "notes.txt").read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "new", "sim.py", "study.yaml"}
+
+
+def test_a_limit_changed_with_the_metrics_leaves_its_trail(flown: Path, tmp_path: Path) -> None:
+    manifest = run_campaign(write_campaign(tmp_path, "swing", limit=4.0)).manifest
+    assert [item.flights for item in manifest.requirement_sets] == [0, 60]
+    (change,) = read_flown(flown).requirement_changes
+    assert str(change) == "miss: below 3.0 -> 4.0"
+
+
+@pytest.mark.parametrize("metrics", [("swing",), ()])
+def test_flights_with_other_values_or_without_a_metric_are_rejected(
+    flown: Path, tmp_path: Path, metrics: tuple[str, ...]
+) -> None:
+    """A changed simulator without added values is another campaign, of which nothing is run."""
+    before = (flown / "manifest.json").read_bytes()
+    other = SIMULATOR.replace('abs(inputs["a"])', 'abs(inputs["a"] - 0.001)')
+    with pytest.raises(InputError, match="miss" if metrics else r"different content.*"):
+        run_campaign(write_campaign(tmp_path, *metrics, simulator=other))
+    assert (flown / "manifest.json").read_bytes() == before
+
+
+def test_an_interrupt_keeps_the_stored_folder_and_the_flights_run_again(
+    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (flown / "manifest.json").read_bytes()
+    request, keep, blocks = write_campaign(tmp_path, "swing"), runner._Run._keep, []
+
+    def interrupt(self: object, *arguments: object) -> None:
+        keep(self, *arguments)
+        blocks.append(arguments)
+        if len(blocks) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner._Run, "_keep", interrupt)
+    assert not run_campaign(request).complete
+    assert (flown / "manifest.json").read_bytes() == before
+    assert np.all(read_flown(flown).flights["first"].flight == np.arange(60))
+    assert run_campaign(request).complete and len(blocks) > 2
+    assert read_manifest(flown / "manifest.json").earlier_digests
