@@ -107,6 +107,8 @@ def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
     history = pq.read_table(tmp_path / "h.parquet")
     np.testing.assert_allclose(np.diff(history["time"].to_numpy()), 0.1)
     assert set(history["flight"].to_pylist()) == {17}
+    assert abhv_mc(*flight, "-o", tmp_path / "h.png")[0] == 0
+    assert (tmp_path / "h.png").read_bytes().startswith(b"\x89PNG")
     code, _, err = abhv_mc(*flight, "-o", tmp_path / "h.csv")
     assert code == 2 and ".parquet" in err and not (tmp_path / "h.csv").exists()
     assert (

@@ -28,7 +28,12 @@ def replay(
     controller: Controller = None,
     out: Annotated[
         Path | None,
-        output(output_file, "FILE.parquet", "File for the time history at the full sampling rate."),
+        output(
+            output_file,
+            "FILE",
+            "File for the time history at the full sampling rate (.parquet), or for a figure of "
+            "it beside the nominal flight (.png).",
+        ),
     ] = None,
     json: Json = None,
     trust_code: TrustCode = False,
@@ -42,10 +47,9 @@ def replay(
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import read_folder_campaign
 
-    if out is not None and out.suffix != ".parquet":
-        raise InputError(
-            "--output", f"'{out.name}' is not a Parquet file", "a name that ends in .parquet"
-        )
+    if out is not None and out.suffix not in (".parquet", ".png"):
+        problem = f"'{out.name}' is neither a Parquet file nor a figure"
+        raise InputError("--output", problem, "a name that ends in .parquet or .png")
     controller = read_folder_campaign(CampaignFolder(folder)).choose_controller(controller)
     announce_compiling()
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))
@@ -54,8 +58,18 @@ def replay(
         raise InputError(
             "--output", "the flight has no time history", "the command without this option"
         )
-    if out is not None:
-        names = [channel.name for channel in replay.channels]
+    names = [channel.name for channel in replay.channels]
+    if out is not None and out.suffix == ".png":
+        from abhv_mc.folder.flown_campaign import read_flown
+        from abhv_mc.topics.figure_style import write_png
+        from abhv_mc.topics.flights.figures import plot_replayed
+        from abhv_mc.topics.topic import names_of
+
+        columns = block.history[0].T.astype(float)
+        history = {"time": block.times, **dict(zip(names, columns, strict=True))}
+        results = names_of(read_flown(folder))
+        write_png(plot_replayed(results, controller, flight, history), out)
+    elif out is not None:
         write_histories(
             out,
             controller,

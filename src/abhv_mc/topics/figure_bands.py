@@ -122,6 +122,8 @@ def _legend(
         handles.append(Line2D([], [], label="simultaneous 95 %", color=INK, **_SIMULTANEOUS_LINE))
     if any(panel.reference is not None for panel in panels):
         handles.append(Line2D([], [], label="reference", **REFERENCE))
+    if any(panel.limits for panel in panels):
+        handles.append(Line2D([], [], label="limit", **LIMIT))
     put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
 
 
@@ -233,6 +235,8 @@ def _overlay(axes: Axes, row: EnvelopeRow) -> None:
         for edge in [name for name in SIMULTANEOUS if name in panel.bands]:
             curve = panel.x, panel.bands[edge]
             axes.plot(*curve, color=color, zorder=order, **_SIMULTANEOUS_LINE)
+    for limit in row.panels[0].limits:
+        axes.plot(*limit, **LIMIT)
     if row.panels[0].reference is not None:
         # The reference is thinner than the medians.
         axes.plot(*row.panels[0].reference, **REFERENCE, zorder=4.0)

@@ -37,7 +37,7 @@ def write_nominal_report(
     write_reference(folder / "reference.parquet", reference_of(plan, 1), REFERENCE_CHANNELS)
     yield folder / "reference.parquet"
     flights = {
-        name: {"time": times}
+        controller_label(name): {"time": times}
         | {
             channel.name: unwrap(values.astype(np.float64), channel.period)
             for channel, values in zip(CHANNELS, history.T, strict=False)
@@ -47,7 +47,5 @@ def write_nominal_report(
     table = pq.ParquetFile(folder / "reference.parquet").read()
     reference = {name: column_values(table[name]) for name in table.column_names}
     picture = folder / "figures" / "channels.png"
-    write_png(
-        plot_flown(flights, reference, {name: controller_label(name) for name in flights}), picture
-    )
+    write_png(plot_flown(flights, reference), picture)
     yield picture

@@ -1,6 +1,8 @@
 """Figures of all channels over time: envelopes over all flights, or single flights."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,6 +24,9 @@ from abhv_mc.topics.topic import FigureText, Names
 Bands = tuple[Floats, Mapping[str, Floats]]  # a channel's times [time], and its bands by name
 # function that returns the bands of a channel under a controller, or None
 Find = Callable[[str, str], Bands | None]
+
+# limits of requirements on a channel: times in s, and levels [time]
+Limits = Mapping[str, Sequence[tuple[Floats, Floats]]]
 
 _VARYING = " The altitude error has no band of all flights, because the reference altitude varies."
 _SIMULTANEOUS = (
@@ -85,18 +90,24 @@ def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str
 def plot_flown(
     flights: Mapping[str, Mapping[str, Floats]],
     reference: Mapping[str, Floats],
-    labels: Mapping[str, str],
+    curves: Sequence[Curve] = CURVES,
+    limits: Limits = MappingProxyType({}),
 ) -> Figure:
-    """Plot one flight of each controller; ``flights`` maps controllers to channels [time]."""
+    """Plot single flights; ``flights`` maps labels to channels [time]."""
 
-    def find(controller: str, channel: str) -> Bands:
-        return flights[controller]["time"], {"q50": flights[controller][channel]}
+    def find(label: str, channel: str) -> Bands | None:
+        flight = flights[label]
+        return (flight["time"], {"q50": flight[channel]}) if channel in flight else None
 
-    return plot_sheet(_rows(find, tuple(flights), reference, CURVES), list(labels.values()))
+    return plot_sheet(_rows(find, tuple(flights), reference, curves, limits), list(flights))
 
 
 def _rows(
-    find: Find, names: Sequence[str], reference: Mapping[str, Floats], curves: Sequence[Curve]
+    find: Find,
+    names: Sequence[str],
+    reference: Mapping[str, Floats],
+    curves: Sequence[Curve],
+    limits: Limits = MappingProxyType({}),
 ) -> list[EnvelopeRow]:
     """Return rows of panels: the ground track (only with a reference), then all channels."""
     track = [
@@ -108,7 +119,7 @@ def _rows(
     rows = [EnvelopeRow("north (km)", panels, across="east (km)")]
     for curve in curves:
         panels = [
-            panel_of(channel_bands, curve, reference)
+            replace(panel_of(channel_bands, curve, reference), limits=limits.get(curve.channel, ()))
             for name in names
             if (channel_bands := find(name, curve.channel))
         ]

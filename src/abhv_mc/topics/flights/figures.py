@@ -11,7 +11,7 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.envelopes import Curve, curves_of
-from abhv_mc.topics.envelopes.figures import flight_curve, panel_of
+from abhv_mc.topics.envelopes.figures import flight_curve, panel_of, plot_flown
 from abhv_mc.topics.figure_bands import (
     EnvelopePanel,
     EnvelopeRow,
@@ -81,6 +81,21 @@ def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
         )
         colors = controller_colors(controllers)
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
+
+
+def plot_replayed(
+    names: Names, controller: str, flight: int, history: Mapping[str, Floats]
+) -> Figure:
+    """Plot a re-run flight beside the nominal flight and the reference, with limits."""
+    results, shown = names.results, {f"flight {flight}": history}
+    if controller in results.nominal:
+        shown["nominal"] = results.nominal[controller]
+    return plot_flown(
+        {label: results.align(controller, curves) for label, curves in shown.items()},
+        results.reference,
+        curves_of(names.campaign),
+        {channel: _limits(channel, names, {*history}) for channel in history},
+    )
 
 
 def _ground_tracks(
