@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from abhv_mc.blas_threads import one_blas_thread
+from abhv_mc.process_settings import one_blas_thread
 from abhv_mc.search.methods.subset import SubsetPlan
 from abhv_mc.search.methods.surrogate import MOST_DIMENSIONS, estimate_by_surrogate
 from benchmarks.document import write_json

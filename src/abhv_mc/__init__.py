@@ -51,6 +51,9 @@ def __getattr__(name: str) -> Any:
             raise AttributeError(f"abhv_mc.{name} is in a package that is not installed")
         return function
     if name in __all__:
+        from abhv_mc.process_settings import postpone_numpy_tools
+
+        postpone_numpy_tools()
         return getattr(import_module("abhv_mc.api"), name)
     raise AttributeError(f"module 'abhv_mc' has no attribute '{name}'")
 

@@ -7,7 +7,6 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from importlib.util import LazyLoader, find_spec, module_from_spec
 from itertools import zip_longest
 from pathlib import Path
 from textwrap import fill, wrap
@@ -17,6 +16,7 @@ from abhv_mc.compiling import listen
 from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import write_text
 from abhv_mc.io.messages import printable
+from abhv_mc.process_settings import postpone_numpy_tools
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -192,23 +192,11 @@ def print_section(section: "Section") -> None:
 
 def announce_compiling() -> None:
     """Enable messages on standard error about kernels that are being compiled."""
-    _postpone_tools()
+    postpone_numpy_tools()
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         message = "NUMBA_DISABLE_JIT is set: flights run uncompiled, a thousand times more slowly"
         say(f"warning: {message}", file=sys.stderr, flush=True)
     listen(_tell)
-
-
-def _postpone_tools() -> None:
-    """Load two packages of numpy on first use; scipy.special would import them without need."""
-    import numpy as np
-
-    for name in {"f2py", "testing"} - vars(np).keys():
-        spec: Any = find_spec(f"numpy.{name}")
-        spec.loader = LazyLoader(spec.loader)
-        sys.modules[spec.name] = module = module_from_spec(spec)
-        spec.loader.exec_module(module)
-        setattr(np, name, module)
 
 
 @contextmanager

@@ -67,6 +67,7 @@ from abhv_mc.folder.manifest import (
 )
 from abhv_mc.interfaces import Engine, Fly, Plan
 from abhv_mc.io.messages import grouped_digits, notify
+from abhv_mc.process_settings import rare_garbage_collection
 from abhv_mc.requests import Request
 
 _SAVE_INTERVAL = 5.0  # interval in s between updates of the manifest
@@ -84,6 +85,7 @@ class RunResult:
         return self.manifest.complete
 
 
+@rare_garbage_collection()
 def run_campaign(request: Request, engine: Engine | None = None) -> RunResult:
     """Run a campaign, or the flights that are missing from its folder.
 

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.sampling.marginals import find_atoms
 from abhv_mc.flights.metrics import Metric
@@ -14,6 +13,7 @@ from abhv_mc.flights.parameters import Parameters
 from abhv_mc.folder.flights import FlightRows
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.messages import InputError, counted, grouped_digits, notify, one_of, quoted
+from abhv_mc.process_settings import one_blas_thread
 from abhv_mc.requests import RareRequest
 from abhv_mc.search.methods.evaluation import LANES, make_generator
 from abhv_mc.search.methods.rare import (

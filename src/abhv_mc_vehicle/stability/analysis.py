@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Complexes, Floats, Ints, Mask
-from abhv_mc.blas_threads import one_blas_thread
+from abhv_mc.process_settings import one_blas_thread
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.stability.lifted import find_lifted_margins
 from abhv_mc_vehicle.stability.linearize import closed_period, linearize

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abhv_mc.array_types import Floats
-from abhv_mc.blas_threads import one_blas_thread
 from abhv_mc.interfaces import TrimMargins
 from abhv_mc.io.messages import InputError
+from abhv_mc.process_settings import one_blas_thread
 from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.stability.fly_with_margins import MarginPlan, add_margins
 

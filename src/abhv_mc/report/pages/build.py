@@ -1,11 +1,10 @@
 """Creation of a report in the folder of a campaign: numbers, figures and page."""
 
-import gc
 import hashlib
 import json
 import shlex
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from abhv_mc.folder.manifest import Manifest, hash_entries, read_manifest
 from abhv_mc.folder.merge import suggest_merge
 from abhv_mc.identity import code_hash
 from abhv_mc.io.messages import InputError
+from abhv_mc.process_settings import rare_garbage_collection
 from abhv_mc.report.numbers.summary import HASH, read_numbers
 
 Stage = Callable[[str], AbstractContextManager[object]]
@@ -110,18 +110,7 @@ def search_command(root: Path, manifest: Manifest) -> str:
     return shlex.join([*command, "-o", str(root)])
 
 
-@contextmanager
-def _rare_garbage_collection() -> Iterator[None]:
-    """Reduce garbage collection, which would otherwise take 1/8 of the build time."""
-    thresholds = gc.get_threshold()
-    gc.set_threshold(100_000, 20, 20)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*thresholds)
-
-
-@_rare_garbage_collection()
+@rare_garbage_collection()
 def build_report(
     folder: Path,
     baseline: Path | None = None,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Numbers
-from abhv_mc.blas_threads import one_blas_thread
+from abhv_mc.process_settings import one_blas_thread
 from abhv_mc_vehicle.control.controller_file import LqrController, Weights
 from abhv_mc_vehicle.control.design.design_cache import cache_results
 from abhv_mc_vehicle.control.design.design_model import (

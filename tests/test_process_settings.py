@@ -2,7 +2,7 @@
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from abhv_mc.blas_threads import one_blas_thread
+from abhv_mc.process_settings import one_blas_thread
 
 
 def count_threads():
