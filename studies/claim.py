@@ -50,7 +50,7 @@ For each limit on control effort (exceeded by at most 3 %), the table gives the 
 
 {fronts}
 
-Search 1 started from the printed numbers. Search 2 was twice as long and started from random points. {agreement}
+Search 1 started from the printed numbers and from the tuned designs of the next table. Search 2 was twice as long and started from random points. {agreement}
 
 ## The search
 

@@ -15,9 +15,9 @@ delay, which must neither terminate early nor oscillate.
   could make its commands easy to follow.
 
 In two independent searches, all numbers of a law are free (``robust.py``), within factors that are
-equal in terms of bandwidth. The first starts from the printed numbers, the second from random
-points and is twice as long. Each step is a CMA-ES run for small errors within a budget of usage,
-from the best previous candidate. A step is stored as
+equal in terms of bandwidth. The first starts from the printed numbers and from the robust designs
+of the default vehicle, the second from random points and is twice as long. Each step is a CMA-ES
+run for small errors within a budget of usage, from the best previous candidate. A step is stored as
 a file in ``--work``, from which the command resumes. A round takes about 12 minutes of a core per
 vehicle; run ``fronts_results.py`` afterwards.
 """
@@ -49,6 +49,7 @@ VEHICLES = (
     "seed-21",
     "seed-23",
 )  # of studies/paper_vehicle.json: the first, and the two that differ most from it
+DEFAULT = "abhv"  # of `robust.py`'s designs
 LAWS = ("tlc", "lqr")
 SEARCHES = (1, 2)
 RANDOM = 2  # the search that starts from random points
@@ -191,7 +192,7 @@ class Trials:
             for ours, theirs in zip(self.medians(flown), self.table_1, strict=True)
         )
         cycles = min(float(np.nanmax(flown.ripples, initial=0.0)) / RIPPLE - 1.0, 1.0)
-        path = min(float(errors[PATHS].max()) / PATH - 1.0, 1.0)
+        path = float(np.log(errors[PATHS].max() / PATH))  # never flat, unlike a clipped excess
         return np.hstack(
             [point, errors, np.maximum(usage, 1e-3), short, flown.lost / 10.0, cycles, path]
         )
@@ -226,7 +227,7 @@ class Archive:
         """Return the points from which a search starts."""
         if search == RANDOM:
             return np.random.default_rng(1000 * search).uniform(-0.5, 0.5, (DRAWN, len(FREE[law])))
-        return trials.point_of(law)[None]
+        return np.array([trials.point_of(file) for file in (law, f"{law}_robust_{DEFAULT}")])
 
     def seconds(self) -> float:
         """Return the time of all steps, s."""

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from experiment import ERRORS, ROOT, USAGE, Floats, columns, random_parameters
-from fronts import ANGLES, BUDGETS, LAWS, PATHS, SEARCHES, VEHICLES, Archive, Trials, Tried
+from fronts import ANGLES, BUDGETS, DEFAULT, LAWS, PATHS, SEARCHES, VEHICLES, Archive, Trials, Tried
 from robust_flights import CORNER, NOMINAL, Flown, random_flights, search_flights
 
 from abhv_mc.shipped import find_input
@@ -32,7 +32,6 @@ from abhv_mc_vehicle.stability.steady import make_steady_plan
 PAPER_SEED, WIDE_SEED = 3014, 3015
 FLIGHTS, WIDE = 400, 200
 FRESH_PATH = 2.0  # instead of PATH, which applies to the 16 flights of the searches
-DEFAULT = "abhv"
 SHIPPED = {DEFAULT: ("tlc", "lqr", "tlc_robust_abhv", "lqr_robust_abhv")}
 PRINTED = ("tlc", "lqr")  # of the other vehicles
 TRIES = 8  # designs that are tried for a budget before it stays empty

@@ -226,7 +226,7 @@ def _advantage(models: Models, metric: str, winner: str, selected: Sequence[str]
     wins, sign = (entry.a_better, 1.0) if pair.a == winner else (entry.b_better, -1.0)
     unit = names.metrics[metric].with_unit
     values = f"{unit(significant(medians[winner]))}; {names.label(rival)} "
-    values += f"{unit(significant(medians[rival]))}; paired difference "
+    values += f"{unit(significant(medians[rival]))}; paired "
     values += unit(significant(sign * entry.median_difference.value))
     return f" ({values}; on {percent(wins / pair.pairs, 2)} of flights)"
 
