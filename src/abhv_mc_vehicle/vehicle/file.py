@@ -21,6 +21,7 @@ from abhv_mc.io.units import dimension_of, parse_any, parse_quantity, parse_unit
 from abhv_mc_vehicle.kernel.plant.state import MAX_SETTINGS
 from abhv_mc_vehicle.kernel.plant.vehicle import (
     COEFFICIENTS,
+    FIXED_TABLE_ROWS,
     PARAMETER_NAMES,
     VARIABLES,
     BuildUp,
@@ -335,12 +336,10 @@ def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
 
 def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
     """Return the mass properties as tables that depend on the mass."""
-    fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
-    fields["inertia_13"] = "inertia_matrix_element_13"
-    fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
+    _, *fields = MassPoint.model_fields  # The mass is followed by the fields of the last rows.
     values = {
         name: np.array([getattr(point, field) for point in points])
-        for name, field in fields.items()
+        for name, field in zip(FIXED_TABLE_ROWS[-len(fields) :], fields, strict=True)
     }
     for name, offset in zip(("center_of_gravity_x", "center_of_gravity_z"), reference, strict=True):
         values[name] = values[name] - offset if offset else values[name]
