@@ -19,7 +19,7 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.signals import Channel
 from abhv_mc.flights.timing import Timing
 from abhv_mc_vehicle.control.law_file import NATIVE
-from abhv_mc_vehicle.flight.channels import CHANNELS, effector_channels, state_channels
+from abhv_mc_vehicle.flight.channels import all_channels
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.flight.plan_arrays import stored_arrays
 from abhv_mc_vehicle.kernel.flight.sensors import MAX_DELAY_TICKS
@@ -282,8 +282,7 @@ class FlightPlan:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Channels that histories may record."""
-        added = effector_channels(self.effectors), state_channels(self.custom_states)
-        return (*CHANNELS, *added[0], *added[1])
+        return all_channels(self.effectors, self.custom_states)
 
     @property
     def custom_states(self) -> tuple[tuple[str, str, bool], ...]:

@@ -340,9 +340,7 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     return memory
 
 
-def run_law(
-    plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats
-) -> Floats:
+def run_law(plan: FlightPlan, start: Floats, ticks: int, follow: Ints, change: Floats) -> Floats:
     """Return memory and unlimited commands [tick, point, memory + input] after each tick.
 
     `start` has shape [point, measured + memory]; each point continues from the result of point
@@ -351,7 +349,7 @@ def run_law(
     count = start.shape[1] - len(law_memory_rows(plan))
     rows = _law_rows(plan, count)
     start, change = (np.pad(array, ((0, 0), (0, 1))) for array in (start, change))
-    after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
+    after, seen = _run_law(_without_limits(plan, 1), 0, rows, start, ticks, (follow, change))
     return np.concatenate([after[:, :, count:-1], _commands(plan, seen)], axis=2)
 
 

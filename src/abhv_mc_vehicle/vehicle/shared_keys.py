@@ -96,11 +96,6 @@ class LoadLimits(StrictModel):
         return LoadBounds(*(math.inf if value is None else value for value in limits))
 
 
-def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
-    """Return the smaller of the two values of each limit."""
-    return LoadBounds(*map(min, bounds, other))
-
-
 def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
     """Describe the conflict of an oscillation limit with gusts or noise, or return ''."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
