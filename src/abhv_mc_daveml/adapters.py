@@ -177,7 +177,7 @@ def write_coefficients(
     model: Model,
     answers: Mapping[str, Answer],
     lengths: Mapping[str, float],
-    effectors: Collection[str] = (),
+    effectors: Collection[str],
 ) -> list[Line]:
     """Return a coefficient function for the section ``aerodynamics`` of a vehicle file.
 

@@ -126,7 +126,8 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
 
     def read(element: Node) -> tuple[str, bool]:
         """Return the Python expression, and whether its value is a truth value."""
-        if element.name == "ci":
+        kind = element.name
+        if kind == "ci":
             if element.text not in names:
                 raise element.refuse(
                     f"unknown variable '{element.text}'",
@@ -134,19 +135,19 @@ def read_formula(node: Node, names: Mapping[str, str]) -> tuple[str, list[str]]:
                 )
             needs.append(element.text)
             return names[element.text], False
-        if element.name == "cn":
+        if kind == "cn":
             return leaf(element), False
-        if element.name in _CONSTANTS:
-            return number(_CONSTANTS[element.name]), False
-        if element.name in ("true", "false"):
-            return element.name.capitalize(), True
-        if element.name == "piecewise":
+        if kind in _CONSTANTS:
+            return number(_CONSTANTS[kind]), False
+        if kind in ("true", "false"):
+            return kind.capitalize(), True
+        if kind == "piecewise":
             return piecewise(element), False
-        if element.name == "apply":
+        if kind == "apply":
             return apply(element)
         raise element.refuse(
-            f"found the element '{element.name}'",
-            one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), element.name),
+            f"found the element '{kind}'",
+            one_of(("apply", "ci", "cn", "piecewise", *_CONSTANTS), kind),
         )
 
     def value(element: Node) -> str:

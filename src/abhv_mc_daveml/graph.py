@@ -292,21 +292,19 @@ def _read_shot(shot: Node, variables: dict[str, Variable]) -> CheckShot:
             raise signal.refuse(f"unknown signal '{label}'", one_of(dict.fromkeys(names), label))
         return variable
 
-    def read(group: str) -> Iterator[tuple[Node, str, float]]:
-        """Yield each signal with its variable and the factor to the variable's units."""
+    def read(group: str) -> Iterator[tuple[Node, str, float, float]]:
+        """Yield each signal with its variable, its value, and the factor to the units of both."""
         for section in shot.all(group):
             for signal in section.all("signal"):
                 variable = find(signal)
-                yield signal, variable.identifier, _conversion(signal, variable)
+                factor = _conversion(signal, variable)
+                value = factor * signal.number(signal.words("signalValue"))
+                yield signal, variable.identifier, value, factor
 
-    inputs = {
-        variable_id: factor * signal.number(signal.words("signalValue"))
-        for signal, variable_id, factor in read("checkInputs")
-    }
+    inputs = {variable_id: value for _, variable_id, value, _ in read("checkInputs")}
     outputs = []
     for group in ("internalValues", "checkOutputs"):
-        for signal, identifier, factor in read(group):
-            value = factor * signal.number(signal.words("signalValue"))
+        for signal, identifier, value, factor in read(group):
             tolerance = signal.words("tol")
             allowed = (
                 abs(factor) * signal.number(tolerance)

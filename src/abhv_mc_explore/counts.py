@@ -181,13 +181,13 @@ def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
         found_ends = cursor.execute(query, values).fetchone() or ()
         ends = [found_ends[:2], found_ends[2:]]
     counts: dict[str, Any] = {"count": count, "ends": ends, "cells": [], "points": []}
-    if count <= MOST_POINTS:
+    kind = "points" if count <= MOST_POINTS else "cells"
+    if kind == "points":
         rows = cursor.execute(
             f"select controller, {_quoted(selection.x)}, {_quoted(selection.y)}, flight, outcome "
             f"<> 'ok' from shown where {both}",
             values,
         ).fetchall()
-        counts["points"] = [[order[name], *fields] for name, *fields in rows]
     else:
         across, given_x = _bin(ends[0], selection.x, CELLS[0])
         up, given_y = _bin(ends[1], selection.y, CELLS[1])
@@ -195,7 +195,7 @@ def count_flights(table: FlightTable, selection: Selection) -> dict[str, Any]:
             f"select controller, {across}, {up}, count(*) from shown where {both} group by all",
             [*given_x, *given_y, *values],
         ).fetchall()
-        counts["cells"] = [[order[name], *fields] for name, *fields in rows]
+    counts[kind] = [[order[name], *fields] for name, *fields in rows]
     counts["strips"] = {}
     for name in table.view["strips"]:
         bar, bin_parameters = _bin(table.ranges[name], name, BARS)

@@ -162,13 +162,12 @@ class _Handler(BaseHTTPRequestHandler):
                     "request", f"found {counted(length, 'byte')}", f"1 to {_MOST_BYTES} bytes"
                 )
             data = json.loads(self.rfile.read(length))
+            table = self.server.table
             if url.path == "/counts":
-                self._send_json(
-                    count_flights(self.server.table, parse_selection(data, self.server.table))
-                )
+                self._send_json(count_flights(table, parse_selection(data, table)))
             elif url.path == "/nearest":
-                selection = parse_selection(data, self.server.table)
-                self._send_json(find_nearest(self.server.table, selection, *map(float, data["at"])))
+                selection = parse_selection(data, table)
+                self._send_json(find_nearest(table, selection, *map(float, data["at"])))
             elif url.path == "/flight":
                 self._send_json(
                     self.server.open_flight(str(data["controller"]), int(data["flight"]))

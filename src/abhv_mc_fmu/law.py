@@ -256,9 +256,7 @@ def _make_instantiate(
     return lambda: int(create(name, token, resources, *flags, *callbacks) or 0)
 
 
-def _wire(
-    file: str, description: Any, name: str, quantity: str, value: str | float | None = None
-) -> Wire:
+def _wire(file: str, description: Any, name: str, quantity: str, value: str | float | None) -> Wire:
     """Return a variable with its assigned quantity, or a parameter with its ``value``.
 
     Raise InputError if the variable does not exist, has an unsuitable type, or has a unit of

@@ -91,7 +91,7 @@ def compile_fmu_adapter(
     *,
     width: int,
     remade: int | None,
-    effectors: tuple[tuple[str, int], ...] = (),
+    effectors: tuple[tuple[str, int], ...],
 ) -> Any:
     """Compile the loop for an assignment of variables.
 

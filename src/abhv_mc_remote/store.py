@@ -20,6 +20,7 @@ import threading
 import time
 import uuid
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -39,13 +40,13 @@ RENEWAL = 15.0  # interval in s between renewals of a lease
 _SETTLE = 1.0  # time in s until all readers of a store see the same content
 
 
+@dataclass
 class Objects:
     """Objects in a folder; methods raise OSError or errors of pyarrow if the store fails."""
 
-    def __init__(self, address: Address, system: Any, base: str) -> None:
-        self.address = address
-        self.system = system
-        self.base = base
+    address: Address
+    system: Any
+    base: str
 
     def below(self, name: str) -> "Objects":
         """Return a subfolder of this folder."""

@@ -173,6 +173,7 @@ def read_tune_block(
     return block, document, keys
 
 
+@reading_once()
 def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneFound:
     """Search for the best parameters, validate them with another seed, and write the file.
 
@@ -180,11 +181,7 @@ def tune_controller(request: TuneRequest, engine: Engine | None = None) -> TuneF
     the tuning after an interruption. A candidate that is not shown to be better is written to
     :func:`rejected_file`. Raise InputError if the request is invalid.
     """
-    with reading_once():
-        return _tune(request, engine or make_engine())
-
-
-def _tune(request: TuneRequest, engine: Engine) -> TuneFound:
+    engine = engine or make_engine()
     campaign, name = read_searched(request.campaign, request.controller, request.seed, engine)
     model = campaign.model
     out = Path(request.output)

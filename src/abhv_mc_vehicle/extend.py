@@ -69,7 +69,6 @@ from abhv_mc_vehicle.user_code.module import (
     CHANNEL,
     CONTROLLER,
     DYNAMICS,
-    ChannelMark,
     ControllerMark,
 )
 from abhv_mc_vehicle.user_code.small_matrices import cholesky, matmul, solve
@@ -180,8 +179,7 @@ def channel(*, unit: str) -> Callable[[F], F]:
     """
 
     def mark(function: F) -> F:
-        doc = (function.__doc__ or function.__name__.replace("_", " ")).strip().splitlines()[0]
-        setattr(function, CHANNEL, ChannelMark(unit, function.__name__, doc))
+        setattr(function, CHANNEL, unit)
         return function
 
     return mark

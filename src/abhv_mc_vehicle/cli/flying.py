@@ -80,12 +80,11 @@ def fly(
 
 def _print_flights(title: str, flights: "dict[str, OneFlight]") -> None:
     table = new_table(("metric",), flights, title, padding=(0, 1, 0, 0))
-    table.add_row("outcome", *(flight.outcome for flight in flights.values()))
-    table.add_row(
-        "end_time_s", *(f"{flight.end_time:g}" for flight in flights.values()), end_section=True
-    )
-    for name in next(iter(flights.values())).metrics:
-        table.add_row(name, *(f"{flight.metrics[name]:.4g}" for flight in flights.values()))
+    flown = list(flights.values())
+    table.add_row("outcome", *(flight.outcome for flight in flown))
+    table.add_row("end_time_s", *(f"{flight.end_time:g}" for flight in flown), end_section=True)
+    for name in flown[0].metrics:
+        table.add_row(name, *(f"{flight.metrics[name]:.4g}" for flight in flown))
     print_table(table)
     for name, flight in flights.items():
         say(f"{name}: {flight.sentence}")

@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     from abhv_mc_vehicle.one_flight.linear_models import Place
     from abhv_mc_vehicle.stability.analysis import Stability, Time
 
+Bank = Annotated[
+    str, typer.Option(help="Bank angle of the trimmed steady turn, in deg or with a unit.")
+]
 _LISTED = 6  # number of dispersions printed with each smallest margin
 _COLUMNS = (
     ("gain_margin_low_db", "gain down\ndB", 2),
@@ -60,9 +63,7 @@ def margins(
             help="Operating points: trim, or times of the nominal flight such as 0s,30s,48s.",
         ),
     ] = "trim",
-    bank: Annotated[
-        str, typer.Option(help="Bank angle of the trimmed steady turn, in deg or with a unit.")
-    ] = "0",
+    bank: Bank = "0",
     hold: Annotated[
         str | None,
         typer.Option(
@@ -326,9 +327,7 @@ def linearize(
             "times such as 0s:60s:1s.",
         ),
     ] = "trim",
-    bank: Annotated[
-        str, typer.Option(help="Bank angle of the trimmed steady turn, in deg or with a unit.")
-    ] = "0",
+    bank: Bank = "0",
     gains: Annotated[
         Path | None,
         typer.Option(

@@ -254,7 +254,7 @@ class ProcessController(ControllerModel):
         return {name: name for name in self.inputs}
 
 
-def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None = None) -> list[float]:
+def parse_numbers(value: Any, keys: tuple[str | int, ...], unit: str | None) -> list[float]:
     """Convert a number or list of numbers to SI; ``unit``, if given, sets the dimension.
 
     Raise Refusal if a number is invalid.

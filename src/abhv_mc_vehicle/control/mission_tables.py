@@ -243,19 +243,15 @@ def join_air(wind: Floats | None, density: Floats | None) -> Floats:
 
     The columns are those of :mod:`abhv_mc_vehicle.kernel.plant.air_data`.
     """
-    if wind is None and density is None:
+    tables = [table for table in (wind, density) if table is not None]
+    if not tables:
         return np.empty((0, 5))
-    knots = np.unique(
-        np.concatenate([table[:, 0] for table in (wind, density) if table is not None])
-    )
-    zeros = np.zeros_like(knots)
-    north, east = (
-        (np.interp(knots, wind[:, 0], wind[:, i]) for i in (1, 2))
-        if wind is not None
-        else (zeros, zeros)
-    )
-    factor = np.interp(knots, density[:, 0], density[:, 1]) if density is not None else zeros + 1.0
-    warmth = zeros + 1.0
-    if density is not None and density.shape[1] > 2:
-        warmth = np.interp(knots, density[:, 0], density[:, 2])
-    return np.ascontiguousarray(np.stack([knots, north, east, factor, warmth], axis=1))
+    knots = np.unique(np.concatenate([table[:, 0] for table in tables]))
+    air = np.ones((5, knots.size))
+    air[0] = knots
+    air[1:3] = 0.0
+    for first, table in ((1, wind), (3, density)):
+        if table is not None:
+            for row, column in enumerate(table.T[1:], first):
+                air[row] = np.interp(knots, table[:, 0], column)
+    return np.ascontiguousarray(air.T)

@@ -23,26 +23,23 @@ def s_shape(
         wave = np.pi / length
         speed = 0.5 * offset * wave * np.sin(wave * since)
         acceleration = 0.5 * offset * wave**2 * np.cos(wave * since)
-        return np.where(inside, speed, 0.0), np.where(inside, acceleration, 0.0)
-    nodes = np.linspace(0.0, 0.5 * length, _CELLS + 1)
-    h = nodes[1]
-    at_nodes, at_middles = (
-        _growth(x, length, bank_time, sharpness) for x in (nodes, nodes[:-1] + 0.5 * h)
-    )
-    integral = np.concatenate(
-        [[0.0], np.cumsum(h / 6.0 * (at_nodes[:-1] + 4.0 * at_middles + at_nodes[1:]))]
-    )
-    half = (
-        h
-        / 3.0
-        * (integral[0] + 4.0 * integral[1::2].sum() + 2.0 * integral[2:-1:2].sum() + integral[-1])
-    )
-    scale = 0.5 * offset / half
-    folded = np.clip(np.minimum(since, length - since), 0.0, 0.5 * length)
-    acceleration = np.where(since < 0.5 * length, scale, -scale) * _growth(
-        folded, length, bank_time, sharpness
-    )
-    speed = scale * _between(folded, h, integral, at_nodes)
+    else:
+        nodes = np.linspace(0.0, 0.5 * length, _CELLS + 1)
+        h = nodes[1]
+        at_nodes, at_middles = (
+            _growth(x, length, bank_time, sharpness) for x in (nodes, nodes[:-1] + 0.5 * h)
+        )
+        integral = np.concatenate(
+            [[0.0], np.cumsum(h / 6.0 * (at_nodes[:-1] + 4.0 * at_middles + at_nodes[1:]))]
+        )
+        odd, even = integral[1::2].sum(), integral[2:-1:2].sum()
+        half = h / 3.0 * (integral[0] + 4.0 * odd + 2.0 * even + integral[-1])
+        scale = 0.5 * offset / half
+        folded = np.clip(np.minimum(since, length - since), 0.0, 0.5 * length)
+        acceleration = np.where(since < 0.5 * length, scale, -scale) * _growth(
+            folded, length, bank_time, sharpness
+        )
+        speed = scale * _between(folded, h, integral, at_nodes)
     return np.where(inside, speed, 0.0), np.where(inside, acceleration, 0.0)
 
 

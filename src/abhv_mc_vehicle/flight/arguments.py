@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple, get_args, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from abhv_mc.flights.statistic import Statistic
 from abhv_mc_vehicle.control.law_file import USER_LAWS
 from abhv_mc_vehicle.flight.compile_metrics import compile_metrics, source_rows
 from abhv_mc_vehicle.flight.plan import LIMITS, FlightPlan
+from abhv_mc_vehicle.flight.plan_arrays import find_dtype
 from abhv_mc_vehicle.flight.user_law import dispersable_settings
 from abhv_mc_vehicle.kernel.flight.interface import (
     LQR,
@@ -214,7 +215,7 @@ def conform(value: Any, kind: Any, name: str) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
             raise ValueError(f"{name} is {value!r:.60}, not a number")
         return kind(value)
-    expected = _find_dtype(kind)
+    expected = find_dtype(kind)
     if not isinstance(value, np.ndarray) or value.dtype != expected:
         actual = (
             f"an array of {value.dtype}"
@@ -235,12 +236,6 @@ def check_shape(array: NDArray[Any], shape: tuple[int | None, ...], name: str) -
             "any" if expected_length is None else str(expected_length) for expected_length in shape
         )
         raise ValueError(f"{name} has the shape {array.shape}, not ({expected})")
-
-
-@cache
-def _find_dtype(kind: Any) -> np.dtype[Any]:
-    """Return the element type of an array annotation."""
-    return np.dtype(get_args(get_args(kind)[1])[0])
 
 
 @cache

@@ -256,6 +256,13 @@ def effector_channels(names: Sequence[str]) -> tuple[Channel, ...]:
     return tuple(source for source in effector_sources(names) if isinstance(source, Channel))
 
 
+def all_channels(
+    effectors: Sequence[str], states: Sequence[tuple[str, str, bool]]
+) -> tuple[Channel, ...]:
+    """Return the built-in channels, and those of effectors with actuators and custom states."""
+    return (*CHANNELS, *effector_channels(effectors), *state_channels(states))
+
+
 def name_effector_signals(names: Sequence[str]) -> list[str]:
     """Return the names that effectors have in channels and metrics.
 

@@ -1,7 +1,9 @@
 """Equilibrium of custom dynamics at the start of a mission, computed with the trim."""
 
+import functools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,14 +58,14 @@ def start_custom(
     code = find_code(vehicle)
     if code is None or code.dynamics is None:
         return find_trim((0.0, 0.0, 0.0)), np.zeros(0), []
-    point = _StartPoint(mission, vehicle, code, make_state, find_trim)
+    point = _StartPoint(mission, vehicle, code, make_state, functools.cache(find_trim))
     push = np.zeros(3)
     states = np.array([state.start or 0.0 for state in code.states])
     weight = vehicle.constants.mass_start * GRAVITY
     scale = weight * np.array([1.0, 1.0, vehicle.constants.chord])
 
     def residual(push: Floats) -> Floats:
-        states[:] = _solve_states(code, point, states, push)
+        states[:] = _solve_states(point, states, push)
         return np.asarray(point.evaluate(states, push)[1] - push)
 
     # Broyden's method needs few trims, because the force hardly depends on the trim.
@@ -81,26 +83,27 @@ def start_custom(
         )
         value = next_value
     else:
-        raise _no_equilibrium(code, "the custom states and the trim have no common equilibrium")
-    return point.trim(push), states, _check_step(code, point, states, push, step_length)
+        raise _refuse(code, "the custom states and the trim have no common equilibrium")
+    return point.trim(push), states, _check_step(point, states, push, step_length)
 
 
-def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> Floats:
+def _solve_states(point: "_StartPoint", states: Floats, push: Floats) -> Floats:
     """Return the custom states whose rates are zero in the trim with the load ``push``.
 
     The iteration starts at ``states``. Raise InputError if it does not converge.
     """
+    code = point.code
     free = np.array([state.start is None for state in code.states])
     x = states.copy()
     if not free.any():
-        _check_finite(code, point, x, push)
+        _check_finite(point, x, push)
         return x
 
     def rates(x: Floats) -> Floats:
         return point.evaluate(x, push)[0][free]
 
     for _ in range(_ITERATIONS):
-        _check_finite(code, point, x, push)
+        _check_finite(point, x, push)
         steps = _STEP * np.maximum(np.abs(x[free]), _SMALLEST)
         J = _slopes(rates, x, free, steps)
         _check_equilibrium(code, J, np.flatnonzero(free))
@@ -108,20 +111,17 @@ def _solve_states(code: VehicleCode, point: "_StartPoint", states: Floats, push:
         x[free] -= change
         if (np.abs(change) <= _CONVERGED * np.maximum(np.abs(x[free]), _SMALLEST)).all():
             return x
-    raise _no_equilibrium(code, "the custom states have no equilibrium at the mission's start")
+    raise _refuse(code, "the custom states have no equilibrium at the mission's start")
 
 
-def _no_equilibrium(code: VehicleCode, problem: str) -> InputError:
-    return InputError(
-        _file_of(code),
-        problem,
-        "'start:' in the vehicle file for states without equilibrium",
-        function_line(code.dynamics),
-    )
-
-
-def _file_of(code: VehicleCode) -> str:
-    return code.dynamics.file if code.dynamics else ""
+def _refuse(
+    code: VehicleCode,
+    problem: str,
+    expected: str = "'start:' in the vehicle file for states without equilibrium",
+) -> InputError:
+    """Return an InputError at the function of the custom dynamics."""
+    file = code.dynamics.file if code.dynamics else ""
+    return InputError(file, problem, expected, function_line(code.dynamics))
 
 
 def _slopes(
@@ -145,34 +145,26 @@ def _check_equilibrium(code: VehicleCode, J: Floats, free_states: Ints) -> None:
     if singular[-1] > _SINGULAR * singular[0]:
         return
     state = code.states[int(free_states[np.abs(rows[-1]).argmax()])]
-    raise InputError(
-        _file_of(code),
+    raise _refuse(
+        code,
         f"the state '{state.name}' has no equilibrium at the start of the mission",
         f"{state.name}: {{unit: {state.unit}, start: ...}} in the vehicle file",
-        function_line(code.dynamics),
     )
 
 
-def _check_finite(code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats) -> None:
+def _check_finite(point: "_StartPoint", states: Floats, push: Floats) -> None:
     """Raise InputError if custom dynamics return a non-finite number at the mission's start."""
-    rates, _ = point.evaluate(states, push)
-    names = [f"rate of '{state.name}'" for state in code.states]
+    rates, _, effect = point.evaluate(states, push)
+    names = [f"rate of '{state.name}'" for state in point.code.states]
     names += [f"{quantity} along {axis}" for quantity in ("force", "moment") for axis in "xyz"]
     names += [f"sensed {name}" for name in Measured._fields]
-    bad = np.flatnonzero(~np.isfinite([*rates, *point.effect]))
-    if bad.size == 0:
-        return
-    raise InputError(
-        _file_of(code),
-        f"the {names[bad[0]]} is not finite at the start of the mission",
-        "finite numbers",
-        function_line(code.dynamics),
-    )
+    bad = np.flatnonzero(~np.isfinite([*rates, *effect]))
+    if bad.size:
+        problem = f"the {names[bad[0]]} is not finite at the start of the mission"
+        raise _refuse(point.code, problem, "finite numbers")
 
 
-def _check_step(
-    code: VehicleCode, point: "_StartPoint", states: Floats, push: Floats, step: float
-) -> list[str]:
+def _check_step(point: "_StartPoint", states: Floats, push: Floats, step: float) -> list[str]:
     """Return a warning if the integration step barely resolves the fastest mode.
 
     Raise InputError if the integration is unstable.
@@ -184,11 +176,10 @@ def _check_step(
     phrase = f"an eigenvalue of {fastest:.3g} rad/s, but the step is {1e3 * step:g} ms"
     longest_step = f"{1e3 * _NOTED / fastest:.2g} ms" if fastest > 0.0 else ""
     if fastest * step > _REJECTED:
-        raise InputError(
-            _file_of(code),
+        raise _refuse(
+            point.code,
             f"the custom dynamics have {phrase}",
             f"a 'step:' of at most {longest_step} in the mission file",
-            function_line(code.dynamics),
         )
     if fastest * step <= _NOTED:
         return []
@@ -198,6 +189,7 @@ def _check_step(
     ]
 
 
+@dataclass(frozen=True)
 class _StartPoint:
     """Custom dynamics at the start of a mission, as a function of states and push.
 
@@ -205,32 +197,22 @@ class _StartPoint:
     states cause.
     """
 
-    def __init__(
-        self,
-        mission: Mission,
-        vehicle: Vehicle,
-        code: VehicleCode,
-        make_state: MakeState,
-        find_trim: FindTrim,
-    ) -> None:
-        self.mission = mission
-        self.vehicle = vehicle
-        self.loop = compile_functions(code, WIDTH).dynamics
-        self.make_state = make_state
-        self.find_trim = find_trim
-        self.states = len(code.states)
-        self.trims: dict[bytes, TrimPoint] = {}
-        self.effect = np.zeros(0)  # force, moment and sensed quantities of the last evaluation
+    mission: Mission
+    vehicle: Vehicle
+    code: VehicleCode
+    make_state: MakeState
+    find_trim: FindTrim
 
     def trim(self, push: Floats) -> TrimPoint:
         """Return the trim of the vehicle with the additional force and moment ``push``."""
-        if push.tobytes() not in self.trims:
-            x, z, moment = push.tolist()
-            self.trims[push.tobytes()] = self.find_trim((x, z, moment))
-        return self.trims[push.tobytes()]
+        x, z, moment = push.tolist()
+        return self.find_trim((x, z, moment))
 
-    def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats]:
-        """Return the rates of the states and the resulting load, in the trim with ``push``."""
+    def evaluate(self, states: Floats, push: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the rates of the states and the resulting load, in the trim with ``push``.
+
+        The third array contains the force, the moment and the sensed quantities.
+        """
         trim = self.trim(push)
         start = self.mission.start
         x = self.make_state(trim)
@@ -269,10 +251,13 @@ class _StartPoint:
         Z[s.MOTION_ACCELERATION : s.ANGULAR_ACCELERATION] = acceleration[:, None]
         Z[s.ANGULAR_ACCELERATION + 1] = -push[2] / float(fixed["inertia_yy"][0])
         Z[s.GRAVITY : s.GRAVITY + 3] = np.array(gravity)[:, None]
-        Z[s.CUSTOM_STAGE : s.CUSTOM_STAGE + self.states] = states[:, None]
+        Z[s.CUSTOM_STAGE : s.CUSTOM_STAGE + states.size] = states[:, None]
         settings = self.vehicle.foreign.settings
         Z[s.SETTING : s.SETTING + settings.size] = settings[:, None]
-        call_loop(self.loop, Z, settings)
-        self.effect = Z[s.CUSTOM_FORCE : s.SENSED + len(Measured._fields), 0].copy()
+        call_loop(compile_functions(self.code, WIDTH).dynamics, Z, settings)
         custom_wrench = Z[[s.CUSTOM_FORCE, s.CUSTOM_FORCE + 2, s.CUSTOM_MOMENT + 1], 0]
-        return Z[s.CUSTOM_RATE : s.CUSTOM_RATE + self.states, 0].copy(), custom_wrench
+        return (
+            Z[s.CUSTOM_RATE : s.CUSTOM_RATE + states.size, 0],
+            custom_wrench,
+            Z[s.CUSTOM_FORCE : s.SENSED + len(Measured._fields), 0],
+        )

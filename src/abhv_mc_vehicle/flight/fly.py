@@ -205,12 +205,13 @@ def fly(
             fly, plan, parameters, recording, lanes, keep_states=keep_states, start=start
         )
     sampled = any(metric.statistic == Statistic.QUANTILE for metric in plan.metrics)
-    most = LANES if plan.law == PROCESS else _SAMPLED if sampled else len(parameters)
-    if len(parameters) > most and not keep_states and start is None:
-        starts = range(0, len(parameters), most)
+    flights = len(parameters)
+    most = LANES if plan.law == PROCESS else _SAMPLED if sampled else flights
+    if flights > most and not keep_states and start is None:
+        starts = range(0, flights, most)
         return join_blocks([fly(plan, parameters[i : i + most], recording, lanes) for i in starts])
-    results = make_results(plan, len(parameters), recording, keep_states)
-    with open_memory(lanes, len(parameters), plan.timing.tick) as memory:
+    results = make_results(plan, flights, recording, keep_states)
+    with open_memory(lanes, flights, plan.timing.tick) as memory:
         fly_in_memory(plan, parameters, results, recording, memory, start=start)
     return make_block(plan, results, recording)
 

@@ -19,7 +19,7 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.signals import Channel
 from abhv_mc.flights.timing import Timing
 from abhv_mc_vehicle.control.law_file import NATIVE
-from abhv_mc_vehicle.flight.channels import CHANNELS, effector_channels, state_channels
+from abhv_mc_vehicle.flight.channels import all_channels
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.flight.plan_arrays import stored_arrays
 from abhv_mc_vehicle.kernel.flight.sensors import MAX_DELAY_TICKS
@@ -37,16 +37,18 @@ from abhv_mc_vehicle.plant.parameters import PARAMETERS
 from abhv_mc_vehicle.vehicle.actuators import has_slack, name_effectors
 from abhv_mc_vehicle.vehicle.vehicle_code import VehicleCode, name_states
 
+_ANY = -math.inf, math.inf
+
 
 class EndBounds(NamedTuple):
     """Ranges in SI units and radians; leaving a range completes the mission."""
 
-    altitude: tuple[float, float] = (-math.inf, math.inf)
-    speed: tuple[float, float] = (-math.inf, math.inf)
-    mach: tuple[float, float] = (-math.inf, math.inf)
-    dynamic_pressure: tuple[float, float] = (-math.inf, math.inf)
-    flight_path_angle: tuple[float, float] = (-math.inf, math.inf)
-    mass: tuple[float, float] = (-math.inf, math.inf)
+    altitude: tuple[float, float] = _ANY
+    speed: tuple[float, float] = _ANY
+    mach: tuple[float, float] = _ANY
+    dynamic_pressure: tuple[float, float] = _ANY
+    flight_path_angle: tuple[float, float] = _ANY
+    mass: tuple[float, float] = _ANY
 
 
 class Limits(NamedTuple):
@@ -61,7 +63,7 @@ class Limits(NamedTuple):
     end: EndBounds = EndBounds()
     fuel_min: float = -math.inf  # minimum mass of fuel, kg
     speed_max: float = math.inf
-    mach: tuple[float, float] = (-math.inf, math.inf)
+    mach: tuple[float, float] = _ANY
 
 
 @dataclass(frozen=True)
@@ -129,13 +131,20 @@ LIMITS = (
 )
 
 
+_NO_NAMES = np.empty(0, np.str_)
 NO_SOURCES = np.empty((0, 2), np.str_)
 
 
 # Prefixes of dispersed parameters that lean kernels do not support.
 NOT_LEAN = (
-    *("wind.", "sensor.", "failure.", "atmosphere.density_at_", "control.effector_"),
-    *("thrust.", "atmosphere.temperature", "atmosphere.uniform"),
+    "wind.",
+    "sensor.",
+    "failure.",
+    "atmosphere.density_at_",
+    "control.effector_",
+    "thrust.",
+    "atmosphere.temperature",
+    "atmosphere.uniform",
 )
 
 
@@ -179,9 +188,9 @@ class FlightPlan:
     settings: Floats  # constants of the control law (differentiator bandwidths, command limits)
     # [knot, column] nominal atmosphere
     profile: Floats = field(default_factory=no_profile)
-    warnings: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))
+    warnings: NDArray[np.str_] = field(default_factory=_NO_NAMES.copy)
     # names of the gains of a custom control law
-    gain_names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))
+    gain_names: NDArray[np.str_] = field(default_factory=_NO_NAMES.copy)
     # declared metrics, packed by pack_metrics
     declared: NDArray[np.str_] = field(default_factory=NO_METRICS.copy)
     # [channel, 2] name and unit of custom channels
@@ -190,7 +199,7 @@ class FlightPlan:
     # built-in law ("tlc" or "lqr") whose measurement is filtered by custom code
     around: str = ""
     # dispersed settings of control laws, after the vehicle's settings in parameter arrays
-    law_parameters: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, np.str_))
+    law_parameters: NDArray[np.str_] = field(default_factory=_NO_NAMES.copy)
     filter_settings: Floats = field(
         default_factory=lambda: np.empty(0)
     )  # settings of a custom measurement filter
@@ -273,8 +282,7 @@ class FlightPlan:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Channels that histories may record."""
-        added = effector_channels(self.effectors), state_channels(self.custom_states)
-        return (*CHANNELS, *added[0], *added[1])
+        return all_channels(self.effectors, self.custom_states)
 
     @property
     def custom_states(self) -> tuple[tuple[str, str, bool], ...]:

@@ -7,6 +7,7 @@ bounds. Only arrays of floating-point numbers with the expected shapes are read.
 import dataclasses
 import typing
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -42,18 +43,23 @@ def rebuild(kind: Any, flat: Mapping[str, np.ndarray], prefix: str = "") -> Any:
         return kind(value.item())
     if typing.get_origin(kind) is tuple:  # tuple of floats
         return tuple(value.tolist())
-    expected = np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
+    expected = find_dtype(kind)
     return np.require(value, None if expected.kind == "U" else expected, ["C", "A"])
 
 
 def stored_arrays(plan: Any) -> dict[str, np.ndarray]:
     """Return the arrays of a plan that are stored; integer and derived arrays are not."""
-    numbers = {
+    return {
         name: value
         for name, value in flatten(plan).items()
-        if value.ndim == 0 or value.dtype.kind in "fU"
+        if (value.ndim == 0 or value.dtype.kind in "fU") and not name.startswith(REBUILT)
     }
-    return {name: value for name, value in numbers.items() if not name.startswith(REBUILT)}
+
+
+@cache
+def find_dtype(kind: Any) -> np.dtype[Any]:
+    """Return the element type of an array annotation."""
+    return np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
 
 
 def _is_record(kind: Any) -> bool:

@@ -60,7 +60,7 @@ from abhv_mc_vehicle.kernel.laws.columns import (
 )
 from abhv_mc_vehicle.kernel.numerics.quaternion import from_euler, rotate_to_body
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.vehicle import Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import LoadBounds, Vehicle
 from abhv_mc_vehicle.kernel.world.earth import Earth, find_surroundings
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.plant.trim import GRAVITY, TrimPoint
@@ -78,7 +78,7 @@ from abhv_mc_vehicle.user_code.settings import (
 )
 from abhv_mc_vehicle.user_code.vehicle_functions import check_finite, find_code, load_vehicle
 from abhv_mc_vehicle.vehicle.actuators import name_effectors
-from abhv_mc_vehicle.vehicle.shared_keys import choose_sensing, tighter
+from abhv_mc_vehicle.vehicle.shared_keys import choose_sensing
 from abhv_mc_vehicle.vehicle.table_file import valid_range
 from abhv_mc_vehicle.vehicle.vehicle_code import make_variables
 from abhv_mc_vehicle.vehicle.warnings import find_vehicle_warnings
@@ -289,7 +289,7 @@ def make_plan(
         controller, user_code, DesignModel(vehicle, mission, reference, trim_tables)
     )
     constants = vehicle.constants
-    loads = tighter(mission.limits.bounds(), constants.bounds)
+    loads = LoadBounds(*map(min, mission.limits.bounds(), constants.bounds))
     if loads.heat_flux < np.inf and constants.nose_radius == 0.0:
         raise InputError(
             mission_file or mission.name,

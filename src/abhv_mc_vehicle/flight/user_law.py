@@ -18,7 +18,7 @@ from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.vehicle import ACCELERATIONS
 from abhv_mc_vehicle.user_code.compiled import compile_filter, compile_law
 from abhv_mc_vehicle.user_code.effector_commands import commands_effectors
-from abhv_mc_vehicle.user_code.law_interface import Measured
+from abhv_mc_vehicle.user_code.law_interface import LastCommand, Measured
 from abhv_mc_vehicle.user_code.load_law import is_number, load_law
 from abhv_mc_vehicle.user_code.module import Law
 from abhv_mc_vehicle.user_code.native_loop import LawBackend, find_c_memory, open_c_law
@@ -69,10 +69,7 @@ def open_law(
     each flight has its own settings of the control law. Raise ValueError if a source is missing, as
     in a stored plan.
     """
-    address = 0
-    channels = 0
-    context = 0
-    onboard = int(sees_onboard(plan))
+    code = {"onboard": int(sees_onboard(plan)), "more": extra_measurements(plan)}
     runner: Any = None  # This reference keeps the control law alive while the kernel uses it.
     if plan.law == PYTHON:
         law = load_plan_law(plan)
@@ -87,7 +84,7 @@ def open_law(
             runner = compile_law(source, gains, width, effectors, row)
         else:
             runner = PlainLaw(law, gains, width, memory_in_rows, effectors)
-        address = int(runner.address)
+        code["address"] = int(runner.address)
     elif plan.law in NATIVE:
         lanes = max(min(flights, TOGETHER), 1)  # Later flights reuse the memory of ended flights.
         memory = len(native_memory(plan)) if memory_in_rows else None
@@ -96,19 +93,12 @@ def open_law(
         runner = _find_backend(plan.law, plan_source(plan).file).open(
             plan_source(plan), gains, width, lanes, memory, n_measured, name_effectors(plan.vehicle)
         )
-        address = runner.address
-        context = runner.context
+        code |= {"address": runner.address, "context": runner.context}
     if plan.channels_hash:
-        channels = int(compile_plan_channels(plan, width).address)
+        code["channels"] = int(compile_plan_channels(plan, width).address)
     try:
         with open_vehicle(plan, width) as vehicle:
-            yield vehicle._replace(
-                address=address,
-                onboard=onboard,
-                channels=channels,
-                more=extra_measurements(plan),
-                context=context,
-            )
+            yield vehicle._replace(**code)
     finally:
         if plan.law in NATIVE:
             runner.close()
@@ -259,14 +249,9 @@ def law_memory(plan: FlightPlan) -> dict[str, tuple[int, float]]:
     starts = native_memory(plan) if plan.law in NATIVE else _python_memory(load_plan_law(plan))
     rows = {name: (MEMORY + i, value) for i, (name, value) in enumerate(starts.items())}
     if sees_onboard(plan):
-        last_commands = {
-            "onboard.last.aileron": (s.CMD_AILERON, s.AILERON),
-            "onboard.last.rudder": (s.CMD_RUDDER, s.RUDDER),
-            "onboard.last.elevator": (s.CMD_ELEVATOR, s.ELEVATOR),
-            "onboard.last.equivalence_ratio": (s.CMD_ETA, s.ETA),
-        }
+        states = plan.initial_state[[s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA]].tolist()
         rows |= {
-            name: (row, float(plan.initial_state[state]))
-            for name, (row, state) in last_commands.items()
+            f"onboard.last.{name}": (s.CMD + i, state)
+            for i, (name, state) in enumerate(zip(LastCommand._fields, states, strict=True))
         }
     return rows

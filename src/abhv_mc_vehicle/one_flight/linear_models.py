@@ -175,17 +175,17 @@ def take_point(
                 packed, read_mission(mission_document), record, name, angle, user_code
             )
             plan = plan.lean_for(dispersions or ())
-            taken = trim_points(plan, parameters)
+            points, (fault,) = trim_points(plan, parameters)
         except np.linalg.LinAlgError as error:
             raise InputError(
                 craft.path,
                 f"the vehicle is not controllable in steady flight ({str(error).lower()})",
                 "surfaces with independent moments, and a weight that can be trimmed",
             ) from None
-        if taken.faults[0]:
+        if fault:
             raise InputError(
                 mission_document.path,
-                f"at the start, {taken.faults[0]}",
+                f"at the start, {fault}",
                 "an initial condition with a trim, or a time of the flight instead of the trim",
             )
     else:
@@ -194,27 +194,25 @@ def take_point(
             raise InputError(
                 "at", f"found {time:g} s", f"a time of the mission, 0 to {plan.timing.duration:g} s"
             )
-        taken = flown_points(plan, parameters, time)
-        if taken.faults[0] not in ("", AT_LIMIT):
+        points, (fault,) = flown_points(plan, parameters, time)
+        if fault not in ("", AT_LIMIT):
             raise InputError(
                 "at",
-                f"{time:g} s: {taken.faults[0]}",
+                f"{time:g} s: {fault}",
                 f"a time before the flight of {name} ends, at which derivatives exist",
             )
-        if taken.faults[0]:
-            warnings.append(
-                f"{name} at {time:g} s: {taken.faults[0]}; the linear model neglects limits"
-            )
+        if fault:
+            warnings.append(f"{name} at {time:g} s: {fault}; the linear model neglects limits")
     check_rows(plan, parameters)
-    warnings += [f"{name}: {message}" for message in near_nodes(plan, taken.points)]
+    warnings += [f"{name}: {message}" for message in near_nodes(plan, points)]
     warnings += [
         f"{name}: linearized with the memory value {mode}, which small changes do not affect"
         for mode in find_period(plan).modes
     ]
-    return Place(plan, taken.points, warnings)
+    return Place(plan, points, warnings)
 
 
-def analyse_place(location: Place, hold: Sequence[str] = ()) -> tuple[Linear, Stability, list[str]]:
+def analyse_place(location: Place, hold: Sequence[str]) -> tuple[Linear, Stability, list[str]]:
     """Return the linear model at a point, the stability margins, and notes.
 
     `hold` names slow states that are held constant; the notes list the removed poles. Raise

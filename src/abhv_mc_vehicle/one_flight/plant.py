@@ -3,7 +3,6 @@
 import contextlib
 import copy
 import ctypes
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +25,7 @@ from abhv_mc_vehicle.kernel.flight.interface import LANES, Z_ROWS, make_memory
 from abhv_mc_vehicle.kernel.flight.observe import ALIVE
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.fly_once import Input, temporary_folder, write_inputs
+from abhv_mc_vehicle.one_flight.fly_once import Input, store_law, temporary_folder, write_inputs
 from abhv_mc_vehicle.user_code.law_interface import Command, Measured
 from abhv_mc_vehicle.user_code.plain_law import SOCKET
 from abhv_mc_vehicle.vehicle.actuators import name_effectors
@@ -231,11 +230,12 @@ class Plant:
             If the commands have unknown names, wrong shapes or values that are not finite, or if
             the mission has ended.
         """
-        if self._tick > self._plan.timing.ticks:
+        end = self._plan.timing.ticks
+        if self._tick > end:
             raise InputError("step", "the mission has ended", "reset() or restore() before step()")
         self._rows[:, self._columns] = self._conform(commands)
         last = self._tick + check_count(ticks, 1, "ticks") - 1
-        last, saves = min(last, self._plan.timing.ticks), last < self._plan.timing.ticks
+        last, saves = min(last, end), last < end
         recorded = self._run(last, saves, self._code.address)
         results = self._results
         # At the last tick of the mission, all flights end.
@@ -339,10 +339,11 @@ class Plant:
 
     def _observe(self, recorded: dict[str, Singles], observe: bool) -> PlantState:
         """Return the state at the current tick; the flights are not changed."""
-        time = min(self._tick, self._plan.timing.ticks) * self.period
+        end = self._plan.timing.ticks
+        time = min(self._tick, end) * self.period
         measured = {}
-        channels = recorded if self._tick > self._plan.timing.ticks else {}
-        if observe and self._tick <= self._plan.timing.ticks:
+        channels = recorded if self._tick > end else {}
+        if observe and self._tick <= end:
             self._group = 0
             address = ctypes.cast(self._capture, ctypes.c_void_p).value or 0
             channels = self._run(self._tick, False, address)
@@ -389,8 +390,6 @@ def _make_law(commands: tuple[str, ...], rate: str) -> dict[str, Any]:
         allocation=allocation,
         command=", ".join(f"{name}={value}" for name, value in values.items()),
     )
-    folder = temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
-    folder.mkdir(exist_ok=True)
-    (folder / "plant.py").write_text(text, "utf-8")
+    file = str(store_law("plant.py", text))
     settings = dict.fromkeys(commands, 0.0)
-    return {"law": "python", "file": f"{folder}/plant.py", "rate": rate, "settings": settings}
+    return {"law": "python", "file": file, "rate": rate, "settings": settings}

@@ -231,17 +231,7 @@ def _make_row(
         trim.load_factor,
         trim.fuel_flow,
         100.0 * qualities.static_margin,
-        qualities.short_period_frequency,
-        qualities.short_period_damping,
-        qualities.pitch_time_to_double,
-        qualities.dutch_roll_frequency,
-        qualities.dutch_roll_damping,
-        qualities.lateral_time_to_double,
-        qualities.aileron_power,
-        qualities.rudder_power,
-        qualities.elevator_power,
-        qualities.cn_beta_dyn,
-        qualities.lcdp,
+        *qualities[1:],  # The order of the fields is that of COLUMNS.
     )
 
 

@@ -19,7 +19,7 @@ from abhv_mc_vehicle.stability.margins import (
     loop_gains,
     make_loops,
 )
-from abhv_mc_vehicle.stability.points import AT_LIMIT, Found, flown_points
+from abhv_mc_vehicle.stability.points import AT_LIMIT, flown_points
 from abhv_mc_vehicle.stability.search import frequency_grid
 from abhv_mc_vehicle.stability.steady import trim_points
 
@@ -125,15 +125,6 @@ def _closed_poles(linear: Linear) -> list[Complexes]:
     return poles
 
 
-def points_at(
-    plan: FlightPlan, steady: FlightPlan, parameters: Floats, time: Time
-) -> tuple[FlightPlan, Found]:
-    """Return the points of flights at a time or at their trims, with the plan to linearize."""
-    if time == "trim":
-        return steady, trim_points(steady, parameters)
-    return plan, flown_points(plan, parameters, time)
-
-
 @one_blas_thread()
 def margins_of_flights(
     plan: FlightPlan,
@@ -157,8 +148,13 @@ def margins_of_flights(
     for first in range(0, count, _TOGETHER):
         some = parameters[first : first + _TOGETHER]
         for time, reasons in zip(times, faults, strict=True):
-            point_plan, flown = points_at(plan, steady, some, time)
-            stability = analyse(linearize(point_plan, flown.points), frequencies)
+            if time == "trim":
+                flown = trim_points(steady, some)
+                linear = linearize(steady, flown.points)
+            else:
+                flown = flown_points(plan, some, time)
+                linear = linearize(plan, flown.points)
+            stability = analyse(linear, frequencies)
             for i, (fault, stable) in enumerate(zip(flown.faults, stability.stable, strict=True)):
                 grows = "" if stable else "unstable" if stability.poles[i].size else NO_SLOPES
                 reasons.append(
@@ -219,14 +215,14 @@ def _loops(stability: Stability) -> Iterator[tuple[str, Stability, int]]:
 
 def _margins_of_loop(stability: Stability, system: int, i: int) -> dict[str, float]:
     m = stability.margins
+    at = system, i
     with np.errstate(divide="ignore", invalid="ignore"):
-        low = 20.0 * np.log10(m.gain_low[system, i])
-        high = 20.0 * np.log10(m.gain_high[system, i])
-    phase = np.rad2deg(m.phase[system, i])
-    delay = 1e3 * m.delay[system, i]
-    values = (low, high, phase, delay, m.sensitivity[system, i], m.crossover[system, i])
+        low = 20.0 * np.log10(m.gain_low[at])
+        high = 20.0 * np.log10(m.gain_high[at])
+    phase = np.rad2deg(m.phase[at])
+    values = (low, high, phase, 1e3 * m.delay[at], m.sensitivity[at], m.crossover[at])
     return {
-        name: np.nan if stability.cut[system, i] else float(x)
+        name: np.nan if stability.cut[at] else float(x)
         for name, x in zip(_LOOP, values, strict=True)
     }
 

@@ -276,17 +276,19 @@ def actuator_matrices(plan: FlightPlan, lane: Floats) -> tuple[Floats, Floats]:
         group = "actuator" if i < k - 1 else "engine"
         w = _AT_ONCE if ideal else bandwidth * lane[:, s.parameter_row(f"{group}.bandwidth")]
         zeta = 1.0 if ideal else damping * lane[:, s.parameter_row(f"{group}.damping")]
+        position = 2 * i
+        rate = position + 1
         if kind == FIRST_ORDER:  # The rate state follows the actual rate almost instantly.
-            A[:, 2 * i, 2 * i] = -w
-            B[:, 2 * i, i] = w
-            A[:, 2 * i + 1, 2 * i] = -_AT_ONCE * w
-            A[:, 2 * i + 1, 2 * i + 1] = -_AT_ONCE
-            B[:, 2 * i + 1, i] = _AT_ONCE * w
+            A[:, position, position] = -w
+            B[:, position, i] = w
+            A[:, rate, position] = -_AT_ONCE * w
+            A[:, rate, rate] = -_AT_ONCE
+            B[:, rate, i] = _AT_ONCE * w
             continue
-        A[:, 2 * i, 2 * i + 1] = 1.0
-        A[:, 2 * i + 1, 2 * i] = -(w**2)
-        A[:, 2 * i + 1, 2 * i + 1] = -2.0 * zeta * w
-        B[:, 2 * i + 1, i] = w**2
+        A[:, position, rate] = 1.0
+        A[:, rate, position] = -(w**2)
+        A[:, rate, rate] = -2.0 * zeta * w
+        B[:, rate, i] = w**2
     return A, B
 
 
@@ -329,7 +331,8 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
     d = int(linear.delay[point])
     sense = linear.sense[point]
     measured, p = sense.shape
-    n = p + m + measured * d
+    end = p + m  # index after the controller's states
+    n = end + measured * d
     # matrix that maps the state of the open loop to the measurement used by the controller
     seen = np.zeros((measured, n))
     if d:
@@ -340,13 +343,13 @@ def open_loop(linear: Linear, point: int) -> tuple[Floats, Floats, Floats]:
     B = np.zeros((n, linear.B.shape[2]))
     A[:p, :p] = linear.A[point]
     B[:p] = linear.B[point]
-    A[p : p + m] = linear.law_B[point] @ seen
-    A[p : p + m, p : p + m] += linear.law_A[point]
+    A[p:end] = linear.law_B[point] @ seen
+    A[p:end, p:end] += linear.law_A[point]
     if d:
-        A[p + m : p + m + measured, :p] = sense
-        A[p + m + measured :, p + m : n - measured] = np.eye(measured * (d - 1))
+        A[end : end + measured, :p] = sense
+        A[end + measured :, end : n - measured] = np.eye(measured * (d - 1))
     C = -linear.law_D[point] @ seen
-    C[:, p : p + m] -= linear.law_C[point]
+    C[:, p:end] -= linear.law_C[point]
     return A, B, C
 
 

@@ -25,7 +25,6 @@ from abhv_mc_vehicle.kernel.stability.structured import (
 from abhv_mc_vehicle.stability.probe import INPUTS
 from abhv_mc_vehicle.stability.search import (
     Quantity,
-    changes_of_sign,
     refine_crossings,
     refine_peaks,
 )
@@ -244,7 +243,7 @@ def _crossings(
     """
     count = values.shape[-1]
     ranked = np.moveaxis(np.sort(quantity(values), axis=-1), -1, 1).reshape(-1, grid.shape[1])
-    branch, interval = changes_of_sign(ranked)
+    branch, interval = np.nonzero(np.diff(ranked > 0.0, axis=1))
 
     def at(branch: Ints, frequency: Floats) -> Complexes:
         candidates = loci(branch // count, frequency)
@@ -283,8 +282,7 @@ def gain_margins(
         )  # Exclude sign changes at which the locus jumps through infinity.
     low = np.zeros(rows.size)
     high = np.full(rows.size, np.inf)
-    low_at = np.full(rows.size, np.nan)
-    high_at = np.full(rows.size, np.nan)
+    low_at, high_at = np.full((2, rows.size), np.nan)
     order = np.argsort(
         -np.abs(np.log(np.where(crosses, k, _FARTHEST)))
     )  # The last entry, which overwrites the previous entries, is the nearest to 1.
@@ -310,8 +308,7 @@ def phase_margins(
     row, where, value = _crossings(loci, _log_size, grid, values)
     turn = np.angle(value) + np.pi  # angle between -1 and the locus, from 0 to 2 pi
     where, late = delays(row, where, value)
-    phase = np.full(len(grid), np.inf)
-    delay = np.full(len(grid), np.inf)
+    phase, delay = np.full((2, len(grid)), np.inf)
     crossover = np.full(len(grid), np.nan)
     for i, w, distance, tau in zip(
         row, where, np.minimum(turn, 2.0 * np.pi - turn), late, strict=True

@@ -10,19 +10,9 @@ import numpy as np
 
 from abhv_mc.array_types import Floats
 from abhv_mc_vehicle.kernel.plant import state as s
+from abhv_mc_vehicle.user_code.law_interface import Measured
 
-COORDINATES = (
-    "altitude",
-    "speed",
-    "flight_path_angle",
-    "heading",
-    "angle_of_attack",
-    "sideslip",
-    "bank",
-    "roll_rate",
-    "pitch_rate",
-    "yaw_rate",
-)
+COORDINATES = Measured._fields[:10]
 UNITS = ("m", "m/s", *["rad"] * 5, *["rad/s"] * 3)
 ALTITUDE, SPEED, GAMMA, CHI, ALPHA, BETA, BANK, P, Q, R = range(10)
 CONTROLS = (s.AILERON, s.RUDDER, s.ELEVATOR, s.ETA)

@@ -313,9 +313,8 @@ def _find_period(plan: FlightPlan) -> Period:
     follow = np.maximum(np.arange(len(change)) == 1, 0).astype(np.int64)
     begun = start + change
     begun[1, :n] += steps[:n]
-    values = run_law(
-        go_on(plan, 0, settling + _WATCHED), 0, begun, settling + _WATCHED, follow, change=change
-    )
+    ticks = settling + _WATCHED
+    values = run_law(go_on(plan, 0, ticks), begun, ticks, follow, change)
     # Controllers without derivatives are rejected later, when derivatives are needed.
     values = np.nan_to_num(values)
     memory = values[:, :, : len(names)]
@@ -329,12 +328,9 @@ def _find_period(plan: FlightPlan) -> Period:
     before = memory[settling - 1 : -1, 0]
     command = late[:, 0, len(names) :]
     clocks = before[:, carried]
-    only_grow = (np.diff(clocks, axis=0) >= 0.0).all(axis=0) | (np.diff(clocks, axis=0) <= 0.0).all(
-        axis=0
-    )
-    clocks = np.where(
-        only_grow, np.append(np.diff(clocks, axis=0), clocks[:1] * 0.0, axis=0), clocks
-    )[:-1]
+    advance = np.diff(clocks, axis=0)
+    only_grow = (advance >= 0.0).all(axis=0) | (advance <= 0.0).all(axis=0)
+    clocks = np.where(only_grow, advance, clocks[:-1])
     repeat = next(
         (N for N in range(1, LONGEST + 1) if _repeats(N, responses, clocks, command)), None
     )

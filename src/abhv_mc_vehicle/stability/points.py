@@ -34,6 +34,7 @@ from abhv_mc_vehicle.stability.probe import (
 )
 
 AT_LIMIT = "a command is at a limit"
+_STATES = slice(s.X, s.X + s.N_STATES)  # states in the kernel's memory
 
 
 class Found(NamedTuple):
@@ -50,13 +51,13 @@ def flown_points(plan: FlightPlan, parameters: Floats, time: float) -> Found:
     """
     tick = min(round(time / plan.timing.tick), plan.timing.ticks)
     saved = fly_until(plan, parameters, tick)
-    finite = np.isfinite(saved.rows[:, s.X : s.X + s.N_STATES]).all(axis=1)
+    finite = np.isfinite(saved.rows[:, _STATES]).all(axis=1)
     ended = ~finite | (saved.rows[:, Z_ROWS + ALIVE] == 0.0)
     # Flights that have ended get finite values as placeholders, which are not reported.
     if ended.any():
         saved.rows[ended] = fly_until(plan, parameters[ended], 0).rows
     sensed, lane = begin(plan, saved)
-    now = lane[:, s.X : s.X + s.N_STATES]
+    now = lane[:, _STATES]
     points = Points(
         path=path.make_path(now),
         controls=saved.rows[:, actuator_columns(plan.vehicle)[::2]],
@@ -135,7 +136,7 @@ def closed_states(plan: FlightPlan, saved: SavedFlights) -> Floats:
 
     The states are path coordinates, actuators, custom states and the controller's memory.
     """
-    now = saved.rows[:, s.X : s.X + s.N_STATES]
+    now = saved.rows[:, _STATES]
     memory = law_at(plan, begin(plan, saved)[0], saved.tick)
     moving = saved.rows[:, actuator_columns(plan.vehicle)], custom_of(plan.vehicle, saved.rows)
     return np.hstack([path.make_path(now), *moving, memory])
@@ -148,13 +149,13 @@ def disturb(plan: FlightPlan, saved: SavedFlights, change: Floats) -> SavedFligh
     """
     rows = saved.rows.copy()
     disturbed = closed_states(plan, saved) + change
-    states = rows[:, s.X : s.X + s.N_STATES]
+    states = rows[:, _STATES]
     columns = np.array(actuator_columns(plan.vehicle))
     n = 10 + len(columns)
     axes = as_axes(plan.vehicle, disturbed[:, 10:n:2])
     moved = path.make_states(disturbed[:, :10], axes, states[:, s.LATITUDE], states[:, s.MASS])
     moved[:, s.LONGITUDE] = states[:, s.LONGITUDE]
-    rows[:, s.X : s.X + s.N_STATES] = rows[:, s.XS : s.XS + s.N_STATES] = moved
+    rows[:, _STATES] = rows[:, s.XS : s.XS + s.N_STATES] = moved
     rows[:, columns] = disturbed[:, 10:n]
     if plan.vehicle.constants.driven:
         rows[:, columns[:-2:2] + STAGE - POSITION] = disturbed[:, 10 : n - 2 : 2]

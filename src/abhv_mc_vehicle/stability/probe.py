@@ -33,7 +33,7 @@ from abhv_mc_vehicle.kernel.flight.interface import (
 )
 from abhv_mc_vehicle.kernel.jit import is_cached
 from abhv_mc_vehicle.kernel.laws.columns import N_LIMITS
-from abhv_mc_vehicle.kernel.laws.tlc import D_ALPHA, D_R, I_ALTITUDE, I_RATE
+from abhv_mc_vehicle.kernel.laws.tlc import D_ALPHA, I_ALTITUDE
 from abhv_mc_vehicle.kernel.laws.user import FAULT
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.actuator_step import HIGH, LOW
@@ -47,11 +47,12 @@ from abhv_mc_vehicle.kernel.stability.probes import (
 )
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.user_code.effector_commands import commands_effectors
+from abhv_mc_vehicle.user_code.law_interface import COMMAND_FIELDS
 from abhv_mc_vehicle.user_code.vehicle_functions import find_code
 from abhv_mc_vehicle.vehicle.actuators import name_effectors, surface_list, surface_mix
 from abhv_mc_vehicle.vehicle.vehicle_code import name_states
 
-INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
+INPUTS = COMMAND_FIELDS[:4]  # aileron, rudder, elevator and equivalence_ratio
 
 
 def name_inputs(vehicle: Vehicle) -> tuple[str, ...]:
@@ -147,27 +148,12 @@ def actuator_columns(vehicle: Vehicle) -> list[int]:
 
 
 # memory rows of the built-in controllers, including the previous commands if a controller uses them
-_INTEGRALS = (
-    *("altitude", "flight_path_angle", "heading", "speed", "angle_of_attack", "sideslip", "bank"),
-    *("roll_rate", "pitch_rate", "yaw_rate"),
-)
+_INTEGRALS = ("altitude", "flight_path_angle", "heading", "speed", *path.COORDINATES[4:])
 _DIFFERENTIATORS = ("angle_of_attack", "bank", "roll_rate", "pitch_rate", "yaw_rate")
 _MEMORY = {
     "tlc": {
-        **dict(
-            zip(
-                [f"integral_of_{name}" for name in _INTEGRALS],
-                range(I_ALTITUDE, I_RATE + 3),
-                strict=True,
-            )
-        ),
-        **dict(
-            zip(
-                [f"differentiator_of_{name}" for name in _DIFFERENTIATORS],
-                range(D_ALPHA, D_R + 1),
-                strict=True,
-            )
-        ),
+        **{f"integral_of_{name}": I_ALTITUDE + i for i, name in enumerate(_INTEGRALS)},
+        **{f"differentiator_of_{name}": D_ALPHA + i for i, name in enumerate(_DIFFERENTIATORS)},
         **{f"last_{name}": s.CMD + i for i, name in enumerate(AXES)},
     },
     "lqr": {},
@@ -354,9 +340,7 @@ def law_at(plan: FlightPlan, sensed: Floats, tick: int) -> Floats:
     return memory
 
 
-def run_law(
-    plan: FlightPlan, tick: int, start: Floats, ticks: int, follow: Ints, change: Floats
-) -> Floats:
+def run_law(plan: FlightPlan, start: Floats, ticks: int, follow: Ints, change: Floats) -> Floats:
     """Return memory and unlimited commands [tick, point, memory + input] after each tick.
 
     `start` has shape [point, measured + memory]; each point continues from the result of point
@@ -365,7 +349,7 @@ def run_law(
     count = start.shape[1] - len(law_memory_rows(plan))
     rows = _law_rows(plan, count)
     start, change = (np.pad(array, ((0, 0), (0, 1))) for array in (start, change))
-    after, seen = _run_law(_without_limits(plan, 1), tick, rows, start, ticks, (follow, change))
+    after, seen = _run_law(_without_limits(plan, 1), 0, rows, start, ticks, (follow, change))
     return np.concatenate([after[:, :, count:-1], _commands(plan, seen)], axis=2)
 
 

@@ -16,13 +16,6 @@ _CLOSE = 1e-12
 Quantity = Callable[[Ints, Floats], Floats]
 
 
-def changes_of_sign(values: Floats) -> tuple[Ints, Ints]:
-    """Return the loop and the interval of each sign change in `values` [loop, frequency]."""
-    positive = values > 0.0
-    loop, interval = np.nonzero(positive[:, 1:] != positive[:, :-1])
-    return loop, interval
-
-
 def refine_crossings(
     quantity: Quantity, values: Floats, omega: Floats, loop: Ints, interval: Ints
 ) -> Floats:

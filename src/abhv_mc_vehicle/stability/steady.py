@@ -284,6 +284,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     stuck = np.pad(stuck_at != NEVER, ((0, 0), (0, 1)))
     stuck_at = np.pad(stuck_at, ((0, 0), (0, 1)))
     coordinates = np.zeros((count, 14))
+    motion = coordinates[:, :10]  # view, which the iteration below changes
     coordinates[:, path.ALTITUDE] = row[ref.ALTITUDE]
     coordinates[:, path.SPEED] = row[ref.SPEED]
     coordinates[:, path.CHI] = row[ref.HEADING]
@@ -298,7 +299,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     mass = lane[:, s.X + s.MASS]
     custom = custom_of(plan.vehicle, lane)
     points = Points(
-        path=coordinates[:, :10],
+        path=motion,
         controls=controls(coordinates),
         latitude=latitude,
         mass=mass,
@@ -323,9 +324,7 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
         plant_slopes(plan, points).value[:, _EXPECTED.stop : last] if user_law else nothing
     )
     for _ in range(_ITERATIONS):
-        present = points._replace(
-            path=coordinates[:, :10], controls=controls(coordinates), custom=custom
-        )
+        present = points._replace(path=motion, controls=controls(coordinates), custom=custom)
         plant = plant_slopes(plan, present)
         left = plant.value[:, expected]
         left[:, path.CHI - 1] -= row[ref.HEADING_RATE]
@@ -350,12 +349,9 @@ def trim_points(plan: FlightPlan, parameters: Floats) -> Found:
     off = ~(np.abs(left).max(axis=1) < _BALANCED)
     measured = plant.value[:, _EXPECTED.stop : last].copy()
     frozen = (plant.slope[:, _EXPECTED.stop : last] == 0.0).all(axis=2)
-    measured[:, :10][frozen[:, :10]] = coordinates[:, :10][
-        frozen[:, :10]
-    ]  # A frozen measurement equals its true value in steady flight.
-    points = points._replace(
-        path=coordinates[:, :10], controls=positions, custom=custom, measured=measured
-    )
+    # A frozen measurement equals its true value in steady flight.
+    measured[:, :10] = np.where(frozen[:, :10], motion, measured[:, :10])
+    points = points._replace(path=motion, controls=positions, custom=custom, measured=measured)
     memory, grows, switches = _memory_at_rest(plan, points)
     points = points._replace(memory=memory)
     points, limited = (

@@ -40,15 +40,13 @@ from abhv_mc_vehicle.user_code.module import MODULE, Law, Module, code_hash, ref
 from abhv_mc_vehicle.user_code.table import LookUp
 from abhv_mc_vehicle.user_code.unpack import laws_folder, unpack
 
-_CONTROLS = s.CMD_AILERON, s.CMD_RUDDER, s.CMD_ELEVATOR, s.CMD_ETA
+_CONTROLS = range(s.CMD, s.CMD + 4)
 COMMAND_ROWS = (*_CONTROLS, s.GAMMA_CMD, s.ALPHA_CMD, s.BANK_CMD)  # lane-memory rows of a Command
 LAW_FAILED = 50.0  # value of flight.outcome.Outcome.LAW_FAILED, which a higher layer defines
 _GIVEN = "float('inf')"  # source text of law_interface.NOT_GIVEN
 _MADE = (Command, Coefficients, Thrust, Sensed, Filtered)  # classes that accept any numbers
-ONBOARD_ROWS = (
-    *range(ONBOARD, ONBOARD + N_ONBOARD),
-    *range(s.CMD, s.CMD + 4),
-)  # lane-memory rows of the values of Onboard
+# lane-memory rows of the values of Onboard
+ONBOARD_ROWS = (*range(ONBOARD, ONBOARD + N_ONBOARD), *_CONTROLS)
 # lane-memory row of each quantity that laws outside of compiled code read
 INPUT_ROWS = {
     **{f"measured.{name}": s.MEASURED + i for i, name in enumerate(Measured._fields)},

@@ -26,16 +26,15 @@ from abhv_mc_vehicle.control.mission import Mission
 from abhv_mc_vehicle.kernel.laws.columns import LQR_GAINS, REFERENCE
 from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc_vehicle.kernel.world.earth import Earth
-from abhv_mc_vehicle.user_code.law_interface import Reference
+from abhv_mc_vehicle.user_code.law_interface import COMMAND_FIELDS, Measured, Reference
 from abhv_mc_vehicle.user_code.load_law import load_law
 from abhv_mc_vehicle.user_code.module import refuse_in_words, run_module
 from abhv_mc_vehicle.user_code.unpack import in_its_folder, unpack, watching
 from abhv_mc_vehicle.user_code.vehicle_functions import find_code, load_functions
 from abhv_mc_vehicle.vehicle.vehicle_code import VehicleCode
 
-STATES = ("altitude", "speed", "flight_path_angle", "heading", "angle_of_attack", "sideslip",
-          "bank", "roll_rate", "pitch_rate", "yaw_rate")  # fmt: skip
-INPUTS = ("aileron", "rudder", "elevator", "equivalence_ratio")
+STATES = Measured._fields[:10]  # altitude to yaw_rate
+INPUTS = COMMAND_FIELDS[:4]  # aileron, rudder, elevator and equivalence_ratio
 
 
 class LinearPlant(NamedTuple):

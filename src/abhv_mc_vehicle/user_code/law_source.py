@@ -107,7 +107,7 @@ def _struct(kind: Any) -> str:
     )
 
 
-def interface(onboard: bool = False) -> str:
+def interface(onboard: bool) -> str:
     """Return the interface ID in abhv_law.h, which a library must contain."""
     groups = Measured._fields, REFERENCE, (*COMMAND_FIELDS, f"effectors[{MAX_ACTUATORS}]")
     names = ";".join(",".join(group) for group in groups) + (

@@ -275,7 +275,11 @@ def _check_returns(law: Law, name: str) -> None:
     expected = f"'return {result_class}(...){', Memory(...)' if remembers else ''}'"
 
     def is_wrong(value: ast.expr | None) -> bool:
-        return _is_wrong(value, remembers, result_class)
+        if isinstance(value, ast.Tuple):
+            return not remembers or len(value.elts) != 2
+        if isinstance(value, ast.Call) and getattr(value.func, "id", "") == result_class:
+            return remembers
+        return value is None or isinstance(value, ast.Constant)
 
     check_returns(law.module, name, is_wrong, expected)
 
@@ -296,18 +300,6 @@ def check_returns(
             else f"the function '{name}' can end without 'return'"
         )
         raise InputError(module.source.file, problem, expected, last.lineno, last.col_offset + 1)
-
-
-def _is_wrong(value: ast.expr | None, remembers: bool, result_class: str) -> bool:
-    if isinstance(value, ast.Tuple):
-        return not remembers or len(value.elts) != 2
-    if (
-        isinstance(value, ast.Call)
-        and isinstance(value.func, ast.Name)
-        and value.func.id == result_class
-    ):
-        return remembers
-    return value is None or isinstance(value, ast.Constant)
 
 
 def _always_returns(body: list[ast.stmt]) -> bool:

@@ -38,15 +38,6 @@ class ControllerMark:
     filters: bool = False  # whether the function is a measurement filter
 
 
-@dataclass(frozen=True)
-class ChannelMark:
-    """Arguments of the decorator ``channel``."""
-
-    unit: str
-    name: str
-    doc: str
-
-
 def texts_of(tree: ast.Module) -> dict[str, Any]:
     """Return the syntax trees of a file's functions and classes, by name."""
     return {

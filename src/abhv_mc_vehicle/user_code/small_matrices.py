@@ -7,6 +7,7 @@ returns the same bits as plain Python.
 
 import math
 from collections.abc import Callable
+from functools import partialmethod
 from typing import Any
 
 from abhv_mc_vehicle.kernel.jit import when_loaded
@@ -150,17 +151,13 @@ class _Emitted:
         self.builder = builder
         self.value = value
 
-    def __add__(self, other: "_Emitted") -> "_Emitted":
-        return _Emitted(self.builder, self.builder.fadd(self.value, other.value))
+    def _emit(self, instruction: str, other: "_Emitted") -> "_Emitted":
+        return _Emitted(self.builder, getattr(self.builder, instruction)(self.value, other.value))
 
-    def __sub__(self, other: "_Emitted") -> "_Emitted":
-        return _Emitted(self.builder, self.builder.fsub(self.value, other.value))
-
-    def __mul__(self, other: "_Emitted") -> "_Emitted":
-        return _Emitted(self.builder, self.builder.fmul(self.value, other.value))
-
-    def __truediv__(self, other: "_Emitted") -> "_Emitted":
-        return _Emitted(self.builder, self.builder.fdiv(self.value, other.value))
+    __add__ = partialmethod(_emit, "fadd")
+    __sub__ = partialmethod(_emit, "fsub")
+    __mul__ = partialmethod(_emit, "fmul")
+    __truediv__ = partialmethod(_emit, "fdiv")
 
     def __abs__(self) -> "_Emitted":
         return self.call("llvm.fabs")

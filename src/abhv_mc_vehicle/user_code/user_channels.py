@@ -44,7 +44,7 @@ _ARGUMENTS = ("actual", "measured", "memory", "reference", "command", "time", "d
 
 
 @functools.lru_cache(maxsize=16)
-def compile_channels(source: UserSource, width: int, memory: Any = None) -> Any:
+def compile_channels(source: UserSource, width: int, memory: Any) -> Any:
     """Compile custom channels and return their loop over ``width`` lanes.
 
     The loop has the attribute ``address``. ``memory`` is the class of the law's memory if lane

@@ -19,6 +19,7 @@ from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.foreign import NOMINAL
 from abhv_mc_vehicle.kernel.plant.state import aligned_zeros, variable_row
 from abhv_mc_vehicle.kernel.plant.vehicle import (
+    AXES,
     COEFFICIENTS,
     PARAMETER_INDEX,
     VARIABLES,
@@ -46,7 +47,6 @@ from abhv_mc_vehicle.vehicle.vehicle_code import (
 
 WIDTH = 32  # number of points evaluated per call, except in flights
 WANTED = "code with only floats, named tuples and functions of them"
-_AXES = ("aileron", "rudder", "elevator")
 _ARGUMENTS = {
     "aerodynamics": ("air", "controls", "rates", "settings"),
     "propulsion": ("air", "throttle", "controls", "rates", "settings"),
@@ -281,7 +281,7 @@ def check_finite(vehicle: Vehicle, variables: Floats, density: float, speed: flo
 @functools.cache
 def _controls(code: VehicleCode) -> Any:
     names = (name for name, *_ in code.effectors)
-    return namedtuple("Controls", (*_AXES, *names, "equivalence_ratio", "throttle"))
+    return namedtuple("Controls", (*AXES, *names, "equivalence_ratio", "throttle"))
 
 
 @functools.cache
@@ -365,7 +365,7 @@ def _read_lane(width: int, code: VehicleCode, density: int, airspeed: int) -> li
 
     effectors = [of(f"effector_{i}") for i in range(len(code.effectors))]
     controls = [
-        *(of(name) for name in _AXES),
+        *(of(name) for name in AXES),
         *effectors,
         of("equivalence_ratio"),
         of("equivalence_ratio"),

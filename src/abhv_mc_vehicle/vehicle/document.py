@@ -48,6 +48,8 @@ REDUCED_RATES = ("roll_rate", "pitch_rate", "yaw_rate")  # p b/(2 V), q c/(2 V),
 _PLAIN_FACTORS = ("mach", "equivalence_ratio")
 _ANGLE_FACTORS = ("angle_of_attack", "sideslip", *AXIS_DEFLECTIONS)
 FACTORS = (*_ANGLE_FACTORS, *REDUCED_RATES, *_PLAIN_FACTORS)
+# use of a table: name of the table, quantity or variable, and key in the file
+Use = tuple[str, str | None, tuple[str | int, ...]]
 _Size = Field(ge=1e-6)  # minimum of a reference length or area in SI units
 
 
@@ -313,13 +315,13 @@ class VehicleDocument(StrictModel):
                     raise Refusal(f"the limit is {value}", "a positive limit")
         return limits
 
-    def uses(self) -> list[tuple[str, str | None, tuple[str | int, ...]]]:
+    def uses(self) -> list[Use]:
         """Return each use of a table as (table, quantity, key in the file).
 
         The quantity is the propulsion quantity that the table contains, or the variable by which a
         term multiplies the table (its key ``times``).
         """
-        uses: list[tuple[str, str | None, tuple[str | int, ...]]] = []
+        uses: list[Use] = []
         for quantity, key in PROPULSION_TABLES.items():
             if table := getattr(self.propulsion, key, None):
                 uses.append((table, quantity, ("propulsion", key)))

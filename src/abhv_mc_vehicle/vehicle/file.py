@@ -6,7 +6,7 @@ Arrays are in SI units and radians.
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from abhv_mc.io.units import dimension_of, parse_any, parse_quantity, parse_unit
 from abhv_mc_vehicle.kernel.plant.state import MAX_SETTINGS
 from abhv_mc_vehicle.kernel.plant.vehicle import (
     COEFFICIENTS,
+    FIXED_TABLE_ROWS,
     PARAMETER_NAMES,
     VARIABLES,
     BuildUp,
@@ -192,7 +193,12 @@ def read_vehicle_file(path: str | Path) -> VehicleFile:
         tables[name] = table.scaled(parse_unit(entry.unit)[0] * entry.scale)
         _check_meaning(document, content, name, tables[name])
     points = content.mass.points or read_mass_points(content.mass.file or Path())
-    _check_mass(document, content, points)
+    if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
+        raise document.error(
+            ("mass", "start"),
+            f"the initial mass is {content.mass.start:g} kg",
+            f"{points[0].mass:g} to {points[-1].mass:g} kg, the range of the mass properties",
+        )
     files = [entry.file for entry in content.tables.values() if entry.file]
     files += [content.mass.file] if content.mass.file else []
     code = make_code(document, content)
@@ -251,15 +257,6 @@ def _check_meaning(document: Document, content: VehicleDocument, name: str, tabl
             )
 
 
-def _check_mass(document: Document, content: VehicleDocument, points: Sequence[MassPoint]) -> None:
-    if len(points) > 1 and not points[0].mass <= content.mass.start <= points[-1].mass:
-        raise document.error(
-            ("mass", "start"),
-            f"the initial mass is {content.mass.start:g} kg",
-            f"{points[0].mass:g} to {points[-1].mass:g} kg, the range of the mass properties",
-        )
-
-
 def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
     """Return a vehicle for the kernel; ``factor_index`` maps parameter names to indices."""
     content = file.content
@@ -290,7 +287,12 @@ def pack_vehicle(file: VehicleFile, factor_index: Mapping[str, int]) -> Vehicle:
         entries.append(table)
 
     if isinstance(content.aerodynamics, AerodynamicsFunction) and content.aerodynamics.nodes:
-        entries.append(_make_nodes(content.aerodynamics.nodes))
+        # The nodes of a table of zeros are the kinks of a custom function.
+        axes = tuple(
+            Axis(VARIABLES.index(name), np.array(grid))
+            for name, grid in content.aerodynamics.nodes.items()
+        )
+        entries.append(Table(axes, np.zeros([axis.grid.size for axis in axes])))
     tables, rows = pack_tables(entries, fixed)
     # Terms of different coefficients alternate, because consecutive additions are then independent.
     turns = [term for turn in itertools.zip_longest(*terms) for term in turn if term is not None]
@@ -327,20 +329,12 @@ def _variable(times: str | None, effectors: tuple[str, ...]) -> str:
     return f"effector_{effectors.index(times)}" if times in effectors else times
 
 
-def _make_nodes(nodes: Mapping[Any, tuple[float, ...]]) -> Table:
-    """Return a table of zeros whose nodes are the kinks of a custom function."""
-    axes = tuple(Axis(VARIABLES.index(name), np.array(grid)) for name, grid in nodes.items())
-    return Table(axes, np.zeros([axis.grid.size for axis in axes]))
-
-
 def _mass_tables(points: tuple[MassPoint, ...], reference: tuple[float, float]) -> dict[str, Table]:
     """Return the mass properties as tables that depend on the mass."""
-    fields = {name: name for name in ("inertia_xx", "inertia_yy", "inertia_zz")}
-    fields["inertia_13"] = "inertia_matrix_element_13"
-    fields |= {name: name for name in ("center_of_gravity_x", "center_of_gravity_z")}
+    _, *fields = MassPoint.model_fields  # The mass is followed by the fields of the last rows.
     values = {
         name: np.array([getattr(point, field) for point in points])
-        for name, field in fields.items()
+        for name, field in zip(FIXED_TABLE_ROWS[-len(fields) :], fields, strict=True)
     }
     for name, offset in zip(("center_of_gravity_x", "center_of_gravity_z"), reference, strict=True):
         values[name] = values[name] - offset if offset else values[name]

@@ -96,11 +96,6 @@ class LoadLimits(StrictModel):
         return LoadBounds(*(math.inf if value is None else value for value in limits))
 
 
-def tighter(bounds: LoadBounds, other: LoadBounds) -> LoadBounds:
-    """Return the smaller of the two values of each limit."""
-    return LoadBounds(*map(min, bounds, other))
-
-
 def oscillation_conflict(loads: LoadBounds, disturbances: Sequence[str]) -> str:
     """Describe the conflict of an oscillation limit with gusts or noise, or return ''."""
     limited = min(loads.bank_ripple, loads.angle_of_attack_ripple, loads.sideslip_ripple) < math.inf
@@ -128,23 +123,19 @@ class SensingKeys(StrictModel):
 
 def choose_sensing(mission: SensingKeys, vehicle: Sensing) -> Sensing:
     """Return the mission's references for measurements, by default those of the vehicle."""
-    choices = (mission.angle_of_attack, mission.sideslip, mission.airspeed)
     return Sensing(
         *(
             default if key is None else int(key == "air")
-            for key, default in zip(choices, vehicle, strict=True)
+            for (_, key), default in zip(mission, vehicle, strict=True)
         )
     )
 
 
 def describe_sensing(sensing: Sensing) -> str:
     """Return a clause that states which measurements are relative to air or Earth."""
-    references = sensing._asdict().items()
-    air = [name.replace("_", " ") for name, is_air in references if is_air]
-    ground = [name.replace("_", " ") for name, is_air in references if not is_air]
-    phrases = [
-        f"{', '.join(names)} relative to {reference}"
-        for names, reference in ((air, "the air"), (ground, "the Earth"))
-        if names
-    ]
+    phrases = []
+    for reference, value in (("the air", 1), ("the Earth", 0)):
+        names = [name.replace("_", " ") for name, own in sensing._asdict().items() if own == value]
+        if names:
+            phrases.append(f"{', '.join(names)} relative to {reference}")
     return "the controllers receive " + " and ".join(phrases)

@@ -100,7 +100,8 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         key: axis for table in everything for key, axis in zip(_key(table), table.axes, strict=True)
     }
     axis_number = {axis_key: i for i, axis_key in enumerate(axes)}
-    lengths = np.array([axis.grid.size for axis in axes.values()], np.int64)
+    grids = [axis.grid for axis in axes.values()]
+    lengths = np.array([grid.size for grid in grids], np.int64)
 
     n_groups = len(members)
     dimensions, start, width, used, first_row = (np.zeros(n_groups, np.int64) for _ in range(5))
@@ -127,10 +128,8 @@ def pack_tables(tables: Sequence[Table], fixed: Mapping[str, int]) -> tuple[Tabl
         axis_variable=np.array([axis.variable for axis in axes.values()], np.int64),
         axis_start=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         axis_length=lengths,
-        grid=np.concatenate([axis.grid for axis in axes.values()]),
-        inverse_step=np.concatenate(
-            [np.append(1.0 / np.diff(axis.grid), 0.0) for axis in axes.values()]
-        ),
+        grid=np.concatenate(grids),
+        inverse_step=np.concatenate([np.append(1.0 / np.diff(grid), 0.0) for grid in grids]),
         group_dimensions=dimensions,
         group_axis=group_axis,
         group_stride=stride,
@@ -203,7 +202,7 @@ class Role:
     unit: str | None = None
 
 
-def parse_role(text: str, effectors: Sequence[str] = ()) -> Role:
+def parse_role(text: str, effectors: Sequence[str]) -> Role:
     """Parse the role of a column, such as ``angle_of_attack deg``, ``mach`` or ``value``.
 
     Raise Refusal if the role is unknown.

@@ -24,6 +24,7 @@ from abhv_mc.array_types import Floats, Numbers
 from abhv_mc.io.messages import InputError
 from abhv_mc.io.units import parse_any, si_unit_of, unit_of
 from abhv_mc_vehicle.kernel.plant.vehicle import (
+    AXES,
     COEFFICIENTS,
     FIXED_TABLE_ROWS,
     VARIABLES,
@@ -198,7 +199,7 @@ def evaluate_functions(
     return complex_results[0], complex_results[1]
 
 
-_AXIS_DEFLECTIONS = [VARIABLES.index(name) for name in ("aileron", "rudder", "elevator")]
+_AXIS_DEFLECTIONS = [VARIABLES.index(name) for name in AXES]
 _FIRST_EFFECTOR = VARIABLES.index("effector_0")
 
 
@@ -223,11 +224,10 @@ def evaluate_tables(tables: Tables, variables: Floats) -> Floats:
 
     Values are constant beyond the edges of the tables.
     """
-    rows = np.empty((tables.n_rows, *variables.shape[1:]))
+    shape = variables.shape[1:]
+    rows = np.empty((tables.n_rows, *shape))
     for g in range(tables.group_start.size):
-        corners = [
-            (np.ones(variables.shape[1:]), np.full(variables.shape[1:], tables.group_start[g]))
-        ]
+        corners = [(np.ones(shape), np.full(shape, tables.group_start[g]))]
         for axis, stride in zip(tables.group_axis[g], tables.group_stride[g], strict=True):
             if stride == 0:
                 continue

@@ -70,8 +70,8 @@ def find_vehicle_warnings(vehicle: Vehicle) -> list[str]:
         "mach": mach,
         "angle_of_attack": alpha,
         "mass": np.full(mach.size, vehicle.constants.mass_start),
+        "altitude": np.full(mach.size, _ALTITUDE),
     }
-    middle_points["altitude"] = np.full(mach.size, _ALTITUDE)
     for coefficient, variable, least, most, sign, meaning in _USUAL:
         values = []
         for step in (_STEP, -_STEP):

@@ -21,8 +21,14 @@ from abhv_mc.campaign.file.config import (
 from abhv_mc.campaign.file.systems import Contents
 from abhv_mc.campaign.sampling.derived_parameters import DOTTED
 from abhv_mc.flights.metrics import MARGIN_NAMES, MARGINS, Metric
-from abhv_mc.flights.signals import Channel
-from abhv_mc.io.documents import Document, File, Problems, StrictModel, read_document
+from abhv_mc.io.documents import (
+    Document,
+    File,
+    Problems,
+    StrictModel,
+    read_document,
+    validate,
+)
 from abhv_mc.io.messages import InputError, Refusal, counted, grouped_digits, one_of
 from abhv_mc.io.units import dimension_of, parse_quantity, parse_unit
 from abhv_mc.shipped import shipped_files
@@ -44,9 +50,9 @@ from abhv_mc_vehicle.vehicle_simulator.references import check_kinds
 from abhv_mc_vehicle.vehicle_simulator.tuning import Points, Tune
 from abhv_mc_vehicle.vehicle_simulator.user_metrics import (
     MetricEntry,
+    MetricsFile,
     declare_metrics,
     find_user_channels,
-    read_metrics_file,
 )
 
 
@@ -200,9 +206,8 @@ class VehicleContents(Contents):
             duration = read_mission(model.mission).duration
         for i, time in times.items():
             if not 0.0 <= time <= duration:
-                where = ("margins", "at", i)
                 errors.add(
-                    where,
+                    ("margins", "at", i),
                     f"found {time:g} s",
                     f"'trim', or a mission time from 0 to {duration:g} s",
                 )
@@ -220,9 +225,12 @@ def read_contents(document: Document, model: VehicleCampaign, errors: Problems) 
     declared = _declare_metrics(
         document, model, user_channels, errors, effectors=effectors, states=states
     )
-    channels = effector_channels(effectors)
-    _check_channels(model, (*channels, *state_channels(states)), errors)
-    units = {channel.name: channel.unit for channel in (*CHANNELS, *channels)}
+    units = {c.name: c.unit for c in (*CHANNELS, *effector_channels(effectors))}
+    known = [ALL, *units, *(channel.name for channel in state_channels(states))]
+    for name in model.keep.histories.channels:
+        if name not in known:
+            where = ("keep", "histories", "channels")
+            errors.add(where, f"unknown channel '{name}'", one_of(known, name))
     return VehicleContents(
         systems=tuple(model.controllers),
         parameters=parameters,
@@ -257,7 +265,8 @@ def _declare_metrics(
     entries = model.metrics
     source = document
     if isinstance(entries, Path):
-        source, entries = read_metrics_file(entries)
+        source = read_document(entries)
+        entries = validate(source, MetricsFile).root
         location = ()
     zones = {f"distance_from_{name}_m": zone.metric(name) for name, zone in model.keep_out.items()}
     for name in zones.keys() & entries.keys():
@@ -283,22 +292,6 @@ def _declare_metrics(
         states=states,
     )
     return (*effector_metrics(effectors), *own)
-
-
-def _check_channels(
-    model: VehicleCampaign,
-    own_channels: tuple[Channel, ...],
-    errors: Problems,
-) -> None:
-    """Check that the channels of stored histories are built in or defined by the vehicle."""
-    channel_names = [ALL, *(channel.name for channel in (*CHANNELS, *own_channels))]
-    for name in model.keep.histories.channels:
-        if name not in channel_names:
-            errors.add(
-                ("keep", "histories", "channels"),
-                f"unknown channel '{name}'",
-                one_of(channel_names, name),
-            )
 
 
 def draw_members(document: Document) -> Document:

@@ -168,11 +168,8 @@ def _describe(name: str, steady: Any, parameters: Floats) -> dict[str, Any]:
     if not stability.poles[0].size:
         return {"fault": NO_SLOPES}
     table = [make_rows(name, None, stability, i) for i in range(len(parameters))]
-    is_trimmed = [
-        poles.size and not fault
-        for poles, fault in zip(stability.poles, points.faults, strict=True)
-    ]
-    trimmed = [rows for rows, trim in zip(table[1:], is_trimmed[1:], strict=True) if trim]
+    corners = zip(table[1:], stability.poles[1:], points.faults[1:], strict=True)
+    trimmed = [rows for rows, poles, fault in corners if poles.size and not fault]
     stable = [rows for rows in trimmed if rows[-1]["stable"]]
     return {
         "nominal": [_rounded(row) for row in table[0]],

@@ -24,12 +24,7 @@ from abhv_mc.interfaces import (
 )
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.messages import InputError
-from abhv_mc_vehicle.flight.channels import (
-    CHANNELS,
-    REFERENCE_CHANNELS,
-    effector_channels,
-    state_channels,
-)
+from abhv_mc_vehicle.flight.channels import REFERENCE_CHANNELS, all_channels
 from abhv_mc_vehicle.flight.plan import FlightPlan
 
 # Number of workers up to which threads cost less than worker processes for any number of flights.
@@ -51,11 +46,8 @@ class VehicleSimulator(Simulator):
         self.experiment = experiment
         self.outcomes = OUTCOMES
         self.systems, self.mission = tuple(experiment.model.controllers), self
-        own = (
-            effector_channels(experiment.contents.effectors),
-            state_channels(experiment.contents.states),
-        )
-        self.channels = (*CHANNELS, *own[0], *own[1])
+        contents = experiment.contents
+        self.channels = all_channels(contents.effectors, contents.states)
 
     @cached_property
     def engine(self) -> Engine:

@@ -5,7 +5,7 @@ may be custom code.
 """
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,7 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
 
 
 def read_trusted_plan(
-    stored: StoredPlans, campaign: Experiment, controller: str, trusted: bool = False
+    stored: StoredPlans, campaign: Experiment, controller: str, trusted: bool
 ) -> FlightPlan:
     """Return the stored plan of a controller, with the custom code stored in the folder.
 
@@ -92,26 +92,20 @@ def read_trusted_plan(
     plan = stored.read(controller, lambda arrays: rebuild_plan(arrays, vehicle))
     if plan.source_hash:
         code_folder = stored.root / "inputs/controllers" / controller
+        laws = map(read_controller, sorted(code_folder.rglob("*.y*ml")))
+        sources = (read_law_source(law) for law in laws if isinstance(law, UserController))
         plan = dataclasses.replace(
-            plan, source=_take(_read_laws(code_folder), code_folder, plan.source_hash, trusted)
+            plan, source=_take(sources, code_folder, plan.source_hash, trusted)
         )
     if plan.channels_hash:
         code_folder = stored.root / "inputs/channels"
-        sources = map(read_source, sorted(code_folder.rglob("*.py")))
+        files = map(read_source, sorted(code_folder.rglob("*.py")))
         plan = dataclasses.replace(
-            plan, channels_source=_take(sources, code_folder, plan.channels_hash, trusted)
+            plan, channels_source=_take(files, code_folder, plan.channels_hash, trusted)
         )
     return declare_metrics(
         campaign, dataclasses.replace(plan, vehicle_code=find_code(plan.vehicle))
     )
-
-
-def _read_laws(folder: Path) -> Iterator[UserSource]:
-    """Yield the code of all controller files in a folder."""
-    for path in sorted(folder.rglob("*.y*ml")):
-        controller = read_controller(path)
-        if isinstance(controller, UserController):
-            yield read_law_source(controller)
 
 
 def _take(sources: Iterable[UserSource], folder: Path, digest: str, trusted: bool) -> UserSource:
@@ -158,7 +152,7 @@ def find_campaign_code(model: Any) -> list[tuple[Path, UserSource]]:
     return code
 
 
-def check_user_law(controller: Controller, trusted: bool = False) -> None:
+def check_user_law(controller: Controller, trusted: bool) -> None:
     """Raise InputError if a controller in a results folder has untrusted code."""
     if isinstance(controller, UserController) and is_in_a_folder(law_place(controller)):
         check_trusted(read_law_source(controller), trusted)

@@ -25,7 +25,7 @@ from abhv_mc.flights.metrics import (
     name_end,
 )
 from abhv_mc.flights.statistic import MAX_DECLARED, Statistic
-from abhv_mc.io.documents import Document, StrictModel, read_document, validate
+from abhv_mc.io.documents import Document, StrictModel
 from abhv_mc.io.messages import InputError, Refusal, counted, found_value, one_of, quoted
 from abhv_mc.io.units import Fraction, Time
 from abhv_mc_vehicle.flight.channels import SOURCES
@@ -121,12 +121,6 @@ class MetricEntry(StrictModel):
 
 class MetricsFile(RootModel[dict[MetricName, MetricEntry]]):
     """Content of a file that declares metrics."""
-
-
-def read_metrics_file(path: Path) -> tuple[Document, dict[str, MetricEntry]]:
-    """Return the document and entries of a metrics file. Raise InputError for invalid entries."""
-    document = read_document(path)
-    return document, validate(document, MetricsFile).root
 
 
 def declare_metrics(

@@ -29,9 +29,9 @@ class FlyingQualities(NamedTuple):
     static_margin: float
     short_period_frequency: float  # undamped short-period frequency, rad/s
     short_period_damping: float
+    pitch_time_to_double: float  # time in which the pitch motion doubles, s; infinite if it decays
     dutch_roll_frequency: float  # undamped Dutch-roll frequency, rad/s
     dutch_roll_damping: float
-    pitch_time_to_double: float  # time in which the pitch motion doubles, s; infinite if it decays
     lateral_time_to_double: float
     aileron_power: float  # angular acceleration about the controlled axis per deflection, 1/s2
     rudder_power: float
@@ -80,9 +80,9 @@ def find_flying_qualities(
         static_margin=_static_margin(vehicle, nominal),
         short_period_frequency=short_period,
         short_period_damping=-float(np.trace(pitch)) / (2.0 * short_period),
+        pitch_time_to_double=_time_to_double(np.linalg.eigvals(pitch).real),
         dutch_roll_frequency=float(abs(dutch_roll)),
         dutch_roll_damping=-float(dutch_roll.real / abs(dutch_roll)),
-        pitch_time_to_double=_time_to_double(np.linalg.eigvals(pitch).real),
         lateral_time_to_double=_time_to_double(lateral.real),
         aileron_power=float(slopes[_P, _AILERON]),
         rudder_power=float(slopes[_R, _RUDDER]),

@@ -57,13 +57,14 @@ def trim_along(
     points: GuidancePoints,
     mass: float,
     tick: float = 0.0,
-    held_equivalence_ratio: float | None = None,
+    held_equivalence_ratio: float = -1.0,
     warm_start: bool = True,
 ) -> GuidanceTrim:
     """Solve equation (12) at each point in order, starting each search at the last solution.
 
     ``mass`` is the mass at the first point, kg; if ``tick`` (time between points, s) is given, the
-    mass decreases by the fuel burnt. If the range of a control (trim tables, BANK_LIMIT, the
+    mass decreases by the fuel burnt. A negative ``held_equivalence_ratio`` means that the speed is
+    maintained. If the range of a control (trim tables, BANK_LIMIT, the
     elevator's limits) contains no solution, the result is the bound of the range with the smaller
     residual, and a flag is set in the status.
     """
@@ -84,7 +85,6 @@ def trim_along(
     )
     points = GuidancePoints(*(np.array(x, np.float64) for x in np.broadcast_arrays(*points)))
     solution = np.empty((points.speed.size, 6))
-    fixed_equivalence_ratio = -1.0 if held_equivalence_ratio is None else held_equivalence_ratio
     rows = len(TRIM_ROWS)
     line = np.empty((alpha_nodes.size, rows))
     cut = Cut(alpha_nodes, eta_nodes, np.empty((eta_nodes.size, alpha_nodes.size, rows)), line)
@@ -94,7 +94,7 @@ def trim_along(
         points,
         mass,
         tick,
-        fixed_equivalence_ratio,
+        held_equivalence_ratio,
         warm_start,
         bounds,
         cut,
@@ -177,10 +177,8 @@ def solve_reference(
         **environment_points._asdict(),
     )
     # A glider cannot maintain its speed, so its equivalence ratio is fixed at 0.
-    fixed_equivalence_ratio = None if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
-    nominal = trim_along(
-        vehicle, trim_tables, points, vehicle.constants.mass_start, tick, fixed_equivalence_ratio
-    )
+    held = -1.0 if vehicle.constants.equivalence_ratio_max > 0.0 else 0.0
+    nominal = trim_along(vehicle, trim_tables, points, vehicle.constants.mass_start, tick, held)
     times = np.arange(ticks + 1) * tick
     settled = np.ones(ticks + 1)
     for first, end in transients(mission):

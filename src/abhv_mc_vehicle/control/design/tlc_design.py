@@ -93,24 +93,21 @@ def velocity_loop(
     chi = c["heading"]
     alpha = c["angle_of_attack"]
     bank = c["bank"]
+    eta = c["equivalence_ratio"]
     constants = vehicle.constants
     mach = speed / c["sound_speed"]
 
+    def coefficients(mach: Any, alpha: Any, eta: Any) -> Numbers:
+        """Return the trimmed lift, drag and thrust coefficients, [3, tick]."""
+        named = {"mach": mach, "angle_of_attack": alpha, "equivalence_ratio": eta}
+        return table_rows(trim_tables, make_variables(vehicle, **named))[1:4]
+
     # trimmed coefficients and their slopes in the table cell, each [tick]
-    value = _coefficients(vehicle, trim_tables, mach, alpha, c["equivalence_ratio"])
+    value = coefficients(mach, alpha, eta)
     step = 1e-30j
-    by_mach = (
-        _coefficients(vehicle, trim_tables, mach + step, alpha, c["equivalence_ratio"]).imag
-        / step.imag
-    )
-    by_alpha = (
-        _coefficients(vehicle, trim_tables, mach, alpha + step, c["equivalence_ratio"]).imag
-        / step.imag
-    )
-    by_eta = (
-        _coefficients(vehicle, trim_tables, mach, alpha, c["equivalence_ratio"] + step).imag
-        / step.imag
-    )
+    by_mach = coefficients(mach + step, alpha, eta).imag / step.imag
+    by_alpha = coefficients(mach, alpha + step, eta).imag / step.imag
+    by_eta = coefficients(mach, alpha, eta + step).imag / step.imag
 
     q_area = 0.5 * c["density"] * speed**2 * constants.area
     lift, _, thrust = q_area * value
@@ -136,8 +133,7 @@ def velocity_loop(
     cs = np.cos(bank)
     tan_lat = np.tan(c["latitude"])
     momentum = mass * speed
-    A = np.zeros((len(reference), 3, 3))
-    B = np.zeros((len(reference), 3, 3))
+    A, B = np.zeros((2, len(reference), 3, 3))
     B[:, 0, 0], B[:, 0, 1], B[:, 0, 2] = (
         np.stack([normal_alpha * cs, -normal * ss, normal_eta * cs]) / momentum
     )
@@ -172,11 +168,3 @@ def velocity_gains(A: Floats, B: Floats, spectra: list[tuple[Floats, Floats]]) -
         expected[:, i, 2 * i] += a1
         expected[:, i, 2 * i + 1] += a2
     return np.asarray(np.linalg.solve(B, expected), np.float64)
-
-
-def _coefficients(
-    vehicle: Vehicle, trim_tables: Tables, mach: Any, alpha: Any, eta: Any
-) -> Numbers:
-    """Return the trimmed lift, drag and thrust coefficients, [3, tick]."""
-    variables = make_variables(vehicle, mach=mach, angle_of_attack=alpha, equivalence_ratio=eta)
-    return table_rows(trim_tables, variables)[1:4]

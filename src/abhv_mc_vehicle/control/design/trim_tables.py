@@ -170,9 +170,10 @@ def trim_elevator(
     with np.errstate(divide="ignore", invalid="ignore"):  # The elevator may have no effect.
         secant = low - at_low * (high - low) / (at_high - at_low)
     nearer_low = np.abs(at_low) < np.abs(at_high)
-    farthest = np.where(nearer_low, low - 0.5 * np.pi, high + 0.5 * np.pi)
-    elevator = np.where(np.isfinite(secant), secant, farthest)
-    elevator = np.clip(elevator, low - 0.5 * np.pi, high + 0.5 * np.pi)
+    lowest = low - 0.5 * np.pi
+    highest = high + 0.5 * np.pi
+    farthest = np.where(nearer_low, lowest, highest)
+    elevator = np.where(np.isfinite(secant), secant, farthest).clip(lowest, highest)
     bracketed = np.sign(at_low) * np.sign(at_high) <= 0.0
     if bracketed.any():
         elevator[bracketed] = elementwise.find_root(
