@@ -481,13 +481,13 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
                 f"{counted(len(heads), 'cell')}, as in the heading",
                 number,
             )
-    names = [str(i) for i in range(len(heads))]
-    if '"' in text or separator == _BLANKS:
+    names, body = [str(i) for i in range(len(heads))], "\n".join(texts)
+    if '"' in body or separator == _BLANKS:
         rows = (split_line(line, separator) for line in texts)
         data = _text_table(names, zip(*rows, strict=True))
     else:
         data = arrow_csv.read_csv(
-            pa.BufferReader(arrow_memory("\n".join(texts).encode())),
+            pa.BufferReader(arrow_memory(body.encode())),
             arrow_csv.ReadOptions(column_names=names),
             arrow_csv.ParseOptions(delimiter=separator, ignore_empty_lines=False),
             arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
