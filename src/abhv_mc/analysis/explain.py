@@ -85,7 +85,6 @@ def explain_flight(
     flight: int,
     fly: Fly | None = None,
     requirement: str | None = None,
-    every: int = 1,
     trust_code: bool = False,
 ) -> Explanation:
     """Find the smallest set of a failed flight's dispersions that reproduces the failure.
@@ -137,7 +136,7 @@ def explain_flight(
             campaign,
             controller,
             np.column_stack([rows, np.tile(seeds, (3, 1))]),
-            every,
+            1,
             fly,
             margins=margins,
         ),

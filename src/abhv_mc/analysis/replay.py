@@ -47,18 +47,17 @@ def replay_flight(
     controller: str,
     flight: int,
     fly: Fly | None = None,
-    every: int = 1,
     *,
     trust_code: bool = False,
 ) -> Replay:
-    """Re-run a flight with its stored plan, recording every `every`-th tick.
+    """Re-run a flight with its stored plan, recording every tick.
 
     `root` is the campaign's folder. `fly` is a function that replaces the campaign's simulator.
     """
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
     (row,) = find_rows(folder, controller, [flight])
-    block = simulate(experiment, controller, row.samples, every, fly)
+    block = simulate(experiment, controller, row.samples, 1, fly)
     values = np.append(block.metrics[0], block.end_time[0])
     # Omit the stability margins, whose columns follow the metrics and the end time.
     stored = row.values[0][: values.size]

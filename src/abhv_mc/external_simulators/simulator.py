@@ -365,11 +365,10 @@ class ExternalSimulator(interfaces.Simulator):
         try:
             Process(plan).end()
         except (LostFlightError, OSError) as error:
-            problem, expected = (
-                f"{error}{plan.name_undeclared(str(error))}",
-                "a simulator that starts",
+            problem = f"{error}{plan.name_undeclared(str(error))}"
+            error_in_file = self.experiment.document.key_error(
+                ("simulator",), problem, "a simulator that starts"
             )
-            error_in_file = self.experiment.document.key_error(("simulator",), problem, expected)
             raise InputErrors([error_in_file]) from None
         if self.model.simulator.command:
             yield _BY_ORDER

@@ -118,11 +118,8 @@ def rank_distinct(
     order = np.argsort(-severities, kind="stable")
     order = order[np.isfinite(severities[order])]
     comes = np.isfinite(samples)
-    low, high = (
-        samples.min(0, where=comes, initial=np.inf),
-        samples.max(0, where=comes, initial=-np.inf),
-    )
-    span = high - low
+    low = samples.min(0, where=comes, initial=np.inf)
+    span = samples.max(0, where=comes, initial=-np.inf) - low
     scaled = np.where(comes, samples, 0.0)[order] / np.where(span > 0.0, span, 1.0)
     comes = comes[order]
     flights: list[int] = []

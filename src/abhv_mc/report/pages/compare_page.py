@@ -112,7 +112,7 @@ def _paired_rows(comparison: Compared) -> Iterator[tuple[object, ...]]:
             names = {"median": entry.median_difference, **entry.quantile_differences}
             for level, difference in names.items():
                 quantity = "median over flights" if level == "median" else f"{level[1:]} % quantile"
-                ends = difference.value, difference.low, difference.high
+                ends = vars(difference).values()
                 yield (*pair.controllers, metric, quantity, nan, nan, *ends)
 
 

@@ -279,15 +279,13 @@ def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
     for controller in contrast.contrasted:
         for item in controller.requirements:
             shares = (side.failures / side.flights for side in (item.before, item.after))
-            difference = item.share_difference
-            interval = difference.value, difference.low, difference.high
+            interval = vars(item.share_difference).values()
             yield (*controller.controllers, item.words, "share that fails", *shares, *interval)
         for metric, levels in controller.metrics.items():
             for level, pair in levels.items():
                 ends = pair.before.value, pair.after.value
-                interval_of = pair.difference or Interval(nan, nan, nan)
                 quantity = f"{level[1:]} % quantile"
-                interval = interval_of.value, interval_of.low, interval_of.high
+                interval = vars(pair.difference or Interval(nan, nan, nan)).values()
                 yield (*controller.controllers, metric, quantity, *ends, *interval)
 
 

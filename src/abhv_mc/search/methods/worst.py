@@ -234,7 +234,7 @@ def _climb_corners(
         tried.update(c.tobytes() for c in candidates)
         values = record.call(fill(np.array(candidates)), "corners")[: len(candidates)]
         if values.max() > best:
-            best, corner = float(values.max()), candidates[int(np.argmax(values))]
+            best, corner = float(values.max()), candidates[np.argmax(values)]
         return candidates, values
 
     while record.used < share and record.left >= 2 * batch:

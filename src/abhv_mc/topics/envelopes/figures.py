@@ -118,19 +118,15 @@ def _rows(
 
 def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
     """Return a channel's panel; subtract the reference if ``curve.off_reference`` is true."""
-    time, reference_values = (
-        channel_bands[0],
-        reference[curve.reference] if curve.reference else None,
-    )
+    time, bands = channel_bands
+    reference_values = reference[curve.reference] if curve.reference else None
     clock, less = reference.get("time", time), reference_values if curve.off_reference else None
     reference_curve = (
         None
         if reference_values is None
         else (clock, off_reference(clock, reference_values, clock, less))
     )
-    return EnvelopePanel(
-        time, bands_off(time, channel_bands[1], clock, less), reference=reference_curve
-    )
+    return EnvelopePanel(time, bands_off(time, bands, clock, less), reference=reference_curve)
 
 
 def flight_curve(

@@ -65,10 +65,8 @@ def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
     )
     for axes, margin, axis_label in across:
         for i, (name, (rows, failed, beyond)) in enumerate(points.items()):
-            height, value = (
-                np.where(np.isfinite(beyond), beyond, ceiling),
-                results.flights[name].metrics[margin][rows],
-            )
+            height = np.where(np.isfinite(beyond), beyond, ceiling)
+            value = results.flights[name].metrics[margin][rows]
             style = {
                 "s": 9,
                 "marker": MARKERS[i % len(MARKERS)],
