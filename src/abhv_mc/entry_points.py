@@ -76,5 +76,6 @@ def needs_vehicle(name: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if error.name != VEHICLE:
             raise
-        problem = f"{name} needs the package {VEHICLE}, which is not installed"
-        raise ModuleNotFoundError(problem, name=error.name) from None
+        raise ModuleNotFoundError(
+            f"{name} needs the package {VEHICLE}, which is not installed", name=error.name
+        ) from None

@@ -303,8 +303,9 @@ class Results:
             raise RuntimeError(
                 f"flight {flight} differs from the stored flight: {'; '.join(again.differences)}"
             )
-        channels = [channel.name for channel in again.channels]
-        table = pd.DataFrame(again.block.history[0], columns=channels).dropna(how="all")
+        table = pd.DataFrame(
+            again.block.history[0], columns=[channel.name for channel in again.channels]
+        ).dropna(how="all")
         table.insert(0, "time", again.block.times[table.index])
         return table.reset_index(drop=True)
 

@@ -215,10 +215,9 @@ def find_failure(
     state = np.array([outcome]), row.end_time, row.values[:, positions]
     metrics = [item.metric for item in campaign.requirements]
     if requirement is not None and requirement not in metrics:
-        problem = f"the campaign has no requirement on '{requirement}'"
         raise InputError(
             "--requirement",
-            problem,
+            f"the campaign has no requirement on '{requirement}'",
             one_of(metrics, requirement) if metrics else "the command without --requirement",
         )
     failures = [

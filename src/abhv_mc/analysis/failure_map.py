@@ -161,14 +161,11 @@ def _map_controller(
         for flight, explanation in zip(flights, explanations, strict=True)
         if explanation is not None and () in explanation.sets
     )
-    unexplained = tuple(
-        flight for flight in flights if flight not in grouped and flight not in bare
-    )
     return ControllerFailures(
         len(failed),
         groups,
         bare,
-        unexplained,
+        tuple(flight for flight in flights if flight not in grouped and flight not in bare),
         sum(explanation.tried for explanation in explanations if explanation),
     )
 

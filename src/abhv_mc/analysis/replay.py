@@ -75,17 +75,14 @@ def replay_flight(
     if ends.codes[outcome] != row.outcome[0]:
         reason = f" ({block.reasons[0]})" if 0 in block.reasons else ""
         differences.append(f"outcome: {ends.codes[outcome]}{reason} instead of {row.outcome[0]}")
-    samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
-    metrics = dict(zip(row.columns, values.tolist(), strict=False))
-    end = experiment.simulator.describe_end(controller, row.samples, outcome)
     return Replay(
         controller=controller,
         flight=flight,
         block=block,
-        samples=samples,
-        metrics=metrics,
+        samples=dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True)),
+        metrics=dict(zip(row.columns, values.tolist(), strict=False)),
         differences=tuple(differences),
-        sentence=end,
+        sentence=experiment.simulator.describe_end(controller, row.samples, outcome),
         outcome=ends.codes[outcome],
         channels=experiment.channels,
         repeatability=repeatability,

@@ -55,14 +55,13 @@ def replay(
             "--output", "the flight has no time history", "the command without this option"
         )
     if out is not None:
-        names = [channel.name for channel in replay.channels]
         write_histories(
             out,
             controller,
             [flight],
             block.times,
             block.history,
-            channels=names,
+            channels=[channel.name for channel in replay.channels],
             recorded=replay.channels,
         )
 
@@ -126,13 +125,12 @@ def explain(
     smallest sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
-        problem = (
+        raise InputError(
+            "--flight",
             "--all cannot be combined with --flight, --requirement or --output"
             if every
-            else "no flight number is given"
-        )
-        raise InputError(
-            "--flight", problem, "either --flight NUMBER, or --all without these options"
+            else "no flight number is given",
+            "either --flight NUMBER, or --all without these options",
         )
     announce_compiling()
     if flight is None:

@@ -182,8 +182,7 @@ def read_table(document: Document, model: TableCampaign, errors: Problems) -> Co
     for key in ("unknowns", "derived", "stop", "sampling", "histories"):
         if key in model.model_fields_set:
             problem = f"'{key}' does not apply to imported flights"
-            expected = "a campaign with a simulator, or no such key"
-            errors.add_key((key,), problem, expected)
+            errors.add_key((key,), problem, "a campaign with a simulator, or no such key")
     return replace(read_systems(document, model, errors), is_imported=True)
 
 
@@ -386,8 +385,9 @@ class ImportedTable(interfaces.Simulator):
 
     def find_code(self) -> NoReturn:
         expected = "the key 'simulator', or `abhv-mc import flights TABLE` for existing results"
-        problem = "this campaign has no simulator and cannot be run"
-        raise self.experiment.document.error((), problem, expected)
+        raise self.experiment.document.error(
+            (), "this campaign has no simulator and cannot be run", expected
+        )
 
     def make_plans(self, names: Sequence[str]) -> NoReturn:
         self.find_code()

@@ -80,8 +80,7 @@ def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) 
     band = flights.records[metric].band
     if band is None:
         return severities(flights, metric, rows)
-    values = flights.metrics[metric][rows]
-    return severity(band.worse(values), "high", flights.failed[rows])
+    return severity(band.worse(flights.metrics[metric][rows]), "high", flights.failed[rows])
 
 
 def metric_sign(record: Metric) -> float:

@@ -297,14 +297,13 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
     columns = tuple(
         name for name in names_stored[names_stored.index(CASE) + 1 :] if name not in names
     )
-    values = np.stack([column_values(table[name]) for name in columns], axis=1)
     return FlightRows(
         controller=controller,
         first=first,
         names=tuple(names),
         samples=samples,
         outcome=tuple(table["outcome"].to_pylist()),
-        values=values,
+        values=np.stack([column_values(table[name]) for name in columns], axis=1),
         columns=columns,
         reasons=tuple(table[REASON].to_pylist()),
     )

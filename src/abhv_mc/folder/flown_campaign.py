@@ -205,8 +205,9 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     if requirements is not None:
         campaign = judge_by(campaign, requirements)
     campaign, changes = mark_later_choices(folder, manifest, campaign, requirements is None)
-    files = data_files(folder, manifest)
-    flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
+    flights = read_flights(
+        folder.flights, data_files(folder, manifest), campaign.metrics, ends=campaign.outcomes
+    )
     has_mission = campaign.simulator.mission is not None
     reference = (
         _columns(read_table(folder.reference, "the mission's reference")) if has_mission else {}

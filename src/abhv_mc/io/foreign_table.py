@@ -367,8 +367,9 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
 
             data = pq.read_table(pa.BufferReader(arrow_memory(content)))
             heads = tuple(map(str, data.column_names))
-            lines = range(1, 1 + len(data))
-            return ForeignTable(path, heads, ("",) * len(heads), data, lines, comma=comma)
+            return ForeignTable(
+                path, heads, ("",) * len(heads), data, range(1, 1 + len(data)), comma=comma
+            )
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
             # Errors in a spreadsheet state only the row, because cells have no position in a line
@@ -382,8 +383,9 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         expected = "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel"
-        problem = f"the file cannot be read ({reason.rstrip('.')})"
-        raise InputError(path, problem, expected) from None
+        raise InputError(
+            path, f"the file cannot be read ({reason.rstrip('.')})", expected
+        ) from None
 
 
 def _sheet_text(content: bytes) -> str:

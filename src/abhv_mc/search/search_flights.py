@@ -384,8 +384,7 @@ def open_search(
             plan = simulator.restore_plans(find_stored_plans(folder), [name])[name]
         else:
             plan = simulator.make_plans([name])[name]
-            ready = make_ready(campaign, {name: plan})
-            first = fly_first(ready, request.workers, {})
+            first = fly_first(make_ready(campaign, {name: plan}), request.workers, {})
             for warning in first.warnings:
                 notify(f"warning: {warning}")
             files = begin_folder(folder, inputs, {name: plan}, stack)

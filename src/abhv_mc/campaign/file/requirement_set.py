@@ -67,8 +67,9 @@ def read_requirement_set(source: RequirementSource) -> Document:
         document = Document(_EMPTY, {**data}, {(): (1, 1)}, {})
     document = read_requirements(document)
     if not isinstance(document.data, dict) or "requirements" not in document.data:
-        expected = "a campaign file, or a file with the key 'requirements'"
-        raise document.error((), found_value(document.data), expected)
+        raise document.error(
+            (), found_value(document.data), "a campaign file, or a file with the key 'requirements'"
+        )
     validate(
         document, _Set
     )  # Validate here, so that errors refer to locations in the requirement set.

@@ -134,12 +134,13 @@ def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, F
     """
     unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns
     if unknowns_a.names != unknowns_b.names:
-        problem = (
+        raise InputError(
+            b.folder,
             f"the unknowns are {quoted(unknowns_b.names)}"
             if unknowns_b.names
-            else "the campaign has no unknowns"
+            else "the campaign has no unknowns",
+            f"{quoted(unknowns_a.names)}, as in {a.folder}",
         )
-        raise InputError(b.folder, problem, f"{quoted(unknowns_a.names)}, as in {a.folder}")
     pairs = np.array(
         [
             (i, j)

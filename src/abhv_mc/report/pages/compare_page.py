@@ -184,8 +184,9 @@ def _source(a: FlownCampaign, b: FlownCampaign, out: Path, options: Sequence[str
     ]
     command = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out), *options]
     heads = ("folder", "seed", "flights", "digest of the flights")
-    caption = f"Remake this page with `{shlex.join(command)}`"
-    return make_table("Compared campaigns", caption, heads, rows)
+    return make_table(
+        "Compared campaigns", f"Remake this page with `{shlex.join(command)}`", heads, rows
+    )
 
 
 def _section(

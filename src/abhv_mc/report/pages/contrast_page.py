@@ -93,11 +93,10 @@ def contrast_results(
     """
     for results in (a, b):
         if results.campaign.unknowns.names:
-            problem = (
-                "the campaign has unknowns, and its samples differ from those of the other folder"
-            )
             raise InputError(
-                results.folder, problem, "the same samples, or campaigns without unknowns"
+                results.folder,
+                "the campaign has unknowns, and its samples differ from those of the other folder",
+                "the same samples, or campaigns without unknowns",
             )
     metrics = [name for name in a.compared if name in b.metrics]
     requirements = [item for item in a.campaign.requirements if item.metric in b.metrics]
@@ -159,8 +158,9 @@ def _contrast_requirement(
 def _verdict(item: Requirement, flights: ControllerFlights, is_judged: bool) -> SideVerdict:
     failures, absent = requirement_failures(flights, item).sum(), flights.not_computed
     verdict = item.judge(failures, flights.flight.size + absent, absent)
-    status = verdict.status if is_judged else "ESTIMATE"
-    return SideVerdict(status, verdict.failures, verdict.flights)
+    return SideVerdict(
+        verdict.status if is_judged else "ESTIMATE", verdict.failures, verdict.flights
+    )
 
 
 def _contrast_quantiles(

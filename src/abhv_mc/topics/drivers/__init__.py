@@ -315,10 +315,9 @@ def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> 
 
 def _driver_row(driver: Driver, names: Names) -> Row:
     name = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
-    note = f"confounded with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
     cell = Cell(
         name,
-        note,
+        f"confounded with {spoken_name(driver.moves_with)}" if driver.moves_with else "",
         hint=f"{driver.parameter}: {parameter_doc(driver.parameter, names.campaign.parameters)}",
     )
     return cell, interval_cell(Interval(*driver.srrc))

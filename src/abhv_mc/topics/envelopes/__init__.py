@@ -177,8 +177,7 @@ def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Ro
         return ()
     range_texts = [_ends(*ends) if ends else "" for ends in ranges]
     paper = [f"Fig. {curve.paper[0]}", curve.paper[1]] if of_paper and curve.paper else []
-    label = curve.label.replace("altitude error", "altitude")
-    return make_row(label, *range_texts, *paper)
+    return make_row(curve.label.replace("altitude error", "altitude"), *range_texts, *paper)
 
 
 def _ends(low: float, high: float) -> str:

@@ -17,7 +17,7 @@ from abhv_mc.topics.figure_bands import (
     off_reference,
     plot_sheet,
 )
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 Bands = tuple[Floats, Mapping[str, Floats]]  # a channel's times [time], and its bands by name
 # function that returns the bands of a channel under a controller, or None
@@ -29,7 +29,7 @@ _SIMULTANEOUS = (
 )
 
 
-def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(_found: Envelopes, names: Names) -> Iterator[Drawn]:
     """Yield the figure of all channels that have envelopes."""
     controllers, campaign, results = tuple(names.controllers), names.campaign, names.results
 
@@ -104,8 +104,7 @@ def _rows(
         for name in names
         if reference
     ]
-    panels = [panel for panel in track if panel]
-    rows = [EnvelopeRow("north (km)", panels, across="east (km)")]
+    rows = [EnvelopeRow("north (km)", [panel for panel in track if panel], across="east (km)")]
     for curve in curves:
         panels = [
             panel_of(channel_bands, curve, reference)
