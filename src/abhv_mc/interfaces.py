@@ -241,9 +241,10 @@ class Simulator(ABC):
 
     def check(self, feature: str) -> None:
         """Raise InputError if ``feature`` needs a vehicle, mission and controllers."""
-        problem = f"this campaign has a custom simulator, which does not support {feature}"
         raise self.experiment.document.error(
-            (), problem, "a campaign with vehicle, mission and controllers"
+            (),
+            f"this campaign has a custom simulator, which does not support {feature}",
+            "a campaign with vehicle, mission and controllers",
         )
 
     def find_code(self) -> list[tuple[Path, UserSource]]:

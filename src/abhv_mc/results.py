@@ -266,9 +266,10 @@ class Results:
 
         refuse_changes(self._paths, self.manifest)
         if self._requirements is not None:
-            problem = "these results are judged against requirements that are not in the folder"
             raise InputError(
-                "make_report", problem, "`abhv-mc report DIR --requirements FILE -o OUT`"
+                "make_report",
+                "these results are judged against requirements that are not in the folder",
+                "`abhv-mc report DIR --requirements FILE -o OUT`",
             )
         return build_report(self.folder)
 

@@ -152,8 +152,10 @@ def with_margins(
 
     Margins are computed if any failure is a missed requirement on a stability margin.
     """
-    required = (failure.requirement for failure in failures)
-    if not any(item is not None and item.metric in MARGIN_NAMES for item in required):
+    if not any(
+        failure.requirement is not None and failure.requirement.metric in MARGIN_NAMES
+        for failure in failures
+    ):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
 
@@ -229,9 +231,10 @@ def find_failure(
         if failure.severity(*state)[0] > -np.inf:
             return failure
     reason = f"met the requirement on '{requirement}'" if requirement else "did not fail"
-    problem = f"flight {row.first} of controller '{row.controller}' {reason}"
     raise InputError(
-        root, problem, "a flight of this controller that terminated early or missed a requirement"
+        root,
+        f"flight {row.first} of controller '{row.controller}' {reason}",
+        "a flight of this controller that terminated early or missed a requirement",
     )
 
 

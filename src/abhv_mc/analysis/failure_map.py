@@ -127,14 +127,13 @@ def map_failures(
     """Explain the first MOST_FLIGHTS failures of each controller and group them by cause."""
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
-    controllers = {}
     with open_executor(
         engine or campaign.simulator.engine, campaign.model.execution, None
     ) as executor:
-        for name, flights in failed.items():
-            controllers[name] = _map_controller(
-                folder, campaign, name, flights, executor.fly_parallel
-            )
+        controllers = {
+            name: _map_controller(folder, campaign, name, flights, executor.fly_parallel)
+            for name, flights in failed.items()
+        }
     return FailureMap(str(read_manifest(folder.manifest).digest), controllers)
 
 

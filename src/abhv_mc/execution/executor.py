@@ -230,9 +230,10 @@ def check_source(folder: CampaignFolder, manifest: Manifest, simulator: Simulato
     """Raise InputError if another version of the code computed the flights of a folder."""
     flown, now = manifest.source_hash, simulator.engine.source
     if flown != now:
-        problem = f"another version of the program computed the flights (source {flown}, now {now})"
         raise InputError(
-            folder.root, problem, "the same version, another folder (-o DIR), or --fresh"
+            folder.root,
+            f"another version of the program computed the flights (source {flown}, now {now})",
+            "the same version, another folder (-o DIR), or --fresh",
         )
 
 

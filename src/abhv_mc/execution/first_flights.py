@@ -82,11 +82,17 @@ def fly_first(campaign: Experiment, workers: int | None, every: Mapping[str, int
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
             if all(process.lost.all() for process in repeats[name]):
-                blocks = [block for process in repeats[name] for block in process.blocks]
-                reason = next((text for block in blocks for text in block.reasons.values()), "")
-                problem = f"no flight of '{name}' can be computed ({reason})"
+                reasons = (
+                    text
+                    for process in repeats[name]
+                    for block in process.blocks
+                    for text in block.reasons.values()
+                )
+                reason = next(reasons, "")
                 raise campaign.document.key_error(
-                    ("simulator",), problem, "a simulator that computes the first flights"
+                    ("simulator",),
+                    f"no flight of '{name}' can be computed ({reason})",
+                    "a simulator that computes the first flights",
                 )
         events = {
             name: sum(

@@ -384,9 +384,10 @@ class ImportedTable(interfaces.Simulator):
         self.independent = experiment.model.independent
 
     def find_code(self) -> NoReturn:
-        expected = "the key 'simulator', or `abhv-mc import flights TABLE` for existing results"
         raise self.experiment.document.error(
-            (), "this campaign has no simulator and cannot be run", expected
+            (),
+            "this campaign has no simulator and cannot be run",
+            "the key 'simulator', or `abhv-mc import flights TABLE` for existing results",
         )
 
     def make_plans(self, names: Sequence[str]) -> NoReturn:

@@ -339,8 +339,9 @@ class _Flights:
                 self.requests[flight : flight + 1], plan.time_limit, start=self._start()
             ):
                 self._keep(flight, answer)
-            is_last = process.flights == plan.flights_per_process
-            self._wait_for_silence(process, self._full_proof(process), is_last)
+            self._wait_for_silence(
+                process, self._full_proof(process), process.flights == plan.flights_per_process
+            )
             self._note_proof(process)
             self._leave(process)
         except OutOfStepError:

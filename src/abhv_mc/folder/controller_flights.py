@@ -178,8 +178,7 @@ def read_flights(
             collectors.setdefault(name, _Collector(metrics)).add(
                 flight[rows], outcome[rows], values[:, rows]
             )
-        failed_rows = np.flatnonzero(outcome == Outcome.FAILED_TO_RUN)
-        for row in failed_rows.tolist():
+        for row in np.flatnonzero(outcome == Outcome.FAILED_TO_RUN).tolist():
             collectors[names[owner[row]]].reasons[int(flight[row])] = table[REASON][row].as_py()
     flights = {name: collector.finish(records, ends) for name, collector in collectors.items()}
     flights = {name: computed for name, computed in flights.items() if computed.flight.size}

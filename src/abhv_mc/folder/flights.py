@@ -250,8 +250,9 @@ def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest
     """Write a file of flights that consists of ``pieces``."""
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
-    texts = ["controller", "outcome", REASON, CASE]
-    write_pieces(path, schema, cast, texts, write_statistics=["flight"])
+    write_pieces(
+        path, schema, cast, ["controller", "outcome", REASON, CASE], write_statistics=["flight"]
+    )
 
 
 def read_digest(path: Path) -> Digest:

@@ -195,9 +195,10 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
     if manifest.shard:
-        problem = "the folder is shard {}/{} of a campaign".format(*manifest.shard)
         raise InputError(
-            root, problem, "a complete campaign (merge its shards with 'abhv-mc merge')"
+            root,
+            "the folder is shard {}/{} of a campaign".format(*manifest.shard),
+            "a complete campaign (merge its shards with 'abhv-mc merge')",
         )
     samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
     campaign = replace(read_folder_campaign(folder), repeatability=manifest.repeatable)

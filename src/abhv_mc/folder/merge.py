@@ -72,9 +72,10 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
         if number[1] != count or numbers.count(number) > 1:
             is_other = f"is not one of {counted(count, 'shard')}"
             error = "is given twice" if number[1] == count else is_other
-            problem = f"shard {number[0]}/{number[1]} {error}"
             raise InputError(
-                folder.root, problem, f"each of the {counted(count, 'shard')} exactly once"
+                folder.root,
+                f"shard {number[0]}/{number[1]} {error}",
+                f"each of the {counted(count, 'shard')} exactly once",
             )
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
     if missing:
@@ -229,14 +230,9 @@ def begin_merged(
             *first.input_files(),
             *sorted(first.plans.glob("*.npz")),
         ):
-            write_whole(target.root / path.relative_to(first.root), partial(_copy, path))
+            # The copies of programs remain executable.
+            write_whole(target.root / path.relative_to(first.root), partial(shutil.copy, path))
         yield files
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Copy a file with its mode, so that the copies of programs are executable."""
-    shutil.copyfile(source, target)
-    shutil.copymode(source, target)
 
 
 def list_seeds(manifest: Manifest) -> set[int]:

@@ -203,8 +203,9 @@ class ForeignTable:
         texts = [i for i, column in cells.items() if pa.types.is_string(column.type)]
 
         def count(pattern: str, indices: Sequence[int]) -> int:
-            matches = (pc.match_substring_regex(cells[i], pattern) for i in indices)
-            return sum(pc.sum(match).as_py() or 0 for match in matches)
+            return sum(
+                pc.sum(pc.match_substring_regex(cells[i], pattern)).as_py() or 0 for i in indices
+            )
 
         own = [i for i in columns if i in texts]
         # A number with a point in a column that is read excludes decimal commas.
@@ -382,9 +383,10 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
         return replace(table, comma=comma, is_cut=text[-1] not in "\r\n")
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        expected = "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel"
         raise InputError(
-            path, f"the file cannot be read ({reason.rstrip('.')})", expected
+            path,
+            f"the file cannot be read ({reason.rstrip('.')})",
+            "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel",
         ) from None
 
 

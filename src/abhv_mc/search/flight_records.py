@@ -156,8 +156,9 @@ class Programme:
         self.controller = controller
         self.records, self.ignored = read_records(files, experiment)
         self.is_history = TIME in self.records[0].values
-        names = dict.fromkeys(name for record in self.records for name in record.values)
-        self.names = tuple(name for name in names if name != TIME)
+        self.names = tuple(
+            dict.fromkeys(name for record in self.records for name in record.values if name != TIME)
+        )
         clock = max((record.values.get(TIME, np.zeros(1)) for record in self.records), key=np.ptp)
         self.times = clock[:: -(-clock.size // _MOST_TIMES)]
         outputs = {own.name: own for own in (*experiment.metrics.values(), *experiment.channels)}

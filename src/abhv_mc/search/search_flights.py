@@ -328,13 +328,12 @@ class SearchFlights:
                 path.unlink()
                 self.files.forget(path)
         rows = self.rows()
-        provenance = {"seed": str(self.seed), "design": (self.manifest.search or {})["kind"]}
         write_samples(
             self.folder.samples,
             rows.names,
             rows.stop,
             lambda first, stop: rows.samples[first:stop],
-            provenance,
+            {"seed": str(self.seed), "design": (self.manifest.search or {})["kind"]},
             table=self.campaign.parameters,
         )
         outcomes, counts = np.unique(np.array(rows.outcome), return_counts=True)
@@ -439,9 +438,10 @@ def _check_same(
         if change.key not in ("controllers", "under_test", "family")
     ]
     if limits and before["kind"] == "rare":
-        problem = f"the folder contains a search with other requirements ({'; '.join(limits)})"
         raise InputError(
-            root, problem, "another folder (-o DIR), because new limits require a new search"
+            root,
+            f"the folder contains a search with other requirements ({'; '.join(limits)})",
+            "another folder (-o DIR), because new limits require a new search",
         )
     if stored.identity != inputs.identity or axes[0] != axes[1]:
         raise InputError(root, "the folder contains a search of another campaign", expected)

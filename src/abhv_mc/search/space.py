@@ -47,10 +47,9 @@ class Space:
     @property
     def probabilities(self) -> dict[str, float]:
         """Probabilities, by name, of parameters that occur in some flights only (failures)."""
-        marginals = zip(self.names, self.marginals, strict=True)
         return {
             name: marginal.probability
-            for name, marginal in marginals
+            for name, marginal in zip(self.names, self.marginals, strict=True)
             if isinstance(marginal, SometimesMarginal)
         }
 

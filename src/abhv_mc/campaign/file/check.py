@@ -263,9 +263,10 @@ def _make_copula(
             if is_discrete(both):
                 entries[i] = {"between": [*entry.between], "normal": pairs[pair]}
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
-        problem = f"the design '{model.sampling.design}' does not permit correlations"
         errors.add_key(
-            ("correlations",), problem, "no correlations, because this design sets all values"
+            ("correlations",),
+            f"the design '{model.sampling.design}' does not permit correlations",
+            "no correlations, because this design sets all values",
         )
     if not errors:
         with errors.collect("correlations"):

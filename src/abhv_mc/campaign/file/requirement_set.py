@@ -134,9 +134,10 @@ def _check_metrics(stored: Mapping[str, Any], changed: Document) -> None:
         for key in old.keys() | new.keys() if old and new else ():
             if key not in ("label", "doc") and old.get(key) != new.get(key):
                 change = f"{key} {_text(old.get(key))} -> {_text(new.get(key))}"
-                problem = f"the definition of the metric '{name}' differs ({change})"
                 raise changed.error(
-                    ("metrics", name), problem, "the definition of the stored flights"
+                    ("metrics", name),
+                    f"the definition of the metric '{name}' differs ({change})",
+                    "the definition of the stored flights",
                 )
 
 

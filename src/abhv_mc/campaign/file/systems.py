@@ -133,11 +133,10 @@ class SystemsCampaign(Campaign):
     @property
     def parameters(self) -> Parameters:
         """Parameters of the flights, defined by ``inputs``."""
-        entries = self.inputs.items()
         return Parameters(
             tuple(
                 Parameter(n, e.unit, e.nominal, e.doc, of_user=True, seed=e.seed)
-                for n, e in entries
+                for n, e in self.inputs.items()
             )
         )
 

@@ -265,9 +265,10 @@ def check_unknowns(
                 one_of(parameters.dispersible, name),
             )
         elif name in other_roles:
-            problem = f"'{name}' is also {other_roles[name]}"
             errors.add_key(
-                where, problem, "a parameter that is either drawn for each flight or unknown"
+                where,
+                f"'{name}' is also {other_roles[name]}",
+                "a parameter that is either drawn for each flight or unknown",
             )
         else:
             values = {(*where, key): getattr(entry, key) for key in ("low", "high")}

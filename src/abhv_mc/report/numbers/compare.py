@@ -78,9 +78,10 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     results = read_flown(baseline)
     source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
-        expected = f"{quoted(unknowns.names)}, as in '{baseline}'"
         raise campaign.document.key_error(
-            ("unknowns",), "the unknowns differ from those of the baseline", expected
+            ("unknowns",),
+            "the unknowns differ from those of the baseline",
+            f"{quoted(unknowns.names)}, as in '{baseline}'",
         )
     rows = source.draw(0, campaign.runs)[:: len(campaign.unknowns.points)]
     columns = {
@@ -91,9 +92,10 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     }
     require_same_samples(expected_samples, columns, baseline, campaign.document.path)
     if not set(campaign.controllers) & set(results.flights):
-        expected = f"{quoted(results.controllers, 'or')}, as in {baseline}"
         raise campaign.document.error(
-            ("controllers",), "none of the controllers is in the baseline", expected
+            ("controllers",),
+            "none of the controllers is in the baseline",
+            f"{quoted(results.controllers, 'or')}, as in {baseline}",
         )
 
 

@@ -128,8 +128,10 @@ def find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
         f"requirements.{change}" for change in find_requirement_changes(before.data, after.data)
     ]
     if a.manifest.source_hash != b.manifest.source_hash:
-        commits = (results.manifest.commit or results.manifest.source_hash for results in (a, b))
-        changes.append("flight code: {} -> {}".format(*(commit[:12] for commit in commits)))
+        commits = (
+            (results.manifest.commit or results.manifest.source_hash)[:12] for results in (a, b)
+        )
+        changes.append("flight code: {} -> {}".format(*commits))
     return changes
 
 
@@ -188,10 +190,13 @@ def contrast_section(
 ) -> Section:
     """Return the section with changed inputs, changed verdicts and tables."""
     labels = _labels(a, b, contrast)
-    changes = [change for change in contrast.changes if not change.startswith("name: ")]
     texts = [
         *change_texts(contrast, labels),
-        *(("Changed inputs", change) for change in changes),
+        *(
+            ("Changed inputs", change)
+            for change in contrast.changes
+            if not change.startswith("name: ")
+        ),
         ("Differences", "second minus first, 95 % intervals (Newcombe, bootstrap), not paired"),
     ]
     differing, every = (

@@ -412,10 +412,10 @@ def write_answer(answer: Answer, path: Path, folder: Path | None = None) -> Path
         file = folder / f"{text.name}.png"
         figures[text.name] = PageFigure(text, file, *write_png(figure, file))
     style = Markup(template_text("style.css"))  # noqa: S704  our own file
-    page = (
+    write_text(
+        path,
         make_environment()
         .get_template("answer.html.j2")
-        .render(answer=answer, figure_of=figures, style=style)
+        .render(answer=answer, figure_of=figures, style=style),
     )
-    write_text(path, page)
     return path

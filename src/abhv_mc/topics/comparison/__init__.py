@@ -142,9 +142,9 @@ def _pair_row(pair: ControllerPair, names: Names, metrics: Sequence[str]) -> Row
 
 
 def _only_cell(failures: ListedFailures) -> Cell:
-    counts = f"{fixed(failures.only_a, 0)} / {fixed(failures.only_b, 0)}"
     return Cell(
-        counts, f"p {p_value(failures.p_value)}" if failures.only_a or failures.only_b else ""
+        f"{fixed(failures.only_a, 0)} / {fixed(failures.only_b, 0)}",
+        f"p {p_value(failures.p_value)}" if failures.only_a or failures.only_b else "",
     )
 
 

@@ -66,8 +66,11 @@ def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str
 
     The result is empty if no histories of randomly sampled flights are stored.
     """
-    channels = [curve.channel for curve in curves_of(results.campaign)]
-    recorded = [name for name in channels if (controller, name) in results.envelopes]
+    recorded = [
+        curve.channel
+        for curve in curves_of(results.campaign)
+        if (controller, curve.channel) in results.envelopes
+    ]
     if not recorded:
         return {}
     times = results.envelopes[controller, recorded[0]].time
@@ -88,11 +91,13 @@ def plot_flown(
     labels: Mapping[str, str],
 ) -> Figure:
     """Plot one flight of each controller; ``flights`` maps controllers to channels [time]."""
-
-    def find(controller: str, channel: str) -> Bands:
-        return flights[controller]["time"], {"q50": flights[controller][channel]}
-
-    return plot_sheet(_rows(find, tuple(flights), reference, CURVES), list(labels.values()))
+    rows = _rows(
+        lambda name, channel: (flights[name]["time"], {"q50": flights[name][channel]}),
+        tuple(flights),
+        reference,
+        CURVES,
+    )
+    return plot_sheet(rows, list(labels.values()))
 
 
 def _rows(
