@@ -399,7 +399,7 @@ def simulate(
     ...     campaign, campaign.draw_samples(8), ["tlc"], ["bank_deg"]
     ... )  # doctest: +SKIP
     """
-    from abhv_mc.execution.table_simulation import simulate_table
+    from abhv_mc.execution.executor import simulate_table
 
     path = find_input(os.fspath(campaign), "campaign")
     return simulate_table(read_campaign(path), inputs, controllers, channels)

@@ -59,13 +59,14 @@ def find_packages() -> list[str]:
 
     A package may change results if it registers anything other than commands, functions and topics.
     """
-    entries = (
-        entry
-        for group, names in _read().items()
-        if group not in _SHOW_ONLY
-        for entry in names.values()
+    return sorted(
+        {
+            entry.module.partition(".")[0]
+            for group, names in _read().items()
+            if group not in _SHOW_ONLY
+            for entry in names.values()
+        }
     )
-    return sorted({entry.module.partition(".")[0] for entry in entries})
 
 
 @contextlib.contextmanager
@@ -76,5 +77,6 @@ def needs_vehicle(name: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if error.name != VEHICLE:
             raise
-        problem = f"{name} needs the package {VEHICLE}, which is not installed"
-        raise ModuleNotFoundError(problem, name=error.name) from None
+        raise ModuleNotFoundError(
+            f"{name} needs the package {VEHICLE}, which is not installed", name=error.name
+        ) from None

@@ -241,9 +241,11 @@ class Simulator(ABC):
 
     def check(self, feature: str) -> None:
         """Raise InputError if ``feature`` needs a vehicle, mission and controllers."""
-        problem = f"this campaign has a custom simulator, which does not support {feature}"
-        expected = "a campaign with vehicle, mission and controllers"
-        raise self.experiment.document.error((), problem, expected)
+        raise self.experiment.document.error(
+            (),
+            f"this campaign has a custom simulator, which does not support {feature}",
+            "a campaign with vehicle, mission and controllers",
+        )
 
     def find_code(self) -> list[tuple[Path, UserSource]]:
         """Return each piece of custom code and its file, without running the code."""

@@ -42,12 +42,13 @@ def check_count(value: int, least: int, name: str, most: int | None = None) -> i
     """Return `value` as an int. Raise InputError unless `least` <= `value` <= `most`."""
     is_integer = isinstance(value, Integral) and not isinstance(value, bool)
     if not is_integer or value < least or (most is not None and value > most):
-        expected = (
+        raise InputError(
+            name,
+            found_value(value),
             f"a whole number, {least} or more"
             if most is None
-            else f"a whole number from {least} to {most}"
+            else f"a whole number from {least} to {most}",
         )
-        raise InputError(name, found_value(value), expected)
     return int(value)
 
 

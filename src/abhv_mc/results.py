@@ -266,9 +266,10 @@ class Results:
 
         refuse_changes(self._paths, self.manifest)
         if self._requirements is not None:
-            problem = "these results are judged against requirements that are not in the folder"
             raise InputError(
-                "make_report", problem, "`abhv-mc report DIR --requirements FILE -o OUT`"
+                "make_report",
+                "these results are judged against requirements that are not in the folder",
+                "`abhv-mc report DIR --requirements FILE -o OUT`",
             )
         return build_report(self.folder)
 
@@ -303,8 +304,9 @@ class Results:
             raise RuntimeError(
                 f"flight {flight} differs from the stored flight: {'; '.join(again.differences)}"
             )
-        channels = [channel.name for channel in again.channels]
-        table = pd.DataFrame(again.block.history[0], columns=channels).dropna(how="all")
+        table = pd.DataFrame(
+            again.block.history[0], columns=[channel.name for channel in again.channels]
+        ).dropna(how="all")
         table.insert(0, "time", again.block.times[table.index])
         return table.reset_index(drop=True)
 

@@ -158,12 +158,12 @@ def test_an_interrupted_merge_resumes(tmp_path, monkeypatch, fault):
     out = tmp_path / "merged"
     left, copy = 0, shutil.copyfile
 
-    def copy_until(source, target):
+    def copy_until(source, target, **options):
         nonlocal left
         left -= 1
         if left == 0:
             raise fault
-        copy(source, target)
+        copy(source, target, **options)
 
     def fail(*_):
         raise fault

@@ -36,7 +36,7 @@ PACKAGE = Path(abhv_mc.__file__).parent
 @pytest.fixture
 def pool():
     """Return a pool with one worker process that has computed a block."""
-    with contextlib.closing(WorkerPool(fly, 1, 60.0)) as pool:
+    with contextlib.closing(WorkerPool(fly, 1, 60.0, lambda process: "")) as pool:
         check_flight(pool)
         yield pool
 
@@ -103,7 +103,7 @@ from fake_flight import make_plan
 from beside import fly
 before = dict(os.environ)
 start_fork_server(fly)
-with contextlib.closing(WorkerPool(fly, 1, 60.0)) as pool:
+with contextlib.closing(WorkerPool(fly, 1, 60.0, lambda process: "")) as pool:
     assert pool.fly(make_plan("one"), nominal_parameters(3)).outcome.tolist() == [0, 0, 0]
 assert before == dict(os.environ)
 """

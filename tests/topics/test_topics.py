@@ -20,7 +20,7 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.report_numbers import report_schema
-from abhv_mc.report.pages.first_screen import LIMIT_POSITION, chart_rows
+from abhv_mc.report.pages.page import LIMIT_POSITION, chart_rows
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 from abhv_mc.statistics import judge
 from abhv_mc.topics import Topic, register

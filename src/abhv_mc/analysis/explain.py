@@ -85,7 +85,6 @@ def explain_flight(
     flight: int,
     fly: Fly | None = None,
     requirement: str | None = None,
-    every: int = 1,
     trust_code: bool = False,
 ) -> Explanation:
     """Find the smallest set of a failed flight's dispersions that reproduces the failure.
@@ -137,7 +136,7 @@ def explain_flight(
             campaign,
             controller,
             np.column_stack([rows, np.tile(seeds, (3, 1))]),
-            every,
+            1,
             fly,
             margins=margins,
         ),
@@ -153,8 +152,10 @@ def with_margins(
 
     Margins are computed if any failure is a missed requirement on a stability margin.
     """
-    required = (failure.requirement for failure in failures)
-    if not any(item is not None and item.metric in MARGIN_NAMES for item in required):
+    if not any(
+        failure.requirement is not None and failure.requirement.metric in MARGIN_NAMES
+        for failure in failures
+    ):
         return campaign, False
     return make_ready(campaign, {controller: campaign.systems[controller].plan}, margins=True), True
 
@@ -216,10 +217,9 @@ def find_failure(
     state = np.array([outcome]), row.end_time, row.values[:, positions]
     metrics = [item.metric for item in campaign.requirements]
     if requirement is not None and requirement not in metrics:
-        problem = f"the campaign has no requirement on '{requirement}'"
         raise InputError(
             "--requirement",
-            problem,
+            f"the campaign has no requirement on '{requirement}'",
             one_of(metrics, requirement) if metrics else "the command without --requirement",
         )
     failures = [
@@ -231,9 +231,10 @@ def find_failure(
         if failure.severity(*state)[0] > -np.inf:
             return failure
     reason = f"met the requirement on '{requirement}'" if requirement else "did not fail"
-    problem = f"flight {row.first} of controller '{row.controller}' {reason}"
     raise InputError(
-        root, problem, "a flight of this controller that terminated early or missed a requirement"
+        root,
+        f"flight {row.first} of controller '{row.controller}' {reason}",
+        "a flight of this controller that terminated early or missed a requirement",
     )
 
 

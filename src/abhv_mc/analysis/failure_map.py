@@ -127,14 +127,13 @@ def map_failures(
     """Explain the first MOST_FLIGHTS failures of each controller and group them by cause."""
     folder = CampaignFolder(root)
     campaign = open_flown(folder, failed, trust_code)
-    controllers = {}
     with open_executor(
         engine or campaign.simulator.engine, campaign.model.execution, None
     ) as executor:
-        for name, flights in failed.items():
-            controllers[name] = _map_controller(
-                folder, campaign, name, flights, executor.fly_parallel
-            )
+        controllers = {
+            name: _map_controller(folder, campaign, name, flights, executor.fly_parallel)
+            for name, flights in failed.items()
+        }
     return FailureMap(str(read_manifest(folder.manifest).digest), controllers)
 
 
@@ -161,14 +160,11 @@ def _map_controller(
         for flight, explanation in zip(flights, explanations, strict=True)
         if explanation is not None and () in explanation.sets
     )
-    unexplained = tuple(
-        flight for flight in flights if flight not in grouped and flight not in bare
-    )
     return ControllerFailures(
         len(failed),
         groups,
         bare,
-        unexplained,
+        tuple(flight for flight in flights if flight not in grouped and flight not in bare),
         sum(explanation.tried for explanation in explanations if explanation),
     )
 

@@ -47,18 +47,17 @@ def replay_flight(
     controller: str,
     flight: int,
     fly: Fly | None = None,
-    every: int = 1,
     *,
     trust_code: bool = False,
 ) -> Replay:
-    """Re-run a flight with its stored plan, recording every `every`-th tick.
+    """Re-run a flight with its stored plan, recording every tick.
 
     `root` is the campaign's folder. `fly` is a function that replaces the campaign's simulator.
     """
     folder = CampaignFolder(root)
     experiment = open_flown(folder, [controller], trust_code)
     (row,) = find_rows(folder, controller, [flight])
-    block = simulate(experiment, controller, row.samples, every, fly)
+    block = simulate(experiment, controller, row.samples, 1, fly)
     values = np.append(block.metrics[0], block.end_time[0])
     # Omit the stability margins, whose columns follow the metrics and the end time.
     stored = row.values[0][: values.size]
@@ -76,17 +75,14 @@ def replay_flight(
     if ends.codes[outcome] != row.outcome[0]:
         reason = f" ({block.reasons[0]})" if 0 in block.reasons else ""
         differences.append(f"outcome: {ends.codes[outcome]}{reason} instead of {row.outcome[0]}")
-    samples = dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True))
-    metrics = dict(zip(row.columns, values.tolist(), strict=False))
-    end = experiment.simulator.describe_end(controller, row.samples, outcome)
     return Replay(
         controller=controller,
         flight=flight,
         block=block,
-        samples=samples,
-        metrics=metrics,
+        samples=dict(zip(experiment.inputs, row.samples[0].tolist(), strict=True)),
+        metrics=dict(zip(row.columns, values.tolist(), strict=False)),
         differences=tuple(differences),
-        sentence=end,
+        sentence=experiment.simulator.describe_end(controller, row.samples, outcome),
         outcome=ends.codes[outcome],
         channels=experiment.channels,
         repeatability=repeatability,

@@ -202,18 +202,11 @@ def unseen_probability(campaign: Experiment, change: Change, samples: Floats) ->
     """
     parts = []
     for name, marginal in change.marginals.items():
-        values, share, drawn, before = (
-            samples[:, campaign.names.index(name)],
-            1.0,
-            marginal,
-            campaign.marginals[name],
-        )
+        values, share = samples[:, campaign.names.index(name)], 1.0
+        drawn, before = marginal, campaign.marginals[name]
         if isinstance(marginal, SometimesMarginal):
-            values, share, drawn = (
-                values[values != marginal.nominal],
-                marginal.probability,
-                marginal.drawn,
-            )
+            values = values[values != marginal.nominal]
+            share, drawn = marginal.probability, marginal.drawn
             before = before.drawn if isinstance(before, SometimesMarginal) else before
         if isinstance(drawn, DiscreteMarginal):
             parts.append(

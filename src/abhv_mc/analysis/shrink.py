@@ -94,6 +94,6 @@ def _shrink(count: int, order: Indices, budget: int) -> Shrinking:
         severity = yield fewer
         tried += len(fewer)
         inputs = list(
-            fewer[int(np.flatnonzero(severity > -np.inf).max())]
+            fewer[np.flatnonzero(severity > -np.inf).max()]
         )  # The first set is known to fail, because it lacks only one removable input.
     return Shrunk((tuple(sorted(inputs)),), len(inputs) == size, tried)

@@ -143,8 +143,12 @@ def _complete_metric(incomplete: str) -> list[str]:
     """Return the names of built-in metrics for shell completion."""
     from abhv_mc.campaign.file.systems import load_simulators
 
-    names = (name for own in load_simulators().values() for name in own.metrics)
-    return [name for name in names if name.startswith(incomplete)]
+    return [
+        name
+        for own in load_simulators().values()
+        for name in own.metrics
+        if name.startswith(incomplete)
+    ]
 
 
 def _complete_controllers(incomplete: str) -> list[str]:

@@ -76,7 +76,7 @@ def replay(
             [flight],
             block.times,
             block.history,
-            channels=names,
+            channels=[channel.name for channel in replay.channels],
             recorded=replay.channels,
         )
 
@@ -140,13 +140,12 @@ def explain(
     smallest sets, and 'abhv-mc report' shows the groups.
     """
     if every == (flight is not None) or (every and (requirement or out)):
-        problem = (
+        raise InputError(
+            "--flight",
             "--all cannot be combined with --flight, --requirement or --output"
             if every
-            else "no flight number is given"
-        )
-        raise InputError(
-            "--flight", problem, "either --flight NUMBER, or --all without these options"
+            else "no flight number is given",
+            "either --flight NUMBER, or --all without these options",
         )
     announce_compiling()
     if flight is None:

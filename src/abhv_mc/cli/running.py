@@ -191,8 +191,9 @@ def _print_requirements(manifest: "Manifest") -> None:
         row[entry.controller] = f"{entry.label} {counts}"
         reasons.update(f"{entry.verdict}: {text}" for text in entry.words.split("; ")[1:])
     heads = (name + " *" * (name in binding) for name in names)
-    title = "\nVerdict and number of failures (* must meet its requirements)"
-    table = new_table(("", *heads), (), title)
+    table = new_table(
+        ("", *heads), (), "\nVerdict and number of failures (* must meet its requirements)"
+    )
     for requirement, row in cells.items():
         table.add_row(requirement, *row.values())
     print_table(table)

@@ -161,8 +161,9 @@ def identify(
     from abhv_mc.search.identify import identify
 
     names = parse_names(parameters, "--parameters") or ()
-    noise = _parse_noise(measured or [])
-    answer = identify(campaign, flights, names, controller, noise, output=out)
+    answer = identify(
+        campaign, flights, names, controller, _parse_noise(measured or []), output=out
+    )
     show_result(answer, json, lambda: print_section(make_identify_section(answer)))
     if out is not None:
         say(f"campaign  {out}", file=text_stream(json))

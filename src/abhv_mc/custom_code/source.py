@@ -145,9 +145,10 @@ def check_trusted(source: UserSource, trusted: bool = False) -> None:
     if trusted:
         _trusted_now.add(source.hash)
     if source.hash not in _trusted_now and not is_trusted(source):
-        problem = "you have not run this custom code before, and it would run with your permissions"
         raise InputError(
-            source.file, problem, "the option --trust-code after an inspection of the code"
+            source.file,
+            "you have not run this custom code before, and it would run with your permissions",
+            "the option --trust-code after an inspection of the code",
         )
 
 

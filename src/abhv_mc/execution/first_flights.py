@@ -82,11 +82,18 @@ def fly_first(campaign: Experiment, workers: int | None, every: Mapping[str, int
         repeats, warnings = _fly_twice(campaign, executor, rows)
         for name in campaign.systems:
             if all(process.lost.all() for process in repeats[name]):
-                blocks = [block for process in repeats[name] for block in process.blocks]
-                reason = next((text for block in blocks for text in block.reasons.values()), "")
-                problem = f"no flight of '{name}' can be computed ({reason})"
-                expected = "a simulator that computes the first flights"
-                raise campaign.document.key_error(("simulator",), problem, expected)
+                reasons = (
+                    text
+                    for process in repeats[name]
+                    for block in process.blocks
+                    for text in block.reasons.values()
+                )
+                reason = next(reasons, "")
+                raise campaign.document.key_error(
+                    ("simulator",),
+                    f"no flight of '{name}' can be computed ({reason})",
+                    "a simulator that computes the first flights",
+                )
         events = {
             name: sum(
                 (Counter(block.events) for process in processes for block in process.blocks),
@@ -277,11 +284,13 @@ def fly_probes(campaign: Experiment, every: Mapping[str, int]) -> dict[str, Flig
     for name, low, high in find_ineffective(campaign, trials, flown.values()):
         key = "unknowns" if name in campaign.unknowns.names else "dispersions"
         keys = ("sampling",) if campaign.sample_file is not None else (key, name)
-        problem = (
-            f"'{name}' from {low:g} to {high:g} has no effect on the flights of any controller"
+        errors.append(
+            campaign.document.key_error(
+                keys,
+                f"'{name}' from {low:g} to {high:g} has no effect on the flights of any controller",
+                "a dispersion that affects this vehicle",
+            )
         )
-        expected = "a dispersion that affects this vehicle"
-        errors.append(campaign.document.key_error(keys, problem, expected))
     if errors:
         raise InputErrors(errors)
     return flown

@@ -217,12 +217,11 @@ class Completion:
         gapless = int(min(np.argmin(np.append(mask, False)) for mask in self.done.values()))
         goal = min(points * _FIRST_JUDGED, self.stop)
         while goal <= gapless and goal < self.stop:
-            verdicts = [
+            unproven = [
                 v
                 for _, count, v, _ in judge_counts(self.all_counts, self.campaign, goal)
-                if count.binds
+                if count.binds and v.status == "NOT SHOWN"
             ]
-            unproven = [verdict for verdict in verdicts if verdict.status == "NOT SHOWN"]
             if not unproven:
                 return max(goal, gapless)
             next_pass = min(

@@ -324,13 +324,12 @@ def _blocks(
     values, names = np.column_stack([metrics, end]), (*measured, END_TIME.name)
     for first in range(0, len(own), _ROWS):
         block = slice(first, first + _ROWS)
-        texts = tuple(outcome[block].tolist())
         yield FlightRows(
             controller=system,
             first=first,
             names=campaign.inputs,
             samples=samples[block],
-            outcome=texts,
+            outcome=tuple(outcome[block].tolist()),
             values=values[block],
             columns=names,
         )

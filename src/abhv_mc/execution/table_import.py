@@ -50,9 +50,10 @@ def import_tables(
     """
     campaign = read_campaign(campaign_file, runs=1)
     if campaign.can_rerun:
-        expected = "a campaign with 'inputs' and without a simulator"
         raise campaign.document.error(
-            (), "the flights of this campaign are computed by abhv-mc", expected
+            (),
+            "the flights of this campaign are computed by abhv-mc",
+            "a campaign with 'inputs' and without a simulator",
         )
     table = read_flight_tables(tables, campaign)
     samples, blocks, name = table.samples, list(table.blocks), tables[-1].name

@@ -86,8 +86,9 @@ def _evaluate(
     rows = campaign.search_rows(
         search_size(campaign.runs_at_point), campaign.unknowns.values(points)
     )
-    margins = campaign.margin_flights > 0
-    block = simulate(campaign, name, rows, None, executor.fly_parallel, margins=margins)
+    block = simulate(
+        campaign, name, rows, None, executor.fly_parallel, margins=campaign.margin_flights > 0
+    )
     progress.add(len(rows))
     columns = [signal.name for signal in (*campaign.measured, *MARGIN_VALUES)]
     trials = []

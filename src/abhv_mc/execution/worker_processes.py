@@ -141,7 +141,7 @@ class WorkerPool:
         fly: Fly,
         workers: int,
         limit: float | None,
-        describe_crash: Callable[[int | None], str] = lambda process: "",
+        describe_crash: Callable[[int | None], str],
     ) -> None:
         """Prepare the pool; ``limit`` is the limit on processor time (s) for 16 flights."""
         self._describe_crash = describe_crash

@@ -56,12 +56,11 @@ def _tell(line: str) -> None:
 def _pipe(_: int) -> int:
     """Return the pipe to this process's watcher; start the watcher on first use."""
     theirs, ours = os.pipe()
-    ends = [(os.POSIX_SPAWN_DUP2, theirs, 0)]
     os.posix_spawn(
         sys.executable,
         [sys.executable, "-ISc", _PROGRAM],
         os.environ,
-        file_actions=ends,
+        file_actions=[(os.POSIX_SPAWN_DUP2, theirs, 0)],
         setpgroup=0,
     )
     os.close(theirs)

@@ -123,9 +123,9 @@ class Expression:
                     and self.sources.get(argument.id)
                 )
                 if angle and angle.unit == "deg":
-                    actual = f"{name}({ast.unparse(argument)}) has an argument in degrees"
                     raise Refusal(
-                        actual, f"radians: {name}({ast.unparse(argument)} * 0.017453292519943295)"
+                        f"{name}({ast.unparse(argument)}) has an argument in degrees",
+                        f"radians: {name}({ast.unparse(argument)} * 0.017453292519943295)",
                     )
                 self.add(argument, register)
                 self._emit(FUNCTIONS[name], register, register, register)

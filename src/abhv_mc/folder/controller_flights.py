@@ -80,8 +80,7 @@ def distances(flights: ControllerFlights, metric: str, rows: Any = slice(None)) 
     band = flights.records[metric].band
     if band is None:
         return severities(flights, metric, rows)
-    values = flights.metrics[metric][rows]
-    return severity(band.worse(values), "high", flights.failed[rows])
+    return severity(band.worse(flights.metrics[metric][rows]), "high", flights.failed[rows])
 
 
 def metric_sign(record: Metric) -> float:
@@ -179,8 +178,7 @@ def read_flights(
             collectors.setdefault(name, _Collector(metrics)).add(
                 flight[rows], outcome[rows], values[:, rows]
             )
-        failed_rows = np.flatnonzero(outcome == Outcome.FAILED_TO_RUN)
-        for row in failed_rows.tolist():
+        for row in np.flatnonzero(outcome == Outcome.FAILED_TO_RUN).tolist():
             collectors[names[owner[row]]].reasons[int(flight[row])] = table[REASON][row].as_py()
     flights = {name: collector.finish(records, ends) for name, collector in collectors.items()}
     flights = {name: computed for name, computed in flights.items() if computed.flight.size}

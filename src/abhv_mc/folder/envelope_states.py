@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.array_types import Floats, Mask, Singles
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.flights.blocks import FlightBlock, Recording
 from abhv_mc.folder.arrays import read_array, write_array
 from abhv_mc.folder.flights import DamagedFileError, parse_block_name
@@ -75,7 +75,8 @@ class Collector:
                 ):
                     continue
                 self.covered[first:stop] |= flown[first:stop]
-                self._blocks[path] = first, stop, _times_of(values, len(cells.channels))
+                times = np.ascontiguousarray(values[-2:]).reshape(-1).view(np.float64)
+                self._blocks[path] = first, stop, times[:: len(cells.channels)]
 
     def _is_block(self, values: NDArray[Any], flights: int) -> bool:
         width, times = len(self._cells.channels), self._cells.times
@@ -92,12 +93,11 @@ class Collector:
         self.covered[first:stop] = True
         if cells:
             path = self._folder / f"{self._controller}-{first:09d}-{stop:09d}.npy"
-            clock = np.repeat(block.times, channels).view(np.float32).reshape(2, cells)
             write_array(
                 path,
                 block.history.reshape(-1, cells),
                 np.stack(block.extremes).reshape(2, cells),
-                clock,
+                np.repeat(block.times, channels).view(np.float32).reshape(2, cells),
             )
             self._blocks[path] = first, stop, block.times
 
@@ -166,11 +166,6 @@ class Collector:
         shutil.rmtree(self._folder, ignore_errors=True)
         with contextlib.suppress(OSError):  # The folder may contain files of another controller.
             self._folder.parent.rmdir()
-
-
-def _times_of(block: Singles, channels: int) -> Floats:
-    """Return the times [time] in s that are stored in the file of a block."""
-    return np.ascontiguousarray(block[-2:]).reshape(-1).view(np.float64)[::channels]
 
 
 def merge_states(folders: Sequence[Path], target: Path) -> None:

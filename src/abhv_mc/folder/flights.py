@@ -250,8 +250,9 @@ def write_rows(path: Path, schema: pa.Schema, pieces: Iterable[pa.Table], digest
     """Write a file of flights that consists of ``pieces``."""
     schema = schema.with_metadata({**(schema.metadata or {}), _DIGEST: str(digest)})
     cast = (piece.replace_schema_metadata(schema.metadata) for piece in pieces)
-    texts = ["controller", "outcome", REASON, CASE]
-    write_pieces(path, schema, cast, texts, write_statistics=["flight"])
+    write_pieces(
+        path, schema, cast, ["controller", "outcome", REASON, CASE], write_statistics=["flight"]
+    )
 
 
 def read_digest(path: Path) -> Digest:
@@ -297,14 +298,13 @@ def _take_rows(table: pa.Table, controller: str, first: int, names: Sequence[str
     columns = tuple(
         name for name in names_stored[names_stored.index(CASE) + 1 :] if name not in names
     )
-    values = np.stack([column_values(table[name]) for name in columns], axis=1)
     return FlightRows(
         controller=controller,
         first=first,
         names=tuple(names),
         samples=samples,
         outcome=tuple(table["outcome"].to_pylist()),
-        values=values,
+        values=np.stack([column_values(table[name]) for name in columns], axis=1),
         columns=columns,
         reasons=tuple(table[REASON].to_pylist()),
     )

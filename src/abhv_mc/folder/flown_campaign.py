@@ -195,9 +195,10 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     folder = CampaignFolder(root)
     manifest = read_checked(folder)
     if manifest.shard:
-        problem = "the folder is shard {}/{} of a campaign".format(*manifest.shard)
         raise InputError(
-            root, problem, "a complete campaign (merge its shards with 'abhv-mc merge')"
+            root,
+            "the folder is shard {}/{} of a campaign".format(*manifest.shard),
+            "a complete campaign (merge its shards with 'abhv-mc merge')",
         )
     samples = FileColumns(folder.samples, "the samples of a campaign", without=("flight", POINT))
     campaign = replace(read_folder_campaign(folder), repeatability=manifest.repeatable)
@@ -205,8 +206,9 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
     if requirements is not None:
         campaign = judge_by(campaign, requirements)
     campaign, changes = mark_later_choices(folder, manifest, campaign, requirements is None)
-    files = data_files(folder, manifest)
-    flights = read_flights(folder.flights, files, campaign.metrics, ends=campaign.outcomes)
+    flights = read_flights(
+        folder.flights, data_files(folder, manifest), campaign.metrics, ends=campaign.outcomes
+    )
     has_mission = campaign.simulator.mission is not None
     reference = (
         _columns(read_table(folder.reference, "the mission's reference")) if has_mission else {}

@@ -86,8 +86,9 @@ class FolderInputs:
 
     def judged_by(self, changed: Mapping[str, Any]) -> "FolderInputs":
         """Return the inputs with another set of requirements."""
-        data = with_requirements(self.data, changed)
-        return replace(self, document=replace(self.document, data=data))
+        return replace(
+            self, document=replace(self.document, data=with_requirements(self.data, changed))
+        )
 
     def write_copies(self, folder: CampaignFolder) -> None:
         """Write the copies into the folder."""

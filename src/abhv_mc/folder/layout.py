@@ -94,9 +94,10 @@ class CampaignFolder:
                 problem = f"the folder contains '{path.name}', which does not belong to a campaign"
                 raise InputError(self.root, problem, "an empty folder or the folder of a campaign")
         if not fresh and any(self.flights.glob("*.parquet")):
-            problem = "the folder has flights, but no manifest"
             raise InputError(
-                self.root, problem, "another folder (-o DIR), or --fresh to delete the flights"
+                self.root,
+                "the folder has flights, but no manifest",
+                "another folder (-o DIR), or --fresh to delete the flights",
             )
 
     def clear(self) -> None:

@@ -29,8 +29,9 @@ _REPEAT = "the same command after the process has ended"
 
 def _in_use(path: Path, holder: str, remedy: str = _REPEAT) -> InputError:
     """Return the error for a lock that another process holds."""
-    problem = f"the folder is in use by {holder}"
-    return InputError(path.parent, problem, f"{remedy}, or another folder (-o DIR)")
+    return InputError(
+        path.parent, f"the folder is in use by {holder}", f"{remedy}, or another folder (-o DIR)"
+    )
 
 
 @contextlib.contextmanager

@@ -204,8 +204,9 @@ def read_manifest(path: Path) -> Manifest:
 def entry_error(path: Path, error: ValidationError, expected: str) -> InputError:
     """Return the InputError for the first invalid entry of a JSON file."""
     first = error.errors()[0]
-    problem = f"invalid entry '{'.'.join(map(str, first['loc']))}' ({first['msg']})"
-    return InputError(path, problem, expected)
+    return InputError(
+        path, f"invalid entry '{'.'.join(map(str, first['loc']))}' ({first['msg']})", expected
+    )
 
 
 def hash_entries(content: dict[str, Any]) -> str:

@@ -72,9 +72,11 @@ def order_shards(paths: Sequence[Path]) -> list[CampaignFolder]:
         if number[1] != count or numbers.count(number) > 1:
             is_other = f"is not one of {counted(count, 'shard')}"
             error = "is given twice" if number[1] == count else is_other
-            problem = f"shard {number[0]}/{number[1]} {error}"
-            expected = f"each of the {counted(count, 'shard')} exactly once"
-            raise InputError(folder.root, problem, expected)
+            raise InputError(
+                folder.root,
+                f"shard {number[0]}/{number[1]} {error}",
+                f"each of the {counted(count, 'shard')} exactly once",
+            )
     missing = [str(k) for k in range(1, count + 1) if (k, count) not in numbers]
     if missing:
         raise InputError(
@@ -91,14 +93,12 @@ def require_same_requirements(folders: Sequence[CampaignFolder]) -> None:
     inputs = [read_folder_inputs(folder, read_manifest(folder.manifest)) for folder in folders]
     for folder, further in zip(folders[1:], inputs[1:], strict=True):
         if changes := [*map(str, find_requirement_changes(inputs[0].data, further.data))]:
-            problem = (
-                f"the requirements differ from those of {folders[0].root} ({'; '.join(changes)})"
-            )
-            remedy = (
+            raise InputError(
+                folder.root,
+                f"the requirements differ from those of {folders[0].root} ({'; '.join(changes)})",
                 "one set of requirements (add --requirements FILE, such as campaign.yaml of one "
-                "folder)"
+                "folder)",
             )
-            raise InputError(folder.root, problem, remedy)
 
 
 def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
@@ -119,12 +119,11 @@ def join_shards(shards: Sequence[CampaignFolder], out: Path) -> None:
                 raise damage_error(path, damage)
             damaged.add(path)
         _check_content(first, shard, list(manifests[0].controllers))
-    flyers = join_flyers(entry for manifest in manifests for entry in manifest.flown_by)
     merged = replace(
         manifests[0],
         shard=None,
         state=INTERRUPTED,
-        flown_by=flyers,
+        flown_by=join_flyers(entry for manifest in manifests for entry in manifest.flown_by),
         **_sum_entries(manifests),
     )
     with begin_merged(shards, target, [first.campaign, first.samples]) as files:
@@ -142,8 +141,9 @@ def _check_content(first: CampaignFolder, other: CampaignFolder, controllers: li
     )
     a, b = SampleReader(first.samples), SampleReader(other.samples)
     if (a.names, a.flights) != (b.names, b.flights) or not a.agrees(b.rows):
-        problem = f"the samples differ from those of {first.root}"
-        raise InputError(other.root, problem, _ONE_CAMPAIGN)
+        raise InputError(
+            other.root, f"the samples differ from those of {first.root}", _ONE_CAMPAIGN
+        )
 
 
 def require_same_entries(
@@ -172,11 +172,12 @@ def require_same_plans(
             for folder in (first, other)
         ]
         if plans[0] != plans[1]:
-            problem = (
+            raise InputError(
+                other.root,
                 f"the plan of '{name}' differs from that in {first.root}; machines may round "
-                "differently"
+                "differently",
+                expected,
             )
-            raise InputError(other.root, problem, expected)
 
 
 def _digests(manifests: Sequence[Manifest]) -> tuple[str, ...]:
@@ -229,14 +230,9 @@ def begin_merged(
             *first.input_files(),
             *sorted(first.plans.glob("*.npz")),
         ):
-            write_whole(target.root / path.relative_to(first.root), partial(_copy, path))
+            # The copies of programs remain executable.
+            write_whole(target.root / path.relative_to(first.root), partial(shutil.copy, path))
         yield files
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Copy a file with its mode, so that the copies of programs are executable."""
-    shutil.copyfile(source, target)
-    shutil.copymode(source, target)
 
 
 def list_seeds(manifest: Manifest) -> set[int]:
@@ -304,8 +300,9 @@ def check_poolable(paths: Sequence[Path]) -> list[CampaignFolder]:
         require_same_entries(folder, folders[0], ("source_hash",), _ONE_QUESTION)
         inputs = read_folder_inputs(folder, manifest)
         if inputs.question != read_folder_inputs(folders[0], first).question:
-            problem = f"the campaign differs from that in {folders[0].root}"
-            raise InputError(folder.root, problem, _ONE_QUESTION)
+            raise InputError(
+                folder.root, f"the campaign differs from that in {folders[0].root}", _ONE_QUESTION
+            )
         if repeated := seeds & list_seeds(manifest):
             problem = f"the flights of seed {min(repeated)} would be counted twice"
             raise InputError(folder.root, problem, "each seed only once")
@@ -363,16 +360,15 @@ def pool_campaigns(folders: Sequence[CampaignFolder], out: Path) -> None:
                         pq.read_schema(path),
                     )
         sources = zip(manifests, starts, strict=False)
-        flyers = join_flyers(
-            entry for source, start in sources for entry in shift_flyers(source.flown_by, start)
-        )
         files.write_manifest(
             manifests[0],
             state=INTERRUPTED,
             pooled=tuple(pooled),
             runs_planned=starts[-1],
             campaign_hash=inputs.identity,
-            flown_by=flyers,
+            flown_by=join_flyers(
+                entry for source, start in sources for entry in shift_flyers(source.flown_by, start)
+            ),
             stopped_at=None,
             **_sum_entries(manifests),
         )

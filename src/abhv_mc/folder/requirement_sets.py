@@ -90,8 +90,9 @@ def mark_later_choices(
         for change in find_requirement_changes(before, after)
     )
     blind = [data for flights, data in stored if not flights]
-    later = find_later_choices(blind, now, campaign.controllers)
-    return replace(campaign, later_choices=later), changes
+    return replace(
+        campaign, later_choices=find_later_choices(blind, now, campaign.controllers)
+    ), changes
 
 
 def count_known_flights(manifest: Manifest) -> int:

@@ -78,5 +78,6 @@ def read_steady_margins(path: Path) -> SteadyMargins:
     try:
         return _FILE.validate_json(path.read_bytes())
     except ValidationError as error:
-        expected = "the margins written by the campaign (--fresh computes them again)"
-        raise entry_error(path, error, expected) from None
+        raise entry_error(
+            path, error, "the margins written by the campaign (--fresh computes them again)"
+        ) from None

@@ -58,8 +58,7 @@ def export_csv(root: Path, out: Path) -> Iterator[Path]:
 
 
 def _write_csv(files: list[Path], path: Path) -> None:
-    schema = pq.read_schema(files[0]).remove_metadata()
-    write_batches(path, schema, _read_batches(files))
+    write_batches(path, pq.read_schema(files[0]).remove_metadata(), _read_batches(files))
 
 
 def _read_batches(files: list[Path]) -> "Iterator[pa.RecordBatch]":

@@ -84,8 +84,9 @@ def _parse(path: Path, raw: bytes) -> tuple[Plain, Places, Places]:
         ) from None
     # An escape sequence beyond the range of Unicode raises OverflowError.
     except (YAMLError, ValueError, OverflowError) as error:
-        problem = f"invalid YAML ({str(error).splitlines()[0].rstrip('.')})"
-        raise InputError(path, problem, "YAML 1.2") from None
+        raise InputError(
+            path, f"invalid YAML ({str(error).splitlines()[0].rstrip('.')})", "YAML 1.2"
+        ) from None
 
 
 def _place_of(before: str) -> Place:
@@ -165,8 +166,9 @@ class _Builder:
         if kind in ("int", "float"):
             number = float(text) if _DECIMAL.fullmatch(text) else math.nan
             if not math.isfinite(number) or (kind == "int" and not text.lstrip("+-").isdecimal()):
-                expected = "a finite decimal number such as 1000 or 2.5e-3"
-                self.refuse(node, found_value(text), expected)
+                self.refuse(
+                    node, found_value(text), "a finite decimal number such as 1000 or 2.5e-3"
+                )
             return number if kind == "float" else int(text)
         self.refuse(node, f"found the tag {tag.replace(_TAG, '!!')}", "plain data without tags")
 

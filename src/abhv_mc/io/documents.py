@@ -256,8 +256,9 @@ class CommaKeys(StrictModel):
     @model_validator(mode="after")
     def _check_commas(self) -> Self:
         if self.decimal and self.thousands:
-            expected = "either 'decimal' or 'thousands'"
-            raise Refusal("commas have two meanings", expected, ("thousands",))
+            raise Refusal(
+                "commas have two meanings", "either 'decimal' or 'thousands'", ("thousands",)
+            )
         return self
 
     @property

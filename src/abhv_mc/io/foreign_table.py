@@ -203,8 +203,9 @@ class ForeignTable:
         texts = [i for i, column in cells.items() if pa.types.is_string(column.type)]
 
         def count(pattern: str, indices: Sequence[int]) -> int:
-            matches = (pc.match_substring_regex(cells[i], pattern) for i in indices)
-            return sum(pc.sum(match).as_py() or 0 for match in matches)
+            return sum(
+                pc.sum(pc.match_substring_regex(cells[i], pattern)).as_py() or 0 for i in indices
+            )
 
         own = [i for i in columns if i in texts]
         # A number with a point in a column that is read excludes decimal commas.
@@ -367,8 +368,9 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
 
             data = pq.read_table(pa.BufferReader(arrow_memory(content)))
             heads = tuple(map(str, data.column_names))
-            lines = range(1, 1 + len(data))
-            return ForeignTable(path, heads, ("",) * len(heads), data, lines, comma=comma)
+            return ForeignTable(
+                path, heads, ("",) * len(heads), data, range(1, 1 + len(data)), comma=comma
+            )
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
             # Errors in a spreadsheet state only the row, because cells have no position in a line
@@ -381,9 +383,11 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
         return replace(table, comma=comma, is_cut=text[-1] not in "\r\n")
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        expected = "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel"
-        problem = f"the file cannot be read ({reason.rstrip('.')})"
-        raise InputError(path, problem, expected) from None
+        raise InputError(
+            path,
+            f"the file cannot be read ({reason.rstrip('.')})",
+            "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel",
+        ) from None
 
 
 def _sheet_text(content: bytes) -> str:

@@ -154,8 +154,9 @@ def check_angle(unit: str) -> None:
 def dimension_of(unit: str) -> Dimension:
     """Return the dimension of a unit. Raise Refusal for an unknown unit."""
     _, exponents = parse_unit(unit)
-    other = Dimension(f"a quantity in {unit}", unit, f"1 {unit}", exponents)
-    return _BY_EXPONENTS.get(exponents, other)
+    return _BY_EXPONENTS.get(
+        exponents, Dimension(f"a quantity in {unit}", unit, f"1 {unit}", exponents)
+    )
 
 
 def si_unit_of(unit: str) -> str:

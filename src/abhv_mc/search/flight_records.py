@@ -118,8 +118,9 @@ def read_records(
             record = FlightRecord(name, name, {}, measured, table)
             if histories[i]:
                 (record,) = read(path.parent / histories[i])
-            vehicle = vehicles[i] or record.vehicle
-            yield replace(record, vehicle=vehicle, inputs={**record.inputs, **inputs})
+            yield replace(
+                record, vehicle=vehicles[i] or record.vehicle, inputs={**record.inputs, **inputs}
+            )
 
     records = [record for file in files for record in read(file)]
     is_history = TIME in records[0].values
@@ -155,16 +156,18 @@ class Programme:
         self.controller = controller
         self.records, self.ignored = read_records(files, experiment)
         self.is_history = TIME in self.records[0].values
-        names = dict.fromkeys(name for record in self.records for name in record.values)
-        self.names = tuple(name for name in names if name != TIME)
+        self.names = tuple(
+            dict.fromkeys(name for record in self.records for name in record.values if name != TIME)
+        )
         clock = max((record.values.get(TIME, np.zeros(1)) for record in self.records), key=np.ptp)
         self.times = clock[:: -(-clock.size // _MOST_TIMES)]
         outputs = {own.name: own for own in (*experiment.metrics.values(), *experiment.channels)}
         self.units = {name: parse_unit(outputs[name].unit)[0] for name in self.names}
         for name in noise or {}:
             if name not in self.names:
-                problem = f"unknown channel or metric '{name}'"
-                raise InputError("--measured", problem, one_of(self.names, name))
+                raise InputError(
+                    "--measured", f"unknown channel or metric '{name}'", one_of(self.names, name)
+                )
         self.noise = {
             name: parse_in_any_unit(value, outputs[name].unit)
             for name, value in experiment.model.measured.items()
@@ -330,8 +333,9 @@ class Programme:
                     sets[:, :, i], test[:, i] = pool[:-1], pool[-1]
                 if not np.isfinite(test + sets).any():
                     expected = "times that overlap with those of the simulated flights"
-                    problem = "no value can be compared with the simulated flights"
-                    raise record.table.error(0, 0, problem, expected)
+                    raise record.table.error(
+                        0, 0, "no value can be compared with the simulated flights", expected
+                    )
                 if not (span and self.is_history):
                     break
                 steps, is_offset = find_offset(sets, test, span, len(self.space.names))

@@ -104,8 +104,7 @@ def identify(
             outputs = simulate(rows)
             for i, name in enumerate(names):
                 if period := experiment.periods.get(name):
-                    near = tests[:, None, :, i]
-                    outputs[..., i] = move_near(outputs[..., i], near, period)
+                    outputs[..., i] = move_near(outputs[..., i], tests[:, None, :, i], period)
             return outputs.reshape(*points.shape[:2], -1)
 
         result = estimate(

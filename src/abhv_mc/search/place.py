@@ -117,7 +117,7 @@ def place_flights(
     if programme.is_history:
         values = summarize(pool.reshape(-1, *pool.shape[2:])).reshape(*pool.shape[:2], -1)
         labels = [f"{name}, {summary}" for summary in _SUMMARIES for name in names]
-        bands = [simultaneous_band(pool[:-1, k], CONFIDENCE) for k in range(len(tests))]
+        bands = [simultaneous_band(pool[:-1, k]) for k in range(len(tests))]
         deviations = [band.deviations(pool[-1, k]).max() for k, band in enumerate(bands)]
         scores = np.vstack([np.transpose([band.scores for band in bands]), deviations])
     result = judge_set(values, scores)
@@ -218,4 +218,4 @@ def find_band(
     sampled = np.stack([sample(history, shared, times, periods) for history in histories])
     for c, channel in enumerate(shared):
         sampled[:, :, c] = align_flights(sampled[:, :, c], periods[channel])
-    return shared, simultaneous_band(sampled, CONFIDENCE)
+    return shared, simultaneous_band(sampled)

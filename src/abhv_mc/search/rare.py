@@ -279,12 +279,12 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
     where = ("requirements",)
     if (metric_record := campaign.metrics.get(metric)) and metric_record.plateaus:
         values = " or ".join(f"{value:g}" for value in metric_record.plateaus)
-        problem = f"the metric '{metric}' can be {values} in many flights"
-        remedy = (
+        raise campaign.document.error(
+            where if own else (),
+            f"the metric '{metric}' can be {values} in many flights",
             "a metric that differs between flights; if it is constant, no flight is closer to "
-            "failure than another"
+            "failure than another",
         )
-        raise campaign.document.error(where if own else (), problem, remedy)
     if len(own) == 1:
         return own[0]
     if not own:

@@ -118,11 +118,8 @@ def rank_distinct(
     order = np.argsort(-severities, kind="stable")
     order = order[np.isfinite(severities[order])]
     comes = np.isfinite(samples)
-    low, high = (
-        samples.min(0, where=comes, initial=np.inf),
-        samples.max(0, where=comes, initial=-np.inf),
-    )
-    span = high - low
+    low = samples.min(0, where=comes, initial=np.inf)
+    span = samples.max(0, where=comes, initial=-np.inf) - low
     scaled = np.where(comes, samples, 0.0)[order] / np.where(span > 0.0, span, 1.0)
     comes = comes[order]
     flights: list[int] = []
@@ -331,13 +328,12 @@ class SearchFlights:
                 path.unlink()
                 self.files.forget(path)
         rows = self.rows()
-        provenance = {"seed": str(self.seed), "design": (self.manifest.search or {})["kind"]}
         write_samples(
             self.folder.samples,
             rows.names,
             rows.stop,
             lambda first, stop: rows.samples[first:stop],
-            provenance,
+            {"seed": str(self.seed), "design": (self.manifest.search or {})["kind"]},
             table=self.campaign.parameters,
         )
         outcomes, counts = np.unique(np.array(rows.outcome), return_counts=True)
@@ -387,8 +383,7 @@ def open_search(
             plan = simulator.restore_plans(find_stored_plans(folder), [name])[name]
         else:
             plan = simulator.make_plans([name])[name]
-            ready = make_ready(campaign, {name: plan})
-            first = fly_first(ready, request.workers, {})
+            first = fly_first(make_ready(campaign, {name: plan}), request.workers, {})
             for warning in first.warnings:
                 notify(f"warning: {warning}")
             files = begin_folder(folder, inputs, {name: plan}, stack)
@@ -443,9 +438,10 @@ def _check_same(
         if change.key not in ("controllers", "under_test", "family")
     ]
     if limits and before["kind"] == "rare":
-        problem = f"the folder contains a search with other requirements ({'; '.join(limits)})"
         raise InputError(
-            root, problem, "another folder (-o DIR), because new limits require a new search"
+            root,
+            f"the folder contains a search with other requirements ({'; '.join(limits)})",
+            "another folder (-o DIR), because new limits require a new search",
         )
     if stored.identity != inputs.identity or axes[0] != axes[1]:
         raise InputError(root, "the folder contains a search of another campaign", expected)

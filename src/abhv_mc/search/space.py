@@ -47,10 +47,9 @@ class Space:
     @property
     def probabilities(self) -> dict[str, float]:
         """Probabilities, by name, of parameters that occur in some flights only (failures)."""
-        marginals = zip(self.names, self.marginals, strict=True)
         return {
             name: marginal.probability
-            for name, marginal in marginals
+            for name, marginal in zip(self.names, self.marginals, strict=True)
             if isinstance(marginal, SometimesMarginal)
         }
 
@@ -130,8 +129,7 @@ class Space:
             if tried >= _TRIED and len(accepted) < _FEWEST_INSIDE:
                 share = f"{len(accepted)} of {counted(tried, 'random flight')}"
                 box = f"the box of the {counted(len(self.names), 'dispersion')}"
-                problem = f"{box} contains only {share}"
-                raise InputError("--box", problem, "a larger box")
+                raise InputError("--box", f"{box} contains only {share}", "a larger box")
         return accepted[:number]
 
     def rows(self, values: Floats) -> Floats:
@@ -168,11 +166,12 @@ def make_space(campaign: Experiment, with_unknowns: bool = False) -> Space:
         )
     unknowns = campaign.unknowns
     if unknowns.names and not with_unknowns:
-        remedy = (
+        raise document.key_error(
+            ("unknowns",),
+            "the campaign has unknowns",
             "a campaign without unknowns, because this search covers only dispersions (`run` finds "
-            "the worst values of unknowns)"
+            "the worst values of unknowns)",
         )
-        raise document.key_error(("unknowns",), "the campaign has unknowns", remedy)
     ranges = zip(unknowns.names, unknowns.low.tolist(), unknowns.high.tolist(), strict=True)
     marginals = campaign.marginals | {
         name: ContinuousMarginal("uniform", (low, high - low)) for name, low, high in ranges

@@ -111,7 +111,6 @@ class WorstFound:
 
     def numbers(self) -> dict[str, Any]:
         """Return the result as JSON values in SI units."""
-        samples = self.flights.samples[self.worst].tolist()
         return {
             "metric": self.request.metric,
             "controller": self.controller,
@@ -119,7 +118,9 @@ class WorstFound:
             "outcome": self.flights.outcome[self.worst],
             "flight": self.worst,
             "flights": self.searched,
-            "parameters": dict(zip(self.flights.names, samples, strict=True)),
+            "parameters": dict(
+                zip(self.flights.names, self.flights.samples[self.worst].tolist(), strict=True)
+            ),
             "random_worst": self.value(self.random_worst),
             "random_outcome": self.flights.outcome[self.random_worst],
             "random_flight": self.random_worst,

@@ -51,7 +51,7 @@ def runs_needed(failures: int, probability: float, consumer_risk: float) -> int:
     _check(failures, failures, probability=probability, consumer_risk=consumer_risk)
     return first_where(
         failures + 1,
-        lambda runs: float(betainc(runs - failures, failures + 1, probability)) <= consumer_risk,
+        lambda runs: betainc(runs - failures, failures + 1, probability) <= consumer_risk,
     )
 
 
@@ -69,7 +69,7 @@ def quantile_upper_rank(runs: int, probability: float, confidence: float) -> int
     return first_where(
         1,
         lambda rank: (
-            rank >= runs or float(betainc(runs - rank + 1, rank, 1.0 - probability)) >= confidence
+            rank >= runs or betainc(runs - rank + 1, rank, 1.0 - probability) >= confidence
         ),
     )
 

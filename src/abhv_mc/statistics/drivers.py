@@ -150,10 +150,8 @@ def _pairs(
             np.minimum.at(p_value[:, column], input_index, p_values)
             for k in np.flatnonzero(real).tolist():
                 if share[k] > strongest[input_index[k], column]:
-                    strongest[input_index[k], column], partner[input_index[k], column] = (
-                        share[k],
-                        partner_index[k],
-                    )
+                    strongest[input_index[k], column] = share[k]
+                    partner[input_index[k], column] = partner_index[k]
     return added, partner, p_value
 
 

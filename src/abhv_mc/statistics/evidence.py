@@ -86,8 +86,12 @@ def flights_to_fail(failures: int, probability: float, risk: float) -> int:
 @lru_cache(maxsize=65536)
 def most_failures(flights: int, probability: float, risk: float) -> int:
     """Return the largest number of failures for a PASS after `flights` flights; -1 if none."""
-
-    def fails_to_pass(failures: int) -> bool:
-        return failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)
-
-    return first_where(0, fails_to_pass) - 1
+    return (
+        first_where(
+            0,
+            lambda failures: (
+                failures > flights or log_pass_evidence(failures, flights, probability) < -log(risk)
+            ),
+        )
+        - 1
+    )

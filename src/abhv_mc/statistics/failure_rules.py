@@ -259,32 +259,25 @@ def _along(
     candidates = []
     for first in (0, lines):
         side = first + int(np.argmax(score[first : first + lines]))
-        table = (int(inside[side]), int(bad[side]), flights, failures)
+        table = (inside[side], bad[side], flights, failures)
         candidates.append(
             _Candidate((_condition(inputs, side, edges),), (table,), lines * differences)
         )
     low, high = np.triu_indices(lines, 1)
     both, bad_both = inside[low] + inside[lines + high], bad[low] + bad[lines + high]
-    best = int(np.argmax(_score(both, bad_both, flights, failures)))
+    best = np.argmax(_score(both, bad_both, flights, failures))
     ends = int(low[best]), lines + int(high[best])
     needed = tuple(
-        (
-            int(inside[side]),
-            int(bad[side]),
-            flights - int(inside[other]),
-            failures - int(bad[other]),
-        )
+        (inside[side], bad[side], flights - inside[other], failures - bad[other])
         for side, other in (ends, ends[::-1])
     )
     conditions = tuple(_condition(inputs, side, edges) for side in ends)
-    if float(np.min(_score(*np.array(needed).T))) < _CLEAR:
+    if np.min(_score(*np.array(needed).T)) < _CLEAR:
         return candidates
-    if (
-        float(_p_values([_Candidate(conditions, needed, low.size * differences)])[0])
-        <= FALSE_DISCOVERY_RATE
-    ):
-        table = (int(both[best]), int(bad_both[best]), flights, failures)
-        candidates.append(_Candidate(conditions, (table,), low.size * differences, either=True))
+    tried = low.size * differences
+    if _p_values([_Candidate(conditions, needed, tried)])[0] <= FALSE_DISCOVERY_RATE:
+        table = (both[best], bad_both[best], flights, failures)
+        candidates.append(_Candidate(conditions, (table,), tried, either=True))
     return candidates
 
 

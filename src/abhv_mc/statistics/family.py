@@ -65,7 +65,6 @@ def hold_family(verdicts: Sequence[Verdict], risk: float) -> list[Verdict]:
         if verdict.status == "PASS" and not is_rejected:
             judged = replace(verdict, status="NOT SHOWN", note=note)
         if judged.status == "NOT SHOWN":
-            share = min(verdict.consumer_risk, risk / len(verdicts))
-            judged = replace(judged, consumer_risk=share)
+            judged = replace(judged, consumer_risk=min(verdict.consumer_risk, risk / len(verdicts)))
         joint_verdicts.append(judged)
     return joint_verdicts

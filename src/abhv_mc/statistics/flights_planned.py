@@ -72,11 +72,8 @@ def _binomial(flights: int, rate: float) -> tuple[int, Floats]:
     """Return the smallest likely failure count, and the probabilities of the likely counts."""
     mean, spread = flights * rate, np.sqrt(flights * rate * (1.0 - rate))
     # Ten standard deviations plus thirty counts include the long tails of rare failures.
-    low, high = (
-        max(0, int(mean - 10.0 * spread - 30.0)),
-        min(flights, int(mean + 10.0 * spread + 30.0)),
-    )
-    count = np.arange(low, high + 1)
+    low = max(0, int(mean - 10.0 * spread - 30.0))
+    count = np.arange(low, min(flights, int(mean + 10.0 * spread + 30.0)) + 1)
     logarithm = gammaln(flights + 1.0) - gammaln(count + 1.0) - gammaln(flights - count + 1.0)
     return low, np.exp(logarithm + xlogy(count, rate) + xlog1py(flights - count, -rate))
 

@@ -69,11 +69,9 @@ def judge_set(pool: Floats, scores: Floats | float = 0.0) -> SetTest:
     flat = np.nan_to_num(np.round((pool - middle) / spread, 6)).reshape(-1, columns)
     normal = ndtri((rankdata(flat, axis=0) - 0.5) / len(flat)).reshape(pool.shape)
     p_values = rank_p_values(flat)
-    distances, added = (
-        _distances(normal.reshape(-1, columns)),
-        np.broadcast_to(scores, pool.shape[:2]),
-    )
-    deviations = [-p_values.min(axis=1), distances, added.ravel()]
+    distances = _distances(normal.reshape(-1, columns))
+    added = np.broadcast_to(scores, pool.shape[:2]).ravel()
+    deviations = [-p_values.min(axis=1), distances, added]
     least = np.min([_shares(values) for values in deviations], axis=0).reshape(sets, flights)
     first = least.min(axis=1)
     own = normal - normal.mean(axis=1, keepdims=True) * (flights > 2)
@@ -140,7 +138,7 @@ class Band(NamedTuple):
         return np.nan_to_num(np.maximum(-deviations / self.spread[0], deviations / self.spread[1]))
 
 
-def simultaneous_band(histories: Floats, confidence: float = 0.95) -> Band:
+def simultaneous_band(histories: Floats, confidence: float = CONFIDENCE) -> Band:
     """Return the band of `histories` [flight, time, channel]; NaN after a flight's end."""
     flights = len(histories)
     middle, spread = np.empty(histories.shape[1:]), np.empty((2, *histories.shape[1:]))

@@ -118,10 +118,8 @@ def quantile_differences(
     tail, draws = _draws(confidence)
     intervals = []
     for probability in probabilities:
-        high_a, high_b = (
-            sorted_quantile(sorted_a, probability),
-            sorted_quantile(sorted_b, probability),
-        )
+        high_a = sorted_quantile(sorted_a, probability)
+        high_b = sorted_quantile(sorted_b, probability)
         if np.isinf(high_a) and np.isinf(high_b):
             intervals.append(Interval(np.nan, np.nan, np.nan))
             continue

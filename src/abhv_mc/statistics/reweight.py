@@ -90,10 +90,8 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
     the weight `heaviest` is counted (Fay & Feuer 1997), because heavy flights are rarely sampled.
     """
     total, squares = float(counted.sum()) + heaviest, float(np.sum(counted**2)) + heaviest**2
-    events, mean_share = (
-        total**2 / squares,
-        squares / total,
-    )  # effective number of counted flights, and the share represented by one of these flights
+    # effective number of counted flights, and the share represented by one of these flights
+    events, mean_share = total**2 / squares, squares / total
     failures = 1.0 / mean_share - events + 1.0
     return 1.0 if failures <= 0.0 else float(betaincinv(events, failures, 1.0 - tail))
 

@@ -132,9 +132,8 @@ def plot_envelopes(
     rows: Sequence[EnvelopeRow], titles: Sequence[str], colors: Sequence[str]
 ) -> Figure:
     """Plot rows of panels, one column per controller; the panels of a row share the y axis."""
-    count = len(rows) * len(titles)
     figure, grid = new_panels(
-        count, len(titles), 0.8, between=(0.2, 0.24), sharex=True, sharey="row"
+        len(rows) * len(titles), len(titles), 0.8, between=(0.2, 0.24), sharex=True, sharey="row"
     )
     for r, row in enumerate(rows):
         for c, panel in enumerate(row.panels):

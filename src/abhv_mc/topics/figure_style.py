@@ -20,7 +20,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.style import context
 from matplotlib.text import Annotation
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.layout import write_bytes
@@ -278,6 +278,15 @@ def mark_look(number: int, count: int, size: float) -> dict[str, Any]:
         "markersize": size * (1.6 + 0.1 * number if number else 1.0),
         "zorder": 3.0 - number / count,
     }
+
+
+def label_shares(grid: Any) -> None:
+    """Scale and label the shared y axes of panels that show cumulative shares of flights."""
+    for axes in grid.flat:
+        axes.set_ylim(-0.02, 1.02)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
+    for axes in grid[:, 0]:
+        axes.set_ylabel("share of flights")
 
 
 def pad_if_flat(axes: Axes) -> None:

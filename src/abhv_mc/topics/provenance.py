@@ -97,8 +97,8 @@ def _factors(names: Names) -> Iterator[tuple[str, str]]:
     )
     required = names.requirements
     sampled = f"Flights: {grouped_digits(manifest.runs_done)} ({campaign.sampling})"
-    risks = sorted({item.consumer_risk for item in required})
     if required and campaign.judged:
+        risks = sorted({item.consumer_risk for item in required})
         risk = ", ".join(percent(risk, 2) for risk in risks)
         sampled += f"; consumer's risk: {risk}, valid for repeated checks"
     yield "Results uncertainty", f"{sampled}. Uncertainty of the model itself is not included."

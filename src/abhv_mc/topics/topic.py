@@ -188,9 +188,8 @@ class Records:
             for k, entry in enumerate(record.entries):
                 head = f"{'' if k else record.label:<{indent}}"
                 text = re.sub(r"`[^`]*`", lambda code: code[0].replace(" ", "\0"), entry.line)
-                width = _WIDTH - indent - 2
                 first, *further = wrap(
-                    text, width, break_long_words=False, break_on_hyphens=False
+                    text, _WIDTH - indent - 2, break_long_words=False, break_on_hyphens=False
                 ) or [""]
                 lines += [f"{head}{first}".rstrip(), *(f"{'':{indent + 2}}{x}" for x in further)]
         return "\n".join(lines).replace("\0", " ")

@@ -50,8 +50,9 @@ def check_derived(model: Campaign, parameters: Parameters, errors: Problems) -> 
     for name, text in model.derived.items():
         where = ("derived", name)
         if name not in parameters:
-            expected = one_of(parameters.dispersible, name)
-            errors.add_key(where, f"unknown parameter '{name}'", expected)
+            errors.add_key(
+                where, f"unknown parameter '{name}'", one_of(parameters.dispersible, name)
+            )
             continue
         with errors.collect(*where):
             derived_input = compile_derived(name, text, parameters)
@@ -65,11 +66,10 @@ def check_derived(model: Campaign, parameters: Parameters, errors: Problems) -> 
                     raise Refusal(f"'{operand}' is a random seed", "a parameter that is a quantity")
             value, usual = float(derived_input.evaluate(nominal)[0]), parameters[name].nominal
             if not (value == usual or math.isclose(value, usual, rel_tol=_SAME, abs_tol=_SAME)):
-                problem = f"the value is {value:g} if all parameters are nominal"
-                required_value = (
-                    f"the nominal value {usual:g} (specify a bias as the mean of a distribution)"
+                raise Refusal(
+                    f"the value is {value:g} if all parameters are nominal",
+                    f"the nominal value {usual:g} (specify a bias as the mean of a distribution)",
                 )
-                raise Refusal(problem, required_value)
             derived_inputs.append(derived_input)
     return tuple(derived_inputs)
 
@@ -104,8 +104,7 @@ def check_campaign(document: Document, engine: Engine | None = None) -> Experime
         raise document.error((), f"this is a {kind} file", "a campaign file")
     document, simulator = read_tables(document), find_simulator(document)
     document = simulator.prepare(document)
-    experiment = _check(document, validate(document, simulator.keys), simulator)
-    return replace(experiment, engine=engine)
+    return replace(_check(document, validate(document, simulator.keys), simulator), engine=engine)
 
 
 def _check(document: Document, model: Campaign, simulator: Registered) -> Experiment:
@@ -147,10 +146,9 @@ def _check(document: Document, model: Campaign, simulator: Registered) -> Experi
     joined = model.sampling.design == INDEPENDENT and not unknowns.names
     if model.pooled and (not joined or sum(pool.runs for pool in model.pooled) > number):
         pooled_flights = sum(pool.runs for pool in model.pooled)
-        problem = f"found {counted(pooled_flights, 'pooled flight')}"
         errors.add_key(
             ("pooled",),
-            problem,
+            f"found {counted(pooled_flights, 'pooled flight')}",
             f"at most {counted(number, 'flight')}, as in 'runs', and 'sampling: {INDEPENDENT}'",
         )
     contents.check(number, errors)
@@ -168,8 +166,9 @@ def _select_controllers(document: Document, controllers: Sequence[str]) -> Docum
     systems = data.get(key) or {}
     for name in controllers:
         if name not in systems:
-            problem = f"unknown {key.removesuffix('s')} '{name}'"
-            raise document.error((key,), problem, one_of(systems, name))
+            raise document.error(
+                (key,), f"unknown {key.removesuffix('s')} '{name}'", one_of(systems, name)
+            )
     chosen = {name: systems[name] for name in systems if name in controllers}
     requirements = list(select_requirements(data.get("requirements") or [], controllers))
     selected = {**data, key: chosen, "requirements": requirements}
@@ -204,30 +203,27 @@ def _make_marginals(
         if name not in parameters.dispersible or (
             parameters[name].seed and parameters[name].of_user
         ):
-            problem = (
+            errors.add_key(
+                where,
                 f"unknown parameter '{name}'"
                 if name not in parameters
-                else f"'{name}' is a random seed"
+                else f"'{name}' is a random seed",
+                one_of(parameters.dispersible, name),
             )
-            errors.add_key(where, problem, one_of(parameters.dispersible, name))
             continue
         if distribution.probability < 1.0 and model.sampling.design in FACTORIAL:
-            problem = (
-                f"the key 'probability' conflicts with the design '{model.sampling.design}', which "
-                "sets all values"
-            )
             errors.add(
                 (*where, "probability"),
-                problem,
+                f"the key 'probability' conflicts with the design '{model.sampling.design}', which "
+                "sets all values",
                 "a design that draws random values, or no key 'probability'",
             )
         with errors.collect(*where):
             marginals[name] = distribution.make_marginal(parameters[name])
     if model.sampling.design == "file" and model.dispersions:
-        problem = "dispersions cannot be combined with samples from a file"
         errors.add_key(
             ("dispersions",),
-            problem,
+            "dispersions cannot be combined with samples from a file",
             "no dispersions, because the columns of the file define the samples",
         )
     return marginals
@@ -249,12 +245,9 @@ def _make_copula(
                 problem = f"'{name}' is not dispersed"
                 errors.add(("correlations", i, "between", j), problem, one_of(names, name))
             elif name in model.dispersions and model.dispersions[name].probability < 1.0:
-                problem = (
-                    f"'{name}' has a probability below 1, so some flights have its nominal value"
-                )
                 errors.add(
                     ("correlations", i, "between", j),
-                    problem,
+                    f"'{name}' has a probability below 1, so some flights have its nominal value",
                     "a parameter that is drawn in every flight",
                 )
         pair = (min(entry.between), max(entry.between))
@@ -270,9 +263,10 @@ def _make_copula(
             if is_discrete(both):
                 entries[i] = {"between": [*entry.between], "normal": pairs[pair]}
     if pairs and model.sampling.design in (*FACTORIAL, "file"):
-        problem = f"the design '{model.sampling.design}' does not permit correlations"
         errors.add_key(
-            ("correlations",), problem, "no correlations, because this design sets all values"
+            ("correlations",),
+            f"the design '{model.sampling.design}' does not permit correlations",
+            "no correlations, because this design sets all values",
         )
     if not errors:
         with errors.collect("correlations"):
@@ -321,9 +315,10 @@ def _check_runs(
         errors.add(("sampling",), f"the design has {number:.3g} flights", "at most 1e9")
     fits = model.runs is None or (model.runs <= number if sample_file else model.runs == number)
     if not fits:
-        expected = (
+        errors.add(
+            ("runs",),
+            f"found {model.runs}",
             f"{'at most ' if sample_file else ''}{number}, the number of flights in the design "
-            f"'{design}', or no 'runs'"
+            f"'{design}', or no 'runs'",
         )
-        errors.add(("runs",), f"found {model.runs}", expected)
     return model.runs or number

@@ -31,11 +31,10 @@ def _flights(value: tuple[int | str, ...]) -> tuple[int | str, ...]:
         if not number and not re.fullmatch(
             r"failed|all|none|(worst|every) +0*[1-9][0-9]*", str(item)
         ):
-            where = (i,) if len(value) > 1 else ()
             raise Refusal(
                 found_value(item),
                 "'all', 'none', 'failed', 'worst 20', 'every 100' or a flight number",
-                where,
+                (i,) if len(value) > 1 else (),
             )
     return value
 

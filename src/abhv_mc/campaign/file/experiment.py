@@ -344,8 +344,12 @@ class Experiment:
 
     def limits_of(self, metric: str) -> list[float]:
         """Return the limits that all requirements set on a metric."""
-        own = [item.limits for item in self.requirements if item.metric == metric]
-        return [limit for limits in own for limit in limits.as_entry().values()]
+        return [
+            limit
+            for item in self.requirements
+            if item.metric == metric
+            for limit in item.limits.as_entry().values()
+        ]
 
     def ends_of(self, i: int) -> Floats:
         """Return the lower bound, a middle value and the upper bound of dimension ``i``."""

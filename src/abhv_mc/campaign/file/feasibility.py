@@ -96,8 +96,9 @@ def find_slips(campaign: Experiment) -> list[str]:
         is_usual = _NARROW <= np.abs(ratio - 1.0).max() < _WIDE
         if not is_usual or 0.0 < ratio.max() < _NEAR_ZERO:
             problem = f"'{name}' is {ratio.min():.4g} to {ratio.max():.4g} times its nominal value"
-            expected = "values without a slip of a factor 100"
-            slips.append(refuse_input(campaign, name, problem, expected))
+            slips.append(
+                refuse_input(campaign, name, problem, "values without a slip of a factor 100")
+            )
     return list(map(str, slips))
 
 
@@ -108,17 +109,19 @@ def _requirements(campaign: Experiment) -> Iterator[InputError]:
         if not campaign.metrics[entry.metric].never_negative:
             continue
         if high is not None and high <= 0.0:
-            problem = (
+            yield document.error(
+                ("requirements", i, "below"),
                 f"no flight can meet the upper limit {high:g} of '{entry.metric}', because this "
-                "metric is never negative"
+                "metric is never negative",
+                "a positive limit",
             )
-            yield document.error(("requirements", i, "below"), problem, "a positive limit")
         elif low is not None and low < 0.0:
-            problem = (
+            yield document.error(
+                ("requirements", i, "above"),
                 f"every flight meets the lower limit {low:g} of '{entry.metric}', because this "
-                "metric is never negative"
+                "metric is never negative",
+                "a nonnegative limit",
             )
-            yield document.error(("requirements", i, "above"), problem, "a nonnegative limit")
     if not campaign.judged:
         return
     family = campaign.family_risk

@@ -15,8 +15,11 @@ _CAMPAIGN = "campaign"
 @functools.cache
 def _models() -> dict[str, str]:
     """Return 'module:name' of the model of each kind of files that a simulator defines."""
-    files = [simulator.files for simulator in load_simulators().values()]
-    return {kind: model for models in files for kind, model in models.items()}
+    return {
+        kind: model
+        for simulator in load_simulators().values()
+        for kind, model in simulator.files.items()
+    }
 
 
 def find_kinds() -> tuple[str, ...]:

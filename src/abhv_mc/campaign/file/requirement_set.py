@@ -67,8 +67,9 @@ def read_requirement_set(source: RequirementSource) -> Document:
         document = Document(_EMPTY, {**data}, {(): (1, 1)}, {})
     document = read_requirements(document)
     if not isinstance(document.data, dict) or "requirements" not in document.data:
-        expected = "a campaign file, or a file with the key 'requirements'"
-        raise document.error((), found_value(document.data), expected)
+        raise document.error(
+            (), found_value(document.data), "a campaign file, or a file with the key 'requirements'"
+        )
     validate(
         document, _Set
     )  # Validate here, so that errors refer to locations in the requirement set.
@@ -133,9 +134,10 @@ def _check_metrics(stored: Mapping[str, Any], changed: Document) -> None:
         for key in old.keys() | new.keys() if old and new else ():
             if key not in ("label", "doc") and old.get(key) != new.get(key):
                 change = f"{key} {_text(old.get(key))} -> {_text(new.get(key))}"
-                problem = f"the definition of the metric '{name}' differs ({change})"
                 raise changed.error(
-                    ("metrics", name), problem, "the definition of the stored flights"
+                    ("metrics", name),
+                    f"the definition of the metric '{name}' differs ({change})",
+                    "the definition of the stored flights",
                 )
 
 

@@ -231,8 +231,9 @@ def check_stop(model: Campaign, errors: Problems) -> None:
     if not model.requirements:
         errors.add_key(("stop",), "'stop' needs requirements", "at least one requirement")
     if model.sampling.design != INDEPENDENT:
-        problem = (
+        errors.add_key(
+            ("stop",),
             "'stop' needs independent flights, unlike those of the design "
-            f"'{model.sampling.design}'"
+            f"'{model.sampling.design}'",
+            f"'sampling: {INDEPENDENT}', or no 'stop'",
         )
-        errors.add_key(("stop",), problem, f"'sampling: {INDEPENDENT}', or no 'stop'")

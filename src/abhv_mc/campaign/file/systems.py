@@ -81,12 +81,11 @@ class OwnMetric(Quantity):
 
     def record(self, name: str) -> Metric:
         """Return the metric as a record, in the same form as built-in metrics."""
-        label = self.label or label_of(name, "-")
         return Metric(
             name=name,
             unit=self.unit,
             doc=self.doc,
-            label=label,
+            label=self.label or label_of(name, "-"),
             bad=self.bad or "high",
             group="user",
             of="",
@@ -134,11 +133,10 @@ class SystemsCampaign(Campaign):
     @property
     def parameters(self) -> Parameters:
         """Parameters of the flights, defined by ``inputs``."""
-        entries = self.inputs.items()
         return Parameters(
             tuple(
                 Parameter(n, e.unit, e.nominal, e.doc, of_user=True, seed=e.seed)
-                for n, e in entries
+                for n, e in self.inputs.items()
             )
         )
 

@@ -257,16 +257,18 @@ def check_unknowns(
     for name, entry in unknowns.items():
         where = ("unknowns", name)
         if name not in parameters or parameters[name].seed:
-            problem = (
+            errors.add_key(
+                where,
                 f"unknown parameter '{name}'"
                 if name not in parameters
-                else f"'{name}' is a random seed"
+                else f"'{name}' is a random seed",
+                one_of(parameters.dispersible, name),
             )
-            errors.add_key(where, problem, one_of(parameters.dispersible, name))
         elif name in other_roles:
-            problem = f"'{name}' is also {other_roles[name]}"
             errors.add_key(
-                where, problem, "a parameter that is either drawn for each flight or unknown"
+                where,
+                f"'{name}' is also {other_roles[name]}",
+                "a parameter that is either drawn for each flight or unknown",
             )
         else:
             values = {(*where, key): getattr(entry, key) for key in ("low", "high")}
@@ -280,8 +282,9 @@ def check_unknowns(
         problem = f"the design '{design}' does not permit unknowns"
         errors.add_key(("unknowns",), problem, f"'sampling: {INDEPENDENT}'")
     if len(unknowns) > MOST_UNKNOWNS:
-        problem = f"found {counted(len(unknowns), 'unknown')}"
-        errors.add_key(("unknowns",), problem, f"at most {MOST_UNKNOWNS}")
+        errors.add_key(
+            ("unknowns",), f"found {counted(len(unknowns), 'unknown')}", f"at most {MOST_UNKNOWNS}"
+        )
     if points is not None:
         lengths = {len(values) for values in points.at.values()}
         if set(points.at) != set(unknowns) or len(lengths) != 1 or not min(lengths, default=0):
@@ -289,11 +292,12 @@ def check_unknowns(
             errors.add_key(("points",), f"'points' has values of {quoted(points.at)}", expected)
         number = min(lengths, default=0)
         if max([entry.point + 1 for entry in points.most_failures] + [points.shared or 0]) > number:
-            problem = (
+            errors.add_key(
+                ("points",),
                 "'shared' or 'most_failures' refers to more than the "
-                f"{counted(number, 'point')} of 'at'"
+                f"{counted(number, 'point')} of 'at'",
+                "indices of points, counted from 0",
             )
-            errors.add_key(("points",), problem, "indices of points, counted from 0")
     if len(errors) > before or not unknowns:
         return Unknowns()
     low, high = np.array(ends).T

@@ -175,8 +175,9 @@ def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
     indices = {column.position for column in columns.values()}
     for i, head in enumerate(table.heads):
         if i not in indices:
-            expected = one_of(parameters.dispersible, head)
-            raise table.error(None, i, f"unknown column '{head}'", expected)
+            raise table.error(
+                None, i, f"unknown column '{head}'", one_of(parameters.dispersible, head)
+            )
     flight = columns.pop("flight", None)
     if not columns:
         raise InputError(

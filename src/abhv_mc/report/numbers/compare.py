@@ -1,4 +1,4 @@
-"""Paired comparison of two campaigns with the same samples."""
+"""Paired comparison of two campaigns with the same samples and common points of the unknowns."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Indices, Ints
 from abhv_mc.campaign.file.experiment import Experiment, Requirement
 from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
@@ -14,12 +14,13 @@ from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.messages import InputError, Refusal, counted, grouped_digits, one_of, quoted
 from abhv_mc.io.units import parse_in_unit
-from abhv_mc.report.numbers.common_points import restrict_to_common_points
 from abhv_mc.statistics.gate import RISK, Gate, judge_change
 from abhv_mc.statistics.winner import PairedFailures
 from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
 from abhv_mc.topics.formatting import percent, significant
 from abhv_mc.topics.missed_requirements import requirement_failures, requirement_words
+
+_SAME = 1e-9  # relative tolerance within which points count as equal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,9 +78,10 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     results = read_flown(baseline)
     source, unknowns = campaign.make_samples(), results.campaign.unknowns
     if unknowns.names != campaign.unknowns.names:
-        expected = f"{quoted(unknowns.names)}, as in '{baseline}'"
         raise campaign.document.key_error(
-            ("unknowns",), "the unknowns differ from those of the baseline", expected
+            ("unknowns",),
+            "the unknowns differ from those of the baseline",
+            f"{quoted(unknowns.names)}, as in '{baseline}'",
         )
     rows = source.draw(0, campaign.runs)[:: len(campaign.unknowns.points)]
     columns = {
@@ -90,9 +92,10 @@ def check_baseline(campaign: Experiment, baseline: Path) -> None:
     }
     require_same_samples(expected_samples, columns, baseline, campaign.document.path)
     if not set(campaign.controllers) & set(results.flights):
-        expected = f"{quoted(results.controllers, 'or')}, as in {baseline}"
         raise campaign.document.error(
-            ("controllers",), "none of the controllers is in the baseline", expected
+            ("controllers",),
+            "none of the controllers is in the baseline",
+            f"{quoted(results.controllers, 'or')}, as in {baseline}",
         )
 
 
@@ -126,13 +129,77 @@ def parse_margins(texts: Sequence[str]) -> dict[str, float]:
 
 
 def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:
-    """Return two campaigns restricted to their common points of the unknowns.
+    """Return two campaigns restricted to flights at their common points of the unknowns.
 
-    Raise InputError if their samples differ.
+    Sample k at common point p is flight ``k * points + p`` in both campaigns. Raise InputError if
+    the unknowns or the samples differ, or if there is no common point.
     """
-    a, b = restrict_to_common_points(a, b)
+    unknowns_a, unknowns_b = a.campaign.unknowns, b.campaign.unknowns
+    if unknowns_a.names != unknowns_b.names:
+        raise InputError(
+            b.folder,
+            f"the unknowns are {quoted(unknowns_b.names)}"
+            if unknowns_b.names
+            else "the campaign has no unknowns",
+            f"{quoted(unknowns_a.names)}, as in {a.folder}",
+        )
+    pairs = np.array(
+        [
+            (i, j)
+            for i, point_a in enumerate(unknowns_a.points)
+            for j, point_b in enumerate(unknowns_b.points)
+            if np.allclose(point_a, point_b, rtol=_SAME, atol=0.0)
+        ]
+    ).reshape(-1, 2)
+    if not len(pairs):
+        raise InputError(
+            b.folder,
+            "the campaigns have no common point of the unknowns",
+            f"at least one of the points of {a.folder}",
+        )
+    a, b = _restrict(a, pairs[:, 0]), _restrict(b, pairs[:, 1])
     require_same_samples(_drawn(a), _drawn(b), a.folder, CampaignFolder(b.folder).samples)
     return a, b
+
+
+def _restrict(results: FlownCampaign, points: Indices) -> FlownCampaign:
+    """Return the results with only the flights at the given points, in the given order."""
+    total = len(results.campaign.unknowns.points)
+    if np.array_equal(points, np.arange(total)):
+        return results
+    order = np.full(total, -1)
+    order[points] = np.arange(len(points))
+
+    def renumber(numbers: Ints) -> tuple[Ints, Indices]:
+        """Return new flight numbers in ascending order, and the row of each number."""
+        position = order[numbers % total]
+        rows = np.flatnonzero(position >= 0)
+        new = (numbers // total * len(points) + position)[rows]
+        return np.sort(new), rows[np.argsort(new)]
+
+    flights = {}
+    for name, controller_flights in results.flights.items():
+        number, rows = renumber(controller_flights.flight)
+        flights[name] = replace(
+            controller_flights,
+            flight=number,
+            outcome=controller_flights.outcome[rows],
+            metrics={metric: values[rows] for metric, values in controller_flights.metrics.items()},
+            absent=renumber(controller_flights.absent)[0],
+        )
+    unknowns = replace(
+        results.campaign.unknowns,
+        points=results.campaign.unknowns.points[points],
+        shared=None,
+        most_failures=(),
+    )
+    runs = results.campaign.runs // total * len(points)
+    samples = {
+        name: values[: values.size // total * total].reshape(-1, total)[:, points].ravel()
+        for name, values in results.samples.items()
+    }
+    campaign = replace(results.campaign, unknowns=unknowns, runs=runs)
+    return replace(results, campaign=campaign, samples=samples, flights=flights)
 
 
 def compare_results(
@@ -210,10 +277,7 @@ def compare_baseline(results: FlownCampaign, baseline: Path) -> Baseline:
     Raise InputError if the samples differ.
     """
     earlier = read_flown(baseline)
-    before, after = restrict_to_common_points(earlier, results)
-    require_same_samples(
-        _drawn(before), _drawn(after), baseline, CampaignFolder(results.folder).samples
-    )
+    before, after = pair_campaigns(earlier, results)
     comparison = compare_results(after, before)
     earlier.refuse_changes()
     return Baseline(**vars(comparison), folder=baseline.as_posix(), digest=earlier.manifest.digest)

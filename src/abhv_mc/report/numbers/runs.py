@@ -91,8 +91,9 @@ def _read_run(folder: Path, name: str, store: Store) -> CampaignRun | None:
     except (InputError, OSError, RecursionError) as error:
         if not _is_ours(paths.manifest):
             return None
-        problem = error.found if isinstance(error, InputError) else str(error)
-        return CampaignRun(folder=name, problem=problem)
+        return CampaignRun(
+            folder=name, problem=error.found if isinstance(error, InputError) else str(error)
+        )
     numbers = read_current_numbers(folder, manifest)
     return CampaignRun(
         folder=name,

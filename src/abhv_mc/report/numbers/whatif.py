@@ -91,11 +91,12 @@ def make_whatif(
         effective, unseen = effective_size(weights), unseen_probability(campaign, change, rows)
         total, most = flights.flight.size, max(unseen.single, unseen.joint)
         if most > MOST_UNSEEN:
-            problem = (
+            raise InputError(
+                root,
                 f"{100.0 * most:.2g} % of the changed distribution lies outside the range of the "
-                f"{total} flights"
+                f"{total} flights",
+                f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign",
             )
-            raise InputError(root, problem, f"at most {100.0 * MOST_UNSEEN:g} %, or a new campaign")
         if effective < (least := max(FEWEST_EFFECTIVE, LEAST_EFFECTIVE * total)):
             problem = f"the effective number of flights is {effective:.0f} of {total}"
             remedy = "use a smaller change, more flights, or a new campaign"

@@ -56,17 +56,12 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
     from abhv_mc.topics.topic import user_topics
     from abhv_mc.version import ROOT, __version__
 
-    parts = sorted(
-        path
+    code = {
+        path.relative_to(ROOT).as_posix(): hash_file(path)
         for name in ("report", "statistics", "topics")
         for package in ROOT.glob("abhv_mc*")
         for path in (package / name).rglob("*")
-        if path.is_file()
-    )
-    code = {
-        path.relative_to(ROOT).as_posix(): hash_file(path)
-        for path in parts
-        if path.suffix != ".pyc"
+        if path.is_file() and path.suffix != ".pyc"
     }
     data: list[Any] = [__version__, code, hash_file(folder / "manifest.json")]
     data.append([topic.name for topic in user_topics()])

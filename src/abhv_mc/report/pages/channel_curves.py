@@ -68,12 +68,14 @@ def channel_curves(results: FlownCampaign, controller: str, channel: str) -> tup
     is_stored = (controller, channel) in results.envelopes
     envelope = results.envelopes.get((controller, channel if is_stored else source))
     nominal_columns = results.align(controller, results.nominal.get(controller, {}))
-    clocks = [
-        envelope_of.time
-        for (name, _), envelope_of in results.envelopes.items()
-        if name == controller
-    ]
-    clock = next(iter(clocks), nominal_columns.get("time", np.empty(0)))
+    clock = next(
+        (
+            envelope_of.time
+            for (name, _), envelope_of in results.envelopes.items()
+            if name == controller
+        ),
+        nominal_columns.get("time", np.empty(0)),
+    )
     every = max(1, -(-clock.size // _MOST_TIMES))
     time = clock[::every]
     curves = dict.fromkeys(band_names(results), np.full(time.shape, np.nan))
@@ -126,11 +128,11 @@ def envelope_data(
             arrays[f"time:{name}"], arrays[f"{channel}:{name}"] = channel_curves(
                 results, name, channel
             )
-    controllers = [{"name": name, "label": labels[name], "color": colors[name]} for name in names]
-    bands = [*band_names(results), "nominal"]
     return {
         "channels": channels,
-        "controllers": controllers,
-        "bands": bands,
+        "controllers": [
+            {"name": name, "label": labels[name], "color": colors[name]} for name in names
+        ],
+        "bands": [*band_names(results), "nominal"],
         "nominal": bool(results.nominal),
     }, arrays

@@ -112,7 +112,7 @@ def _paired_rows(comparison: Compared) -> Iterator[tuple[object, ...]]:
             names = {"median": entry.median_difference, **entry.quantile_differences}
             for level, difference in names.items():
                 quantity = "median over flights" if level == "median" else f"{level[1:]} % quantile"
-                ends = difference.value, difference.low, difference.high
+                ends = vars(difference).values()
                 yield (*pair.controllers, metric, quantity, nan, nan, *ends)
 
 
@@ -184,8 +184,9 @@ def _source(a: FlownCampaign, b: FlownCampaign, out: Path, options: Sequence[str
     ]
     command = ["abhv-mc", "compare", str(a.folder), str(b.folder), "-o", str(out), *options]
     heads = ("folder", "seed", "flights", "digest of the flights")
-    caption = f"Remake this page with `{shlex.join(command)}`"
-    return make_table("Compared campaigns", caption, heads, rows)
+    return make_table(
+        "Compared campaigns", f"Remake this page with `{shlex.join(command)}`", heads, rows
+    )
 
 
 def _section(

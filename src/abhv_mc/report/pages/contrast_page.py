@@ -93,11 +93,10 @@ def contrast_results(
     """
     for results in (a, b):
         if results.campaign.unknowns.names:
-            problem = (
-                "the campaign has unknowns, and its samples differ from those of the other folder"
-            )
             raise InputError(
-                results.folder, problem, "the same samples, or campaigns without unknowns"
+                results.folder,
+                "the campaign has unknowns, and its samples differ from those of the other folder",
+                "the same samples, or campaigns without unknowns",
             )
     metrics = [name for name in a.compared if name in b.metrics]
     requirements = [item for item in a.campaign.requirements if item.metric in b.metrics]
@@ -129,8 +128,10 @@ def find_changes(a: FlownCampaign, b: FlownCampaign) -> list[str]:
         f"requirements.{change}" for change in find_requirement_changes(before.data, after.data)
     ]
     if a.manifest.source_hash != b.manifest.source_hash:
-        commits = (results.manifest.commit or results.manifest.source_hash for results in (a, b))
-        changes.append("flight code: {} -> {}".format(*(commit[:12] for commit in commits)))
+        commits = (
+            (results.manifest.commit or results.manifest.source_hash)[:12] for results in (a, b)
+        )
+        changes.append("flight code: {} -> {}".format(*commits))
     return changes
 
 
@@ -159,8 +160,9 @@ def _contrast_requirement(
 def _verdict(item: Requirement, flights: ControllerFlights, is_judged: bool) -> SideVerdict:
     failures, absent = requirement_failures(flights, item).sum(), flights.not_computed
     verdict = item.judge(failures, flights.flight.size + absent, absent)
-    status = verdict.status if is_judged else "ESTIMATE"
-    return SideVerdict(status, verdict.failures, verdict.flights)
+    return SideVerdict(
+        verdict.status if is_judged else "ESTIMATE", verdict.failures, verdict.flights
+    )
 
 
 def _contrast_quantiles(
@@ -188,10 +190,13 @@ def contrast_section(
 ) -> Section:
     """Return the section with changed inputs, changed verdicts and tables."""
     labels = _labels(a, b, contrast)
-    changes = [change for change in contrast.changes if not change.startswith("name: ")]
     texts = [
         *change_texts(contrast, labels),
-        *(("Changed inputs", change) for change in changes),
+        *(
+            ("Changed inputs", change)
+            for change in contrast.changes
+            if not change.startswith("name: ")
+        ),
         ("Differences", "second minus first, 95 % intervals (Newcombe, bootstrap), not paired"),
     ]
     differing, every = (
@@ -279,15 +284,13 @@ def contrast_rows(contrast: Contrast) -> Iterator[tuple[object, ...]]:
     for controller in contrast.contrasted:
         for item in controller.requirements:
             shares = (side.failures / side.flights for side in (item.before, item.after))
-            difference = item.share_difference
-            interval = difference.value, difference.low, difference.high
+            interval = vars(item.share_difference).values()
             yield (*controller.controllers, item.words, "share that fails", *shares, *interval)
         for metric, levels in controller.metrics.items():
             for level, pair in levels.items():
                 ends = pair.before.value, pair.after.value
-                interval_of = pair.difference or Interval(nan, nan, nan)
                 quantity = f"{level[1:]} % quantile"
-                interval = interval_of.value, interval_of.low, interval_of.high
+                interval = vars(pair.difference or Interval(nan, nan, nan)).values()
                 yield (*controller.controllers, metric, quantity, *ends, *interval)
 
 

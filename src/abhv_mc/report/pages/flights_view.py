@@ -65,11 +65,8 @@ def describe_flights(
     ``ends`` contains the ranges of the columns in displayed units; ``channels`` names the channels
     with histories.
     """
-    names, records, required = (
-        results.controllers,
-        results.campaign.metrics,
-        results.campaign.requirements,
-    )
+    names, records = results.controllers, results.campaign.metrics
+    required = results.campaign.requirements
     headed = (results.asked if required else results.asked[:_HEADED]) or results.metrics[:_HEADED]
     moments = moments_of(results)
     criteria = [records[criterion.metric] for criterion in results.campaign.criteria]
@@ -186,10 +183,8 @@ def make_flights_view(
         )
 
     controller = np.repeat(np.arange(len(names)), [rows.size for rows in rows_by_name.values()])
-    number, outcome = (
-        stacked(table.flight for table in flights),
-        stacked(table.outcome for table in flights),
-    )
+    number = stacked(table.flight for table in flights)
+    outcome = stacked(table.outcome for table in flights)
     arrays = {}
     for name in results.dispersed:
         arrays[f"column:{name}"] = (
@@ -198,12 +193,8 @@ def make_flights_view(
     for metric in results.metrics:
         arrays[f"column:{metric}"] = stacked(table.metrics[metric] for table in flights)
     ends = {key.removeprefix("column:"): find_range(values) for key, values in arrays.items()}
-    row_of = {
-        (name, int(n)): i
-        for i, (name, n) in enumerate(
-            zip(np.array(names)[controller].tolist(), number, strict=True)
-        )
-    }
+    keys = zip(np.array(names)[controller].tolist(), number.tolist(), strict=True)
+    row_of = {key: row for row, key in enumerate(keys)}
     history = np.full(number.size, -1)
     channels = _add_histories(results, row_of, history, arrays)
     for name, channel in product(names, channels):

@@ -82,8 +82,9 @@ def judged_cases(verdicts: Verdicts) -> list[Case]:
         if verdict:
             asked = item.asked
             words = f"{asked.metric} {asked.limits} in {100.0 * asked.probability:g} % ({name})"
-            case = f"{asked.traced.get('id', '')} {words}".strip()
-            cases.append(Case(case, verdict.status, verdict.words))
+            cases.append(
+                Case(f"{asked.traced.get('id', '')} {words}".strip(), verdict.status, verdict.words)
+            )
     return cases
 
 

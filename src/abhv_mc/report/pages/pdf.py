@@ -38,7 +38,7 @@ main > section:not(#answer, #comparison), nav, details, footer, .sign, figcaptio
 """
 
 
-def print_pdf(page: Path, browser: str, letter: bool = False, brief: bool = False) -> Path:
+def print_pdf(page: Path, browser: str, letter: bool, brief: bool) -> Path:
     """Print a page to a PDF (A4 or letter) in the same folder, and return the PDF's path.
 
     If ``brief``, the PDF has only two pages. Raise InputError if the browser fails.

@@ -135,10 +135,9 @@ def flights_table(
 def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
     """Return the page content of a worst-case search whose flights are in ``folder``."""
     metric = result.metric
-    searched = result.severities[: result.searched]
     flights = flights_table(
         result.flights,
-        searched,
+        result.severities[: result.searched],
         len(result.names),
         metric,
         result.controller,
@@ -243,12 +242,13 @@ def _place(result: WorstFound) -> Drawn:
     else:
         quantity, gap = result.metric.label_with_unit, "the flight then terminates early"
         change = result.sign * change
-    caption = (
+    text = FigureText(
+        "place",
+        "Parameters of the worst case and their sensitivities",
         "Left: position of each parameter of the worst case in its range. Right: change of the "
         "value if one parameter is moved by a twentieth of its range and the others are kept; "
-        f"there is no bar if a bound prevents this or {gap}."
+        f"there is no bar if a bound prevents this or {gap}.",
     )
-    text = FigureText("place", "Parameters of the worst case and their sensitivities", caption)
     return text, plot_worst_point(result.names, result.case.place, change, quantity)
 
 
@@ -260,12 +260,12 @@ def _range_table(result: WorstFound) -> Table:
             zip(result.names, result.bounds.tolist(), strict=True)
         )
     ]
-    caption = (
-        "Range of each bounded distribution; for each unbounded distribution, the quantiles at "
-        f"plus and minus {result.request.box:g} standard deviations of a normal distribution"
-    )
     return make_table(
-        "The box", caption, ("parameter", "lower bound", "worst", "upper bound"), rows
+        "The box",
+        "Range of each bounded distribution; for each unbounded distribution, the quantiles at "
+        f"plus and minus {result.request.box:g} standard deviations of a normal distribution",
+        ("parameter", "lower bound", "worst", "upper bound"),
+        rows,
     )
 
 
@@ -426,13 +426,12 @@ def _learning(result: RareFound, estimate: SurrogateEstimate) -> Drawn:
         "batch of flights, with its interval. Right: metric of each flight; after the initial "
         "design, flights are placed where the prediction of failure is least certain."
     )
-    values = result.flights.column(result.metric.name)
     figure = plot_learning(
         result.metric.label_with_unit,
         [*result.requirement.limits.as_entry().values()],
         np.array(
             [[step.runs, *step.probabilities, step.low, step.high] for step in estimate.steps]
         ),
-        values,
+        result.flights.column(result.metric.name),
     )
     return FigureText("learning", "Estimate and flights", caption), figure

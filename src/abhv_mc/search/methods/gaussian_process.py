@@ -159,8 +159,7 @@ def condition(points: Floats, values: Floats, smooth: bool, logs: Floats) -> Gau
     """Return the process conditioned on values, for given variances and length scales."""
     prior, _ = _covariance(points, points, logs, smooth)
     factor = cholesky(prior + np.exp(logs[_TERMS + 1]) * np.eye(len(points)), lower=True)
-    weights = cho_solve((factor, True), values)
-    return GaussianProcess(smooth, points, values, logs, factor, weights)
+    return GaussianProcess(smooth, points, values, logs, factor, cho_solve((factor, True), values))
 
 
 def draw_starts(dimension: int, number: int, generator: np.random.Generator) -> Floats:

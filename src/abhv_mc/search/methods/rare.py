@@ -128,10 +128,8 @@ def estimate_rare(
         failures = np.concatenate([repetition.failures for repetition in repetitions])
         if plan.dimension <= MOST_LOOKED and check_flights >= _FEWEST_CHECKED + LOOK_FLIGHTS:
             again = find_failures(counted, plan.dimension, plan.threshold, probability, plan.seed)
-            failures, check_flights = (
-                np.concatenate([failures, again]),
-                check_flights - LOOK_FLIGHTS,
-            )
+            failures = np.concatenate([failures, again])
+            check_flights -= LOOK_FLIGHTS
         check = sample_importance(counted, plan.threshold, failures, check_flights, plan.seed)
     if check is not None and check.effective >= _SEEN:
         log_ratio, deviation = np.log(check.probability / probability), _HEAVY * check.cov

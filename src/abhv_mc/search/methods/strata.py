@@ -145,10 +145,8 @@ def estimate_switched(
         for sampler, failures in zip(
             which, failed.reshape(len(which), number).sum(axis=1), strict=True
         ):
-            sampler.flights, sampler.failures = (
-                sampler.flights + number,
-                sampler.failures + int(failures),
-            )
+            sampler.flights += number
+            sampler.failures += int(failures)
 
     samplers = _list_samplers(probabilities)
     fly_plainly(
@@ -167,11 +165,9 @@ def estimate_switched(
         main.estimate = main_estimate if main_estimate.refusal is None else None
         # If the estimate is rejected, only the flights of its first levels count as plain flights.
         failures, number = (0, 0) if main.estimate else main_estimate.plain
-        main.flights, main.failures, main.levels = (
-            main.flights + number,
-            main.failures + failures,
-            main_estimate.flights - number,
-        )
+        main.flights += number
+        main.failures += failures
+        main.levels = main_estimate.flights - number
     while flights - used >= LANES:
         plain = [sampler for sampler in samplers if sampler.estimate is None]
         below, above = _ends([sampler.stratum() for sampler in plain])

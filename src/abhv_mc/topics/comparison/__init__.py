@@ -135,15 +135,17 @@ def _pair_row(pair: ControllerPair, names: Names, metrics: Sequence[str]) -> Row
         entry = pair.metrics[metric]
         difference = interval_cell(entry.median_difference)
         notes = difference.note, percent(entry.a_better / pair.pairs, 2)
-        note = ", ".join(filter(None, notes))
-        cells.append(replace(difference, note=note, best=entry.winner is not None))
+        cells.append(
+            replace(difference, note=", ".join(filter(None, notes)), best=entry.winner is not None)
+        )
     return (*_pair_heads(pair, names), *cells)
 
 
 def _only_cell(failures: ListedFailures) -> Cell:
-    counts = f"{fixed(failures.only_a, 0)} / {fixed(failures.only_b, 0)}"
-    note = f"p {p_value(failures.p_value)}" if failures.only_a or failures.only_b else ""
-    return Cell(counts, note)
+    return Cell(
+        f"{fixed(failures.only_a, 0)} / {fixed(failures.only_b, 0)}",
+        f"p {p_value(failures.p_value)}" if failures.only_a or failures.only_b else "",
+    )
 
 
 def pair_tables(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, PercentFormatter
+from matplotlib.ticker import FuncFormatter
 
 from abhv_mc.array_types import Floats
 from abhv_mc.topics.comparison.model import Comparison, total_usage, usage_metrics
@@ -14,11 +14,11 @@ from abhv_mc.topics.figure_style import (
     INK,
     LOG_AXIS,
     MARKERS,
-    PERCENT,
     REFERENCE,
     controller_colors,
     distribution_steps,
     draw_limits,
+    label_shares,
     legend_below,
     line_look,
     log_if_wide,
@@ -29,7 +29,7 @@ from abhv_mc.topics.figure_style import (
     wrap,
 )
 from abhv_mc.topics.metrics.figures import Spread
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 _MOST_POINTS = 250  # maximum number of plotted flights per controller
 _TRADES = 3  # maximum number of panels per row, and of metrics in a campaign without requirements
@@ -37,7 +37,7 @@ _TRADES = 3  # maximum number of panels per row, and of metrics in a campaign wi
 _ENDS = (0.005, 0.995)
 
 
-def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(_found: Comparison, names: Names) -> Iterator[Drawn]:
     """Yield the figure that plots required metrics or tracking errors against control effort."""
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
@@ -51,8 +51,7 @@ def draw(_found: Comparison, names: Names) -> Iterator[tuple[FigureText, Figure]
     for metric in errors:
         values = {name: table.metrics[metric][flown[name]] for name, table in flights.items()}
         record, limits = records[metric], results.campaign.limits_of(metric)
-        unit = record.with_unit("").strip()
-        trades.append(Spread(record.label_with_unit, values, limits, unit))
+        trades.append(Spread(record.label_with_unit, values, limits, record.with_unit("").strip()))
     text = FigureText(
         "error_against_usage",
         "Required metrics against control effort"
@@ -82,8 +81,7 @@ def plot_error_against_usage(
     colors: Mapping[str, str],
 ) -> Figure:
     """Plot each flight's error against its control effort, with larger marks for medians."""
-    columns = min(_TRADES, len(trades))
-    figure, grid = new_panels(len(trades), columns, 1.6, between=(0.5, 0.58))
+    figure, grid = new_panels(len(trades), min(_TRADES, len(trades)), 1.6, between=(0.5, 0.58))
     for axes, trade in zip(grid.flat, trades, strict=False):
         for i, (name, errors) in enumerate(trade.values.items()):
             x, y = usage[name], errors
@@ -150,9 +148,8 @@ def plot_differences(
 
     A mark with an interval shows the median. ``zero`` is the label of the line at zero difference.
     """
-    columns = 3 if len(panels) > 4 else 2
     figure, grid = new_panels(
-        len(panels), columns, 1.25, between=(0.25, 0.55), top=0.12, sharey=True
+        len(panels), 3 if len(panels) > 4 else 2, 1.25, between=(0.25, 0.55), top=0.12, sharey=True
     )
     for axes, panel in zip(grid.flat, panels, strict=False):
         ends = [0.0]
@@ -174,9 +171,6 @@ def plot_differences(
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.axvline(0.0, label=zero, **REFERENCE)
         axes.set_xlabel(wrap(axes, panel.label))
-        axes.set_ylim(-0.02, 1.02)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
-    for row in grid:
-        row[0].set_ylabel("share of flights")
+    label_shares(grid)
     legend_below(figure, *grid.flat)
     return figure

@@ -90,8 +90,9 @@ def _of(results: FlownCampaign, controller: str) -> ControllerSettling:
             level_name(level): _settling(t, bad) for level, t in zip(LEVELS, traces, strict=True)
         }
     missed = (requirement_failures(flights, item) for item in results.campaign.requirements)
-    shares = tuple(_settling(failure_trace(failed, counts)) for failed in missed)
-    return ControllerSettling(tuple(counts), metrics, shares)
+    return ControllerSettling(
+        tuple(counts), metrics, tuple(_settling(failure_trace(failed, counts)) for failed in missed)
+    )
 
 
 def _settling(trace: Iterable[Interval], bad: Sense = "high") -> Settling:

@@ -19,10 +19,10 @@ from abhv_mc.topics.figure_style import (
     styled,
     title_panel,
 )
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 
-def draw(convergence: Convergence, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(convergence: Convergence, names: Names) -> Iterator[Drawn]:
     """Yield the convergence figure, which has one panel per leading metric."""
     if not convergence.is_drawn:
         return

@@ -173,14 +173,11 @@ def find_swing(parameter: str, sampled: Floats, values: Floats) -> Swing | None:
     or a median that is not finite.
     """
     low, high = np.quantile(sampled, [_TENTH, 1.0 - _TENTH], method="nearest")
+    below, above = sampled <= low, sampled >= high
     if low == high:
-        below, above = sampled < low, sampled > high
-        below, above = (
-            below if below.sum() >= _FEWEST_OF_TENTH else sampled <= low,
-            above if above.sum() >= _FEWEST_OF_TENTH else sampled >= high,
-        )
-    else:
-        below, above = sampled <= low, sampled >= high
+        lower, higher = sampled < low, sampled > high
+        below = lower if lower.sum() >= _FEWEST_OF_TENTH else below
+        above = higher if higher.sum() >= _FEWEST_OF_TENTH else above
     if min(below.sum(), above.sum()) < _FEWEST_OF_TENTH or np.any(below & above):
         return None
     lowest, highest = _middle(values[below]), _middle(values[above])
@@ -196,15 +193,12 @@ def _middle(values: Floats) -> float:
 
 def _driver(drivers: RankDrivers, names: list[str], row: int, column: int) -> Driver:
     partner = int(drivers.moves_with[row, column])
-
-    def ends(*tables: Floats) -> Ends:
-        value, low, high = (float(table[row, column]) for table in tables)
-        return value, low, high
-
+    tables = drivers.srrc, drivers.srrc_low, drivers.srrc_high
+    value, low, high = (float(table[row, column]) for table in tables)
     return Driver(
         parameter=names[row % len(names)],
         either_way=row >= len(names),
-        srrc=ends(drivers.srrc, drivers.srrc_low, drivers.srrc_high),
+        srrc=(value, low, high),
         p_value=float(drivers.p_value[row, column]),
         driver=bool(drivers.found[row, column]),
         moves_with=names[partner % len(names)] if partner >= 0 else None,
@@ -321,10 +315,9 @@ def _group(names: Names, controller: str, metric: str, entry: MetricDrivers) -> 
 
 def _driver_row(driver: Driver, names: Names) -> Row:
     name = spoken_name(driver.parameter) + (", high or low" if driver.either_way else "")
-    note = f"confounded with {spoken_name(driver.moves_with)}" if driver.moves_with else ""
     cell = Cell(
         name,
-        note,
+        f"confounded with {spoken_name(driver.moves_with)}" if driver.moves_with else "",
         hint=f"{driver.parameter}: {parameter_doc(driver.parameter, names.campaign.parameters)}",
     )
     return cell, interval_cell(Interval(*driver.srrc))

@@ -20,7 +20,7 @@ from abhv_mc.topics.figure_style import (
     styled,
 )
 from abhv_mc.topics.formatting import spoken_name
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 _BARS = 3  # maximum number of parameters per metric
 _ROW = 0.075  # height of a bar in inches
@@ -40,7 +40,7 @@ class Tornado:
     unit: str = ""
 
 
-def draw(drivers: Drivers, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(drivers: Drivers, names: Names) -> Iterator[Drawn]:
     """Yield the figure that shows the drivers of the leading metrics."""
     charts = []
     for metric in names.asked:

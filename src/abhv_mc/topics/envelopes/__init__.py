@@ -159,15 +159,13 @@ def envelope_section(model: Envelopes, names: Names) -> Section | None:
         )
         texts += [(NO_BAND, ", ".join(spread)), ("Unknowns", unknowns if points > 1 else "")]
     of_paper = getattr(campaign.model, "figures", None) == "paper"
-    rows = tuple(_row(model, names, curve, of_paper) for curve in curves_of(campaign))
+    rows = (_row(model, names, curve, of_paper) for curve in curves_of(campaign))
     heads = (
         "Channel",
         *names.controllers.values(),
         *(["Figure", "The paper's single flight"] if of_paper else []),
     )
-    table = Table(
-        "Smallest and largest value of each channel", heads, (tuple(row for row in rows if row),)
-    )
+    table = Table("Smallest and largest value of each channel", heads, (tuple(filter(None, rows)),))
     sheet = Fold("All channels", (table, Picture("channels")))
     return Section("Time histories", (make_records(texts), Widget("bands"), sheet))
 
@@ -179,8 +177,7 @@ def _row(envelopes: Envelopes, names: Names, curve: Curve, of_paper: bool) -> Ro
         return ()
     range_texts = [_ends(*ends) if ends else "" for ends in ranges]
     paper = [f"Fig. {curve.paper[0]}", curve.paper[1]] if of_paper and curve.paper else []
-    label = curve.label.replace("altitude error", "altitude")
-    return make_row(label, *range_texts, *paper)
+    return make_row(curve.label.replace("altitude error", "altitude"), *range_texts, *paper)
 
 
 def _ends(low: float, high: float) -> str:

@@ -19,7 +19,7 @@ from abhv_mc.topics.figure_bands import (
     off_reference,
     plot_sheet,
 )
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 Bands = tuple[Floats, Mapping[str, Floats]]  # a channel's times [time], and its bands by name
 # function that returns the bands of a channel under a controller, or None
@@ -34,7 +34,7 @@ _SIMULTANEOUS = (
 )
 
 
-def draw(_found: Envelopes, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(_found: Envelopes, names: Names) -> Iterator[Drawn]:
     """Yield the figure of all channels that have envelopes."""
     controllers, campaign, results = tuple(names.controllers), names.campaign, names.results
 
@@ -71,8 +71,11 @@ def _simultaneous(results: FlownCampaign, controller: str) -> dict[str, dict[str
 
     The result is empty if no histories of randomly sampled flights are stored.
     """
-    channels = [curve.channel for curve in curves_of(results.campaign)]
-    recorded = [name for name in channels if (controller, name) in results.envelopes]
+    recorded = [
+        curve.channel
+        for curve in curves_of(results.campaign)
+        if (controller, curve.channel) in results.envelopes
+    ]
     if not recorded:
         return {}
     times = results.envelopes[controller, recorded[0]].time
@@ -115,8 +118,7 @@ def _rows(
         for name in names
         if reference
     ]
-    panels = [panel for panel in track if panel]
-    rows = [EnvelopeRow("north (km)", panels, across="east (km)")]
+    rows = [EnvelopeRow("north (km)", [panel for panel in track if panel], across="east (km)")]
     for curve in curves:
         panels = [
             replace(panel_of(channel_bands, curve, reference), limits=limits.get(curve.channel, ()))
@@ -129,19 +131,15 @@ def _rows(
 
 def panel_of(channel_bands: Bands, curve: Curve, reference: Mapping[str, Floats]) -> EnvelopePanel:
     """Return a channel's panel; subtract the reference if ``curve.off_reference`` is true."""
-    time, reference_values = (
-        channel_bands[0],
-        reference[curve.reference] if curve.reference else None,
-    )
+    time, bands = channel_bands
+    reference_values = reference[curve.reference] if curve.reference else None
     clock, less = reference.get("time", time), reference_values if curve.off_reference else None
     reference_curve = (
         None
         if reference_values is None
         else (clock, off_reference(clock, reference_values, clock, less))
     )
-    return EnvelopePanel(
-        time, bands_off(time, channel_bands[1], clock, less), reference=reference_curve
-    )
+    return EnvelopePanel(time, bands_off(time, bands, clock, less), reference=reference_curve)
 
 
 def flight_curve(

@@ -21,7 +21,7 @@ from abhv_mc.topics.figure_style import (
     styled,
     title_panel,
 )
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 _MOST_CASES = 8  # maximum number of failure cases drawn, most frequent first
 _MOST_BANDS = 4  # maximum number of single-failure cases drawn with bands
@@ -49,8 +49,9 @@ def plot_survival(
     for axes, (title, curves) in zip(grid.flat, panels.items(), strict=False):
         for i, name in enumerate(labels):
             if name in curves:
-                share = 100.0 * curves[name]
-                axes.plot(times, share, label=labels[name], **line_look(i, len(labels)))
+                axes.plot(
+                    times, 100.0 * curves[name], label=labels[name], **line_look(i, len(labels))
+                )
         title_panel(axes, title)
         axes.set_ylim(-3.0, 103.0)
     for axes in grid[:, 0]:
@@ -100,7 +101,7 @@ def still_flying(after: Floats, lost: Mask, times: Floats) -> Floats:
     return np.where((times <= after.max(initial=0.0)) | (result == 0.0), result, np.nan)
 
 
-def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(_found: FailureCases, names: Names) -> Iterator[Drawn]:
     """Yield the figures of survival and of channel bands over time since the first failure."""
     results = names.results
     cases, first = drawn_cases(results)
@@ -134,7 +135,7 @@ def draw(_found: FailureCases, names: Names) -> Iterator[tuple[FigureText, Figur
 
 def _draw_bands(
     names: Names, selected: list[str], cases: NDArray[np.str_], first: Floats
-) -> Iterator[tuple[FigureText, Figure]]:
+) -> Iterator[Drawn]:
     """Yield the figure with bands of time histories after the first failure.
 
     No figure is drawn if histories were stored only for the worst or failed flights, because these
@@ -173,10 +174,11 @@ def _draw_bands(
                         aligned[:, has_values], (0.0, 0.5, 1.0), axis=0
                     )
     if bands:
-        caption = (
+        text = FigureText(
+            "failure_bands",
+            "Time histories after a failure",
             "Median (line) and smallest to largest value (band) of the flights with stored "
             "histories, against the time since the failure. A flight that terminates early "
-            "contributes until its end."
+            "contributes until its end.",
         )
-        text = FigureText("failure_bands", "Time histories after a failure", caption)
         yield text, plot_case_bands(times, bands, selected, names.controllers)

@@ -203,8 +203,7 @@ def worst_channels(flights_model: Flights, names: Names, recorded: set[str]) -> 
     count: Counter[str] = Counter()
     for flight in (flight_record for own in flights_model.worst.values() for flight_record in own):
         if flight.by is not None:
-            stems = names.campaign.contents.stems
-            channel = channel_of(names.metrics[flight.by], recorded, stems)
+            channel = channel_of(names.metrics[flight.by], recorded, names.campaign.contents.stems)
         else:
             stem = flight.outcome.removesuffix("_limit")
             channel = next((c for c in sorted(recorded) if c.rpartition("_")[0] == stem), None)

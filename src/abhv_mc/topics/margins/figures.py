@@ -16,12 +16,12 @@ from abhv_mc.topics.figure_style import (
 )
 from abhv_mc.topics.margins import Margins
 from abhv_mc.topics.missed_requirements import failed_anyhow
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 _MOST_POINTS = 1000  # maximum number of points per controller
 
 
-def draw(margins: Margins, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(margins: Margins, names: Names) -> Iterator[Drawn]:
     """Yield the figure of exceedance against margins, if margins of flights were computed."""
     if not margins.flights:
         return
@@ -65,10 +65,8 @@ def plot_margins(margins: Margins, names: Names, label: str) -> Figure:
     )
     for axes, margin, axis_label in across:
         for i, (name, (rows, failed, beyond)) in enumerate(points.items()):
-            height, value = (
-                np.where(np.isfinite(beyond), beyond, ceiling),
-                results.flights[name].metrics[margin][rows],
-            )
+            height = np.where(np.isfinite(beyond), beyond, ceiling)
+            value = results.flights[name].metrics[margin][rows]
             style = {
                 "s": 9,
                 "marker": MARKERS[i % len(MARKERS)],

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
 
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.topics.figure_style import (
-    PERCENT,
     controller_colors,
     distribution_steps,
+    label_shares,
     legend_below,
     line_look,
     make_value_axis,
@@ -21,7 +20,7 @@ from abhv_mc.topics.figure_style import (
     styled,
 )
 from abhv_mc.topics.metrics import Metrics
-from abhv_mc.topics.topic import FigureText, Names
+from abhv_mc.topics.topic import Drawn, FigureText, Names
 
 
 @dataclass(frozen=True)
@@ -60,10 +59,7 @@ def plot_distributions(
             axes.step(*distribution_steps(column), where="post", **looks[name])
         values = list(spread.values.values())
         make_value_axis(axes, spread.label, values, limits=spread.limits, unit=spread.unit)
-        axes.set_ylim(-0.02, 1.02)
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=PERCENT))
-    for row in grid:
-        row[0].set_ylabel("share of flights")
+    label_shares(grid)
     legend_below(figure, *grid.flat)
     return figure
 
@@ -76,7 +72,7 @@ _TEXT = FigureText(
 )
 
 
-def draw(_found: Metrics, names: Names) -> Iterator[tuple[FigureText, Figure]]:
+def draw(_found: Metrics, names: Names) -> Iterator[Drawn]:
     """Yield the figure with the distributions of the leading metrics."""
     if names.asked:
         flights = {name: names.results.flights[name] for name in names.controllers}
@@ -94,5 +90,6 @@ def make_spread(
     values = {
         name: np.where(table.failed, lost, table.metrics[metric]) for name, table in flights.items()
     }
-    unit = record.with_unit("").strip()
-    return Spread(record.label_with_unit, values, campaign.limits_of(metric), unit)
+    return Spread(
+        record.label_with_unit, values, campaign.limits_of(metric), record.with_unit("").strip()
+    )

@@ -192,8 +192,8 @@ def _verdict(
 def find_tolerance(
     flights: ControllerFlights,
     requirement: Requirement,
-    points: int = 1,
-    judged: Sequence[int] = (0,),
+    points: int,
+    judged: Sequence[int],
 ) -> tuple[float | None, float | None, bool]:
     """Return the tolerance limit, its margin, and whether too many flights terminated early.
 

@@ -7,7 +7,7 @@ from fake_flight import ENGINE, run, write_campaign
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.table_simulation import simulate_table
+from abhv_mc.execution.executor import simulate_table
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
