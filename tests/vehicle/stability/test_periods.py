@@ -37,7 +37,7 @@ class Memory(NamedTuple):
     alpha: float = 0.0
     eta: float = 0.0
 
-@controller(compiled=False)
+@controller{how}
 def law(measured, reference, memory, time, dt):
     clock, mode, integral, alpha, eta = memory
     speed = measured.speed - reference.speed
@@ -63,8 +63,8 @@ COUNTER = "path = throttle = clock == 0.0; clock = (clock + 1.0) % 10.0"
 HYSTERESIS = COUNTER + "; mode = 1.0 if speed > {0} else 0.0 if speed < -{0} else mode"
 
 
-def plan_of(folder, rates, declared=0):
-    (folder / "law.py").write_text(LAW.format(rates=rates))
+def plan_of(folder, rates, declared=0, how=""):
+    (folder / "law.py").write_text(LAW.format(rates=rates, how=how))
     (folder / "law.yaml").write_text(
         f"law: python\nfile: law.py\nrate: 100 Hz\nperiod: {declared}\n"
     )
@@ -151,8 +151,10 @@ def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path,
     assert_neutral(linear, stability.margins)
 
 
-def test_a_mode_that_stays_is_named(tmp_path):
-    assert find_period(plan_of(tmp_path, HYSTERESIS.format(5.0))).modes == ("mode 0",)
+@pytest.mark.parametrize("how", ["", pytest.param("(compiled=False)", marks=pytest.mark.thorough)])
+def test_a_mode_that_stays_is_named(tmp_path, how):
+    period = find_period(plan_of(tmp_path, HYSTERESIS.format(5.0), how=how))
+    assert (period.ticks, period.modes) == (10, ("mode 0",))
 
 
 @pytest.mark.parametrize(
