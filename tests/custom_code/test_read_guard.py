@@ -4,12 +4,12 @@ import importlib.util
 import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from programs import run_python
 
 from abhv_mc.custom_code.read_guard import ReadGuard
 from abhv_mc.external_simulators import python_lines
@@ -126,10 +126,8 @@ def fly_ways(study: Path, own: Path, ways: dict[str, str]) -> dict[str, dict[str
         json.dumps({"inputs": {"way": name}, "settings": {}, "flight": name}) + "\n"
         for name in ways
     )
-    program = [sys.executable, "-P", python_lines.__file__, "sim.py", str(study), str(study)]
-    run = subprocess.run(
-        [*program, *declared], cwd=own, input=lines, capture_output=True, text=True, check=True
-    )
+    program = "-P", python_lines.__file__, "sim.py", study, study
+    run = run_python(*program, *declared, cwd=own, input=lines, check=True)
     ready, *answers = map(json.loads, run.stdout.splitlines())
     assert ready == {"ready": True}, (ready, run.stderr)
     return dict(zip(ways, answers, strict=True))
