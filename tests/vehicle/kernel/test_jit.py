@@ -262,11 +262,10 @@ subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
 @pytest.mark.parametrize(
     "change",
     [
-        "",
-        "del numba.core.codegen.JITCodeLibrary",
-        "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())",
+        "",  # unchanged
+        "del numba.core.codegen.JITCodeLibrary",  # does not import
+        "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())",  # does not compile
     ],
-    ids=["unchanged", "does not import", "does not compile"],
 )
 def test_the_public_interface_compiles_if_the_private_one_has_changed(tmp_path, change):
     """There is one warning, and none in child processes."""

@@ -286,9 +286,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "problem", "expected"), WRONG, ids=[entry[2] for entry in WRONG]
-)
+@pytest.mark.parametrize(("text", "line", "problem", "expected"), WRONG)
 def test_what_cannot_be_compiled_is_said_in_the_users_terms(
     make, tmp_path, text, line, problem, expected
 ):

@@ -44,16 +44,22 @@ def test_columns_by_the_vehicle_file_comments_and_blank_lines(tmp_path):
 @pytest.mark.parametrize(
     ("text", "columns", "grid"),
     [
-        ("\ufeffaltitude_km,value\n20,1\n30,2\n", {}, [2e4, 3e4]),
-        ("alpha_deg,value\n0,1\n0.5,2\n", {"alpha_deg": "angle_of_attack rad"}, [0.0, 0.5]),
-        ("alpha_deg,value\n0,1\n30,2\n", {"alpha_deg": "angle_of_attack"}, [0.0, np.pi / 6.0]),
-        ("altitude_m,value\n0,1\n50,2\n", {"altitude_m": "altitude m"}, [0.0, 50.0]),
-    ],
-    ids=[
-        "a byte order mark",
-        "the vehicle file says otherwise",
-        "the unit of the name",
-        "few metres, insisted on",
+        ("\ufeffaltitude_km,value\n20,1\n30,2\n", {}, [2e4, 3e4]),  # a byte order mark
+        (
+            "alpha_deg,value\n0,1\n0.5,2\n",
+            {"alpha_deg": "angle_of_attack rad"},
+            [0.0, 0.5],
+        ),  # the vehicle file says otherwise
+        (
+            "alpha_deg,value\n0,1\n30,2\n",
+            {"alpha_deg": "angle_of_attack"},
+            [0.0, np.pi / 6.0],
+        ),  # the unit of the name
+        (
+            "altitude_m,value\n0,1\n50,2\n",
+            {"altitude_m": "altitude m"},
+            [0.0, 50.0],
+        ),  # few metres, insisted on
     ],
 )
 def test_axes_in_other_units(tmp_path, text, columns, grid):
