@@ -102,14 +102,9 @@ def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
     """A law without a memory was not called: margins were those of a constant command."""
     dispersions, results = parameters(), []
     for compiled in ("", "(compiled=False)"):
-        plan, steady = plans_of(write(tmp_path, compiled))
-        for flight_plan, points in (
-            (steady, trim_points(steady, dispersions)),
-            (plan, flown_points(plan, dispersions, 0.2)),
-        ):
-            results.append(
-                (points.points.memory, stability(flight_plan, points, dispersions).margins)
-            )
+        _, plan = plans_of(write(tmp_path, compiled))
+        for points in (trim_points(plan, dispersions), flown_points(plan, dispersions, 0.2)):
+            results.append((points.points.memory, stability(plan, points, dispersions).margins))
     for (memory, margins), (other_memory, other_margins) in zip(
         results[:2], results[2:], strict=True
     ):
