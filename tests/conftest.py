@@ -91,6 +91,12 @@ def no_figures(monkeypatch):
 
 
 @pytest.fixture
+def own_list(monkeypatch, tmp_path):
+    """Use an empty list of trusted code."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+
+
+@pytest.fixture
 def fake_engine(monkeypatch, tmp_path):
     """Let commands run fake flights in an empty folder."""
     from fake_flight import ENGINE

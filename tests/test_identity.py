@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from programs import run_python
 
 import abhv_mc
 from abhv_mc import identity
@@ -86,12 +87,11 @@ def test_the_source_of_a_package_that_registers_an_executor_counts(tmp_path, gro
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: plugin\nVersion: 1\n")
     (information / "entry_points.txt").write_text(f"[abhv_mc.{group}]\nmine = plugin:connect\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
-    command = [sys.executable, "-c", "from abhv_mc.identity import code_hash; print(code_hash())"]
+    program = "from abhv_mc.identity import code_hash; print(code_hash())"
 
     def code_hash(text):
         (tmp_path / "plugin.py").write_text(text)
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        return done.stdout
+        return run_python("-c", program, env=environment, check=True).stdout
 
     before = code_hash("1 / 0  # nobody imports it")
     assert (code_hash("1 / 0") != before) == shapes_rows

@@ -5,12 +5,11 @@ function separately. Its vectors are half as wide on Intel processors. Neither c
 """
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import llvmlite.binding as llvm
 import numpy as np
+from programs import run_python
 
 import abhv_mc
 
@@ -37,9 +36,7 @@ def fly(out: Path, public: str) -> dict[str, np.ndarray]:
     }
     if public == "1":
         environment["NUMBA_CPU_FEATURES"] = llvm.get_host_cpu_features().flatten()
-    subprocess.run(
-        [sys.executable, "-c", FLY, str(out)], env=environment, check=True, capture_output=True
-    )
+    run_python("-c", FLY, out, env=environment, check=True)
     with np.load(out) as parts:
         return dict(parts)
 

@@ -19,7 +19,7 @@ TAKEN = [
 ]
 
 
-@pytest.mark.parametrize(("name", "function", "request_"), TAKEN, ids=[row[0] for row in TAKEN])
+@pytest.mark.parametrize(("name", "function", "request_"), TAKEN)
 def test_options_and_arguments_are_the_fields_with_their_help(name, function, request_):
     options = options_of(request_)
     arguments = inspect.signature(function).parameters

@@ -3,10 +3,10 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from programs import run_python
 
 ROOT = Path(__file__).parents[2]
 STUDIES = (
@@ -71,14 +71,7 @@ def list_changes() -> str:
 def run(*arguments: str, folder: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
     before = list_changes()
-    done = subprocess.run(
-        [sys.executable, *arguments, "--smoke"],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_python(*arguments, "--smoke", cwd=folder, env=environment)
     assert done.returncode == 0, done.stderr[-2000:]
     assert list_changes() == before
 

@@ -2,14 +2,11 @@
 
 import configparser
 import os
-import subprocess
-import sys
 import tomllib
 
 import pytest
-from typer.testing import CliRunner
+from programs import invoke, run_python
 
-from abhv_mc.cli.app import app
 from abhv_mc.shipped import PACKAGES
 
 GREETING = '''
@@ -36,11 +33,8 @@ def program(tmp_path):
     searched = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
 
     def run(*arguments):
-        program = [sys.executable, "-m", "abhv_mc", *arguments]
         environment = os.environ | {"PYTHONPATH": searched, "COLUMNS": "100"}
-        return subprocess.run(
-            program, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path
-        )
+        return run_python("-m", "abhv_mc", *arguments, env=environment, cwd=tmp_path)
 
     return run
 
@@ -67,7 +61,7 @@ def test_a_command_imports_only_its_own_package(program, arguments):
 
 def test_the_version_says_which_package_is_missing(monkeypatch):
     monkeypatch.setattr("abhv_mc.cli.app.PACKAGES", (*PACKAGES, "abhv_mc_absent"))
-    output = CliRunner().invoke(app, ["--version"]).stdout
+    output = invoke("--version").stdout
     (line,) = [line for line in output.splitlines() if "not installed" in line]
     assert "abhv_mc_absent" in line
 
@@ -87,6 +81,4 @@ def test_every_package_is_built_typed_and_checked(repository):
 def test_commands_load_where_another_package_replaces_the_entry_points():
     pytest.importorskip("importlib_metadata")  # returns entry points of a class of its own
     code = "import importlib_metadata; from abhv_mc.cli.app import main; main()"
-    program = [sys.executable, "-c", code, "fly", "--help"]
-    shown = subprocess.run(program, capture_output=True, text=True, check=True)
-    assert "--controllers" in shown.stdout
+    assert "--controllers" in run_python("-c", code, "fly", "--help", check=True).stdout

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import run_python
 
 import abhv_mc
 from abhv_mc.cli.app import app
@@ -20,12 +21,6 @@ from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.io.messages import InputError
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"}
-
-
-def run_program(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "abhv_mc", *arguments], capture_output=True, text=True, check=False
-    )
 
 
 def command_code(body: str, before: str = "") -> str:
@@ -53,9 +48,9 @@ def run_command(
 
 
 def test_version_and_help() -> None:
-    output = run_program("--version").stdout
+    output = run_python("-m", "abhv_mc", "--version").stdout
     assert output.startswith(f"abhv-mc {abhv_mc.__version__}\n") and "\nnumba " in output
-    help_ = run_program("--help")
+    help_ = run_python("-m", "abhv_mc", "--help")
     assert help_.returncode == 0
     panels = re.split(r"╭─ (.+?) ─+╮", help_.stdout)
     commands = {
@@ -73,10 +68,7 @@ def test_version_and_help() -> None:
 @pytest.mark.parametrize("start", ["from abhv_mc.cli import app", "import abhv_mc; dir(abhv_mc)"])
 def test_starting_imports_nothing_heavy(start: str) -> None:
     code = f"import sys; {start}; print(*{{name.partition('.')[0] for name in sys.modules}})"
-    answer = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert HEAVY.isdisjoint(answer.stdout.split())
+    assert HEAVY.isdisjoint(run_python("-c", code, check=True).stdout.split())
 
 
 @pytest.mark.parametrize(
@@ -172,9 +164,7 @@ def test_an_unwritable_log_does_not_stop_a_campaign():
 def test_other_operating_systems_are_rejected() -> None:
     """Run in a separate process, because many Python modules read the name of the system."""
     program = "import abhv_mc, os; os.name = 'nt'; import abhv_mc.cli"
-    ended = subprocess.run(
-        [sys.executable, "-c", program], check=False, capture_output=True, text=True
-    )
+    ended = run_python("-c", program)
     assert ended.returncode == 2
     assert "macOS" in ended.stderr and "Traceback" not in ended.stderr
 
@@ -195,15 +185,7 @@ def test_shells_complete_shipped_names_and_folders_of_campaigns(tmp_path: Path) 
             "COMP_WORDS": line,
             "COMP_CWORD": str(len(typed.split())),
         }
-        program = [sys.executable, "-m", "abhv_mc"]
-        answer = subprocess.run(
-            program,
-            env=os.environ | request,
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        answer = run_python("-m", "abhv_mc", env=os.environ | request, cwd=tmp_path)
         assert offered in answer.stdout.split(), answer.stderr
         assert "reports/empty" not in answer.stdout
 
@@ -262,14 +244,7 @@ def test_a_container_without_a_home_runs_a_simulator(tmp_path: Path) -> None:
     environment |= {"HOME": "/dev/null", "TMPDIR": str(tmp_path)}
 
     def run(*arguments: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-m", "abhv_mc", *arguments],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = run_python("-m", "abhv_mc", *arguments, cwd=tmp_path, env=environment)
         assert done.returncode in (ExitCode.DONE, ExitCode.FAILED), done.stderr
         return done.stderr
 

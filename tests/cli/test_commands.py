@@ -10,29 +10,24 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from typer.testing import CliRunner
+from programs import invoke
 
 from abhv_mc.campaign.file.schema import make_schema
-from abhv_mc.cli.app import app
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.metrics import BUILT_IN, METRICS
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
 
-def run(*arguments, **options):
-    return CliRunner().invoke(app, [str(word) for word in arguments], **options)
-
-
 def test_fly_prints_every_metric_of_every_controller():
-    out = run("fly", "level").stdout
+    out = invoke("fly", "level").stdout
     assert re.search(r"\blevel\b.*\babhv\b", out) and "\ntlc: " in out and "\nlqr: " in out
     rows = [line.split() for line in out.splitlines()]
     assert ["outcome", "ok", "ok"] in rows
     for metric in METRICS:
         values = next(row[1:] for row in rows if row and row[0] == metric.name)
         assert len(values) == 2 and np.isfinite([float(value) for value in values]).all()
-    figures = json.loads(run("fly", "level", "--controllers", "lqr,tlc", "--json", "-").stdout)
+    figures = json.loads(invoke("fly", "level", "--controllers", "lqr,tlc", "--json", "-").stdout)
     assert list(figures["controllers"]) == ["lqr", "tlc"] and figures["vehicle"] == "abhv"
     flown = figures["controllers"]["tlc"]
     assert flown["outcome"] == "ok" and flown["end_time_s"] == 60.0
@@ -51,19 +46,19 @@ def test_fly_writes_history_and_figures(repository, tmp_path):
         "-o",
         tmp_path / "level",
     )
-    flown = run("fly", mission, *options)
+    flown = invoke("fly", mission, *options)
     history = pq.read_table(tmp_path / "level/nominal.parquet")
     assert history.column_names == ["controller", "time", *(channel.name for channel in CHANNELS)]
     np.testing.assert_allclose(history["time"][:6001], np.arange(6001) * 0.01, atol=1e-12)
     assert history["altitude_m"][0].as_py() == 20_000.0
     flexible = str(files / "mission/flexible.yaml")
-    run("fly", flexible, "--vehicle", "flexible", "--controllers", "tlc", "-o", tmp_path / "f")
+    invoke("fly", flexible, "--vehicle", "flexible", "--controllers", "tlc", "-o", tmp_path / "f")
     assert "state.mode_1" in pq.read_table(tmp_path / "f/nominal.parquet").column_names
     assert str(tmp_path / "level/figures/channels.png") in flown.stdout.replace("\n", "")
 
 
 def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository):
-    result = run(
+    result = invoke(
         "trim",
         "ghame",
         "--altitude",
@@ -90,19 +85,19 @@ def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository)
         (True, 0.0, pytest.approx(3.59, abs=0.005)),
         (True, 50.0, pytest.approx(4.47, abs=0.01)),
     ]
-    result = run("trim", "ghame_x", "--bank=0,89", "--mass", "1.3 t")
+    result = invoke("trim", "ghame_x", "--bank=0,89", "--mass", "1.3 t")
     assert result.exit_code == 1
     assert "ghame_x: 20 km, 1400 m/s, Mach 4.745" in result.stdout
     assert re.findall(r"(\d+) deg\b[^:\n]*: ", result.stdout) == ["89"]  # has no trim
     for flown in ("s_manoeuvre", "campaigns/s_manoeuvre.yaml"):
         point = json.loads(
-            run("trim", repository / flown if "/" in flown else flown, "--json", "-").stdout
+            invoke("trim", repository / flown if "/" in flown else flown, "--json", "-").stdout
         )
         assert (point["altitude_m"], point["speed_mps"]) == (20e3, 1400.0)
         assert point["points"][0]["angle_of_attack_deg"] == pytest.approx(3.160, abs=0.001)
-    climb = json.loads(run("trim", "f16_level", "--vehicle", "f16", "--json", "-").stdout)
+    climb = json.loads(invoke("trim", "f16_level", "--vehicle", "f16", "--json", "-").stdout)
     assert climb["altitude_m"] == pytest.approx(3051.96, abs=0.01)
-    error = run("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception
+    error = invoke("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception
     assert isinstance(error, InputError) and error.file.endswith("sphere.yaml")
     assert "surfaces" in error.found
 
@@ -117,12 +112,12 @@ def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository)
     ],
 )
 def test_definitions_are_listed_as_text_and_as_json(kind, names):
-    listed = json.loads(run("list", kind, "--json", "-").stdout)
+    listed = json.loads(invoke("list", kind, "--json", "-").stdout)
     assert [entry["name"] for entry in listed] == names
-    table = run("list", kind).stdout
+    table = invoke("list", kind).stdout
     assert all(f"{entry['name']} " in table and entry["doc"] in table for entry in listed)
     if kind == "schemas":
-        assert json.loads(run("list", "schemas", "vehicle").stdout) == make_schema("vehicle")
+        assert json.loads(invoke("list", "schemas", "vehicle").stdout) == make_schema("vehicle")
 
 
 KEYS = [
@@ -141,7 +136,7 @@ KEYS = [
 
 def _call(*arguments):
     """Run a command without catching its errors, and return its standard output."""
-    return run(*arguments, catch_exceptions=False).stdout
+    return invoke(*arguments, catch_exceptions=False).stdout
 
 
 def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
@@ -155,7 +150,7 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
         "--controllers",
         "tlc,lqr_retuned_ghame_x",
     )
-    rows = json.loads(run(*command, "--json", "-").stdout)["rows"]
+    rows = json.loads(invoke(*command, "--json", "-").stdout)["rows"]
     loops = ["aileron", "rudder", "elevator", "equivalence_ratio", "all"]
     assert [row["loop"] for row in rows] == loops * 4
     assert [row["time_s"] for row in rows[::5]] == [None, 2.0, None, 2.0]
@@ -176,7 +171,7 @@ def test_margins_writes_rows_for_each_controller_time_and_loop(tmp_path):
     )
     assert rows[4]["disk_margin"] == pytest.approx(0.0579, abs=1e-4)
     assert rows[4]["disk_gain_db"] == pytest.approx(0.503, abs=1e-3)
-    result = run(*command)
+    result = invoke(*command)
     assert "-1.31" in result.stdout and "none" in result.stdout
     assert re.search(r"equivalence_ratio 1\.002\d .* 1\.0000\b", result.stderr)
 
@@ -266,6 +261,6 @@ def test_linearize_at_several_times_stacks_the_models_of_each_time(tmp_path):
 
 
 def test_linearize_can_write_only_the_gains_of_a_controller(tmp_path):
-    result = run("linearize", "level", "--controller", "lqr", "--gains", tmp_path / "gains.mat")
+    result = invoke("linearize", "level", "--controller", "lqr", "--gains", tmp_path / "gains.mat")
     assert result.exit_code == 0, result.exception
     assert scipy.io.loadmat(tmp_path / "gains.mat") and len([*tmp_path.iterdir()]) == 1

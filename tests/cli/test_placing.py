@@ -5,16 +5,11 @@ from dataclasses import replace
 
 import pytest
 from own_simulators import glide_campaign, write_glide
-from typer.testing import CliRunner
+from programs import invoke
 
 from abhv_mc.api import Campaign
-from abhv_mc.cli.app import app
 from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.place_page import make_identify_section
-
-
-def invoke(*arguments):
-    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 def test_flights_that_do_not_fit_are_identified_and_then_fit(tmp_path):

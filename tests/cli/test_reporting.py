@@ -7,10 +7,9 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from programs import invoke
 from report.synthetic import write_campaign
-from typer.testing import CliRunner
 
-from abhv_mc.cli.app import app
 from abhv_mc.cli.printing import say
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.manifest import read_manifest, write_manifest
@@ -35,38 +34,34 @@ def folder(tmp_path_factory):
     return write_campaign(tmp_path_factory.mktemp("cli") / "c", runs=12)
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
 @pytest.mark.usefixtures("no_figures")
 def test_report_and_its_verification(folder):
-    result = run("report", folder)
+    result = invoke("report", folder)
     assert result.exit_code == 0
     assert result.stdout.split() == [str(folder / "report.html")]
-    assert run("verify", "campaign", folder).exit_code == 0
+    assert invoke("verify", "campaign", folder).exit_code == 0
     numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     numbers["flights"]["counts"]["tlc"]["flown"] = 13
     (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
-    verification = run("verify", "campaign", folder)
+    verification = invoke("verify", "campaign", folder)
     assert verification.exit_code == 1
     assert re.fullmatch(r"flights\.counts\.tlc\.flown: 13\D+12\D+", verification.stdout)
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_report_of_another_version_is_not_called_changed(folder, monkeypatch):
-    run("report", folder)
+    invoke("report", folder)
     numbers = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     numbers["files"]["campaign.yaml"] = numbers["code"] = "0"
     (folder / "report.json").write_text(json.dumps(numbers), encoding="utf-8")
-    verification = run("verify", "campaign", folder)
+    verification = invoke("verify", "campaign", folder)
     assert verification.exit_code == 1
     assert re.fullmatch(r"report\.json: written by another version\b.*\n", verification.stdout)
 
 
 def test_a_missing_chromium_is_reported_before_files_are_written(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    error = run("report", folder, "-o", tmp_path / "there", "--pdf").exception
+    error = invoke("report", folder, "-o", tmp_path / "there", "--pdf").exception
     assert isinstance(error, InputError) and "chromium" in error.expected
     assert not (tmp_path / "there").exists()
 
@@ -74,12 +69,12 @@ def test_a_missing_chromium_is_reported_before_files_are_written(folder, tmp_pat
 @pytest.mark.thorough
 @pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no Chromium is installed")
 def test_report_as_pdf(folder, tmp_path):
-    result = run("report", folder, "-o", tmp_path / "there", "--pdf")
+    result = invoke("report", folder, "-o", tmp_path / "there", "--pdf")
     assert result.stdout.split() == [
         str(tmp_path / "there" / f"report.{kind}") for kind in ("html", "pdf")
     ]
     assert (tmp_path / "there/report.pdf").read_bytes().startswith(b"%PDF")
-    result = run("report", folder, "-o", tmp_path / "there", "--brief")
+    result = invoke("report", folder, "-o", tmp_path / "there", "--brief")
     assert result.stdout.split()[-1] == str(tmp_path / "there/brief.pdf")
     brief = (tmp_path / "there/brief.pdf").read_bytes()
     assert len(re.findall(rb"/Type\s*/Page[^s]", brief)) == 2
@@ -98,12 +93,12 @@ def test_verdicts_have_colours_only_on_a_terminal(monkeypatch):
 
 def test_compare(folder, tmp_path):
     failing = write_campaign(tmp_path / "failing", runs=40, failing=4)
-    crossed = run("compare", failing, failing, "--controllers", "tlc,lqr").stdout
+    crossed = invoke("compare", failing, failing, "--controllers", "tlc,lqr").stdout
     for text in ("Sideslip, max (deg)", "of 95 % quantiles", "Pairing gain", "abhv-mc replay"):
         assert text in crossed
     (line,) = [line for line in crossed.splitlines() if line.strip().startswith("Completed")]
     assert line.split()[3:8] == ["0", "0", "4", "36", "0.12"]
-    assert len(json.loads(run("compare", folder, folder, "--json", "-").stdout)["paired"]) == 3
+    assert len(json.loads(invoke("compare", folder, folder, "--json", "-").stdout)["paired"]) == 3
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -112,8 +107,8 @@ def test_a_report_by_other_requirements_needs_another_folder(folder, tmp_path):
     requirement = "{metric: altitude_error_max_m, below: 1e-6, probability: 0.5}"
     file.write_text(f"requirements: [{requirement}]\n", encoding="utf-8")
     names = sorted(path.name for path in folder.iterdir())
-    assert isinstance(run("report", folder, "--requirements", file).exception, InputError)
-    result = run("report", folder, "--requirements", file, "-o", out, "--junit", junit)
+    assert isinstance(invoke("report", folder, "--requirements", file).exception, InputError)
+    result = invoke("report", folder, "--requirements", file, "-o", out, "--junit", junit)
     numbers = json.loads((out / "report.json").read_text(encoding="utf-8"))
     labels = [record["label"] for record in numbers["summary"]["records"]]
     assert "Misses" in labels and result.exit_code == 1
@@ -124,9 +119,9 @@ def test_a_report_by_other_requirements_needs_another_folder(folder, tmp_path):
 
 
 def test_show_lists_every_topic_and_prints_tables_of_convergence(folder):
-    help_text = " ".join(run("show", "--help").stdout.replace("│", " ").split())
+    help_text = " ".join(invoke("show", "--help").stdout.replace("│", " ").split())
     assert all(re.search(rf"\b{topic.name}\b", help_text) for topic in BUILT_IN)
-    table = run("show", "convergence", folder).stdout
+    table = invoke("show", "convergence", folder).stdout
     assert "A quarter" in table and "All flights" in table and "LQR" in table
 
 
@@ -141,7 +136,7 @@ def test_verdicts_of_a_report_are_computed_once(folder, tmp_path):
     compute_verdicts = VERDICTS.compute
     object.__setattr__(VERDICTS, "compute", compute)
     try:
-        result = run("report", folder, "-o", tmp_path / "r", "--junit", tmp_path / "j.xml")
+        result = invoke("report", folder, "-o", tmp_path / "r", "--junit", tmp_path / "j.xml")
     finally:
         object.__setattr__(VERDICTS, "compute", compute_verdicts)
     assert result.exit_code == 0 and len(computed) == 1

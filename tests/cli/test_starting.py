@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from jsonschema import Draft202012Validator
-from typer.testing import CliRunner
+from programs import invoke
 
 import abhv_mc
 from abhv_mc.campaign.file.check import read_campaign
@@ -15,7 +15,6 @@ from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.check_inputs import check_inputs
-from abhv_mc.cli.app import app
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import read_document
@@ -172,7 +171,7 @@ def test_without_a_compiler_the_program_is_left_to_be_built(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    result = CliRunner().invoke(app, ["new", str(tmp_path / "study"), "--simulator", "command"])
+    result = invoke("new", tmp_path / "study", "--simulator", "command")
     assert (
         result.exit_code == 0
         and "make" in result.output
@@ -224,7 +223,7 @@ def test_all_errors_of_all_files_are_reported(tmp_path: Path) -> None:
     ):
         path = tmp_path / f"configs/{name}.yaml"
         path.write_text(path.read_text().replace(old, new, 1))
-    answer = CliRunner().invoke(app, ["validate", str(tmp_path / "campaigns/s_manoeuvre.yaml")])
+    answer = invoke("validate", tmp_path / "campaigns/s_manoeuvre.yaml")
     assert isinstance(answer.exception, InputErrors)
     assert {Path(error.file).name for error in answer.exception.errors} == {
         "paper_s.yaml",

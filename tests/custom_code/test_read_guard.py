@@ -4,12 +4,12 @@ import importlib.util
 import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from programs import run_python
 
 from abhv_mc.custom_code.read_guard import ReadGuard
 from abhv_mc.external_simulators import python_lines
@@ -126,32 +126,26 @@ def fly_ways(study: Path, own: Path, ways: dict[str, str]) -> dict[str, dict[str
         json.dumps({"inputs": {"way": name}, "settings": {}, "flight": name}) + "\n"
         for name in ways
     )
-    program = [sys.executable, "-P", python_lines.__file__, "sim.py", str(study), str(study)]
-    run = subprocess.run(
-        [*program, *declared], cwd=own, input=lines, capture_output=True, text=True, check=True
-    )
+    program = "-P", python_lines.__file__, "sim.py", study, study
+    run = run_python(*program, *declared, cwd=own, input=lines, check=True)
     ready, *answers = map(json.loads, run.stdout.splitlines())
     assert ready == {"ready": True}, (ready, run.stderr)
     return dict(zip(ways, answers, strict=True))
 
 
 @pytest.mark.parametrize("layout", ["in place", "copied"])
-def test_undeclared_reads_are_found(study: Path, tmp_path: Path, layout: str) -> None:
+def test_undeclared_reads_are_found_and_what_simulators_need_passes(
+    study: Path, tmp_path: Path, layout: str
+) -> None:
     own = study if layout == "in place" else tmp_path / "own"
     own.mkdir(exist_ok=True)
+    answers = fly_ways(study, own, DECLARED)
+    assert {way: answer for way, answer in answers.items() if "error" in answer} == {}
     ways = {way: code for way, code in UNDECLARED.items() if way != "pyarrow" or own != study}
     answers = fly_ways(study, own, ways)
     assert {way: answer for way, answer in answers.items() if "error" not in answer} == {}
     missing = {way for way, answer in answers.items() if "PermissionError" not in answer["error"]}  # type: ignore[operator]
     assert missing <= {"pyarrow"}  # it reports that there is no such file
-
-
-@pytest.mark.parametrize("layout", ["in place", "copied"])
-def test_what_simulators_need_passes(study: Path, tmp_path: Path, layout: str) -> None:
-    own = study if layout == "in place" else tmp_path / "own"
-    own.mkdir(exist_ok=True)
-    answers = fly_ways(study, own, DECLARED)
-    assert {way: answer for way, answer in answers.items() if "error" in answer} == {}
 
 
 def test_packages_are_read_below_a_study_and_its_files_are_not(tmp_path: Path) -> None:

@@ -5,8 +5,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, fly, interrupted_after, make_plan, run, write_campaign
+from programs import run_python
 
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution import runner
@@ -102,9 +101,7 @@ for _ in range(2):
 read_flown(out).ranking
 print("pandas" in sys.modules)
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
+    ended = run_python("-c", code)
     assert ended.stdout == "False\n", ended.stderr
 
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 from own_simulators import shown_text, write_study
-from typer.testing import CliRunner
+from programs import invoke
 
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.replay import replay_flight
-from abhv_mc.cli.app import app
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
@@ -23,13 +22,7 @@ from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.results import Results
 
-pytestmark = pytest.mark.usefixtures("no_figures")
-
-
-@pytest.fixture(autouse=True)
-def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Use an empty list of trusted code."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+pytestmark = pytest.mark.usefixtures("no_figures", "own_list")
 
 
 PROGRAM = """#!/bin/sh
@@ -50,21 +43,15 @@ WITH_HISTORIES = {
 }
 
 
-@pytest.fixture
-def calling_study(tmp_path: Path) -> Path:
-    """Return a campaign whose simulator starts a declared program."""
+def test_a_declared_program_runs_from_the_results_folder_and_its_failure_is_reported(
+    tmp_path: Path,
+) -> None:
     path = write_study(tmp_path / "own", CALLER, **WITH_HISTORIES)
     (tmp_path / "own" / "model.sh").write_text(PROGRAM)
     (tmp_path / "own" / "model.sh").chmod(0o755)
-    return path
-
-
-def test_a_declared_program_runs_from_the_results_folder(
-    calling_study: Path, tmp_path: Path
-) -> None:
     shards = [tmp_path / "a", tmp_path / "b"]
     for number, shard in enumerate(shards, 1):
-        run_campaign(Request(calling_study, shard, shard=(number, 2)))
+        run_campaign(Request(path, shard, shard=(number, 2)))
     end_processes()
     merged = merge_campaign(shards, tmp_path / "merged")
     assert merged.manifest.not_made == ()
@@ -75,28 +62,19 @@ def test_a_declared_program_runs_from_the_results_folder(
     assert explain_flight(merged.folder, "system", worst).causes
     copies = merged.folder / "inputs" / "simulator"
     assert os.access(copies / "model.sh", os.X_OK) and not os.access(copies / "sim.py", os.X_OK)
-
-
-def test_lost_histories_and_the_simulators_own_error_are_reported(
-    calling_study: Path, tmp_path: Path
-) -> None:
-    """The copy of the program in the results folder cannot start, as on another machine."""
-    shards = [tmp_path / "a", tmp_path / "b"]
-    for number, shard in enumerate(shards, 1):
-        run_campaign(Request(calling_study, shard, shard=(number, 2)))
     end_processes()
+    # The copies of the program cannot start, as on another machine: histories are lost.
     for shard in shards:
         (shard / "inputs" / "simulator" / "model.sh").chmod(0o644)
-    out = tmp_path / "merged"
-    merged = CliRunner().invoke(app, ["merge", *map(str, shards), "-o", str(out), "--no-report"])
-    assert merged.exit_code == 3
+    out = tmp_path / "without"
+    answer = invoke("merge", *shards, "-o", out, "--no-report")
+    assert answer.exit_code == 3
     (reason,) = {
         sentence.partition(" (")[2]
         for sentence in Results(out).manifest.not_made
         if " (" in sentence
     }
     assert "PermissionError" in reason
-    worst = int(read_flown(out).flights["system"].metrics["total"].argmax())
     with pytest.raises(InputError, match="PermissionError"):
         explain_flight(out, "system", worst)
     (difference,) = [
@@ -119,8 +97,9 @@ def fly(inputs, settings):
 """
 
 
-def test_reasons_are_stored_with_flights_and_enter_no_digest(tmp_path: Path) -> None:
-    result = run_campaign(Request(write_study(tmp_path / "own", FAILING), tmp_path / "out"))
+def test_reasons_are_stored_with_flights_and_reported_and_enter_no_digest(tmp_path: Path) -> None:
+    path = write_study(tmp_path / "own", FAILING, runs=60)
+    result = run_campaign(Request(path, tmp_path / "out"))
     sql = "select outcome, a, b, reason from flights order by flight"
     rows = run_query(tmp_path / "out", sql, lambda table: table.fetchall())
     assert rows
@@ -134,8 +113,18 @@ def test_reasons_are_stored_with_flights_and_enter_no_digest(tmp_path: Path) -> 
     assert {row[0] for row in rows} == {"ok", "failed_to_run"}
     flights = read_flown(tmp_path / "out").flights["system"]
     assert sorted(flights.reasons) == flights.absent.tolist()
+    facts = Results(tmp_path / "out").simulator
+    assert (facts.repeatable, facts.files) == ("yes", ("sim.py",))
+    counts = {reason.reason: reason.flights for reason in facts.reasons["system"]}
+    assert facts.events["system"]["restarts"] == sum(
+        flights for reason, flights in counts.items() if "SIGABRT" in reason
+    )
+    assert sum(counts.values()) == flights.absent.size > 0
+    text = shown_text(build_report(tmp_path / "out"))
+    assert all(reason in text for reason in counts)
     changed = FAILING.replace("ends", "stops")
-    other = run_campaign(Request(write_study(tmp_path / "own", changed), tmp_path / "other"))
+    path = write_study(tmp_path / "own", changed, runs=60)
+    other = run_campaign(Request(path, tmp_path / "other"))
     assert other.manifest.digest == result.manifest.digest
 
 
@@ -176,7 +165,7 @@ def test_noise_is_detected_and_its_statement_is_checked(
     text = shown_text(build_report(tmp_path / "out"))
     begins = {kind: re.split("[.`]", kind.sentence)[0] for kind in Repeatability}
     assert [kind for kind, words in begins.items() if words in text] == [expected]
-    status = CliRunner().invoke(app, ["runs", str(tmp_path / "out")]).output
+    status = invoke("runs", tmp_path / "out").output
     assert re.search(rf"repeatable +{expected}: ", status)
     summary = " ".join(record.line for record in Results(tmp_path / "out").summary.records)
     assert ("no verdicts" in summary and "not repeatable" in summary) == is_estimate
@@ -184,7 +173,7 @@ def test_noise_is_detected_and_its_statement_is_checked(
     grown = run_campaign(Request(path, tmp_path / "out", runs=80)).manifest
     assert grown.repeatable == expected
     assert (grown.requirements[0].verdict == "ESTIMATE") == is_estimate
-    replayed = CliRunner().invoke(app, ["replay", str(tmp_path / "out"), "--flight", "3"])
+    replayed = invoke("replay", tmp_path / "out", "--flight", 3)
     assert replayed.exit_code == (1 if is_estimate else 0), replayed.output
 
 
@@ -233,21 +222,6 @@ def fly(inputs, settings):
     path = write_study(tmp_path / "own", source, runs=40)
     manifest = run_campaign(Request(path, tmp_path / "out")).manifest
     assert manifest.repeatable == "yes" and manifest.requirements[0].verdict == "PASS"
-
-
-def test_the_report_describes_the_simulator(tmp_path: Path) -> None:
-    run_campaign(Request(write_study(tmp_path / "own", FAILING, runs=60), tmp_path / "out"))
-    facts = Results(tmp_path / "out").simulator
-    assert facts.repeatable == "yes"
-    assert facts.files == ("sim.py",)
-    assert facts.events["system"]["restarts"] == sum(
-        reason.flights for reason in facts.reasons["system"] if "SIGABRT" in reason.reason
-    )
-    counts = {reason.reason: reason.flights for reason in facts.reasons["system"]}
-    flights = read_flown(tmp_path / "out").flights["system"]
-    assert sum(counts.values()) == flights.absent.size > 0
-    text = shown_text(build_report(tmp_path / "out"))
-    assert all(reason in text for reason in counts)
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's /proc")

@@ -5,8 +5,6 @@ import html
 import json
 import re
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 import pytest
 from own_simulators import dive_campaign, shown_text
+from programs import run_python
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
@@ -594,13 +593,11 @@ def test_an_import_killed_at_any_file_resumes_to_the_same_digest(tmp_path: Path)
     pq.write_table(pc.read_csv(table), parquet := tmp_path / "drawn.parquet")
     expected = adopt_table(table, campaign, tmp_path / "once").manifest
 
-    def live(out: Path, files: int) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-c", _KILLED, parquet, campaign, out, str(files)]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
-
-    files = 1
-    while (killed := live(out := tmp_path / f"{files}", files)).returncode == -signal.SIGKILL:
-        ended = live(out, 0)
+    program, files = ("-c", _KILLED, parquet, campaign), 1
+    while (
+        killed := run_python(*program, out := tmp_path / f"{files}", files)
+    ).returncode == -signal.SIGKILL:
+        ended = run_python(*program, out, 0)
         assert ended.stdout.split() == ["complete", expected.digest], ended.stderr
         files += 1
     assert killed.returncode == 0 and files > 6, killed.stderr

@@ -65,9 +65,8 @@ def twist(actual, command):
 
 
 @pytest.fixture
-def study(repository, tmp_path, monkeypatch):
+def study(repository, tmp_path, own_list):
     """Return a function ``write(runs, vehicle)`` that writes a campaign in a user's folder."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     configs = repository / "configs"
     mission = (configs / "mission" / "s_manoeuvre.yaml").read_text()
     lines = [
@@ -257,7 +256,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("name", "entry", "message"), BAD, ids=[entry[2] for entry in BAD])
+@pytest.mark.parametrize(("name", "entry", "message"), BAD)
 def test_a_wrong_metric_is_rejected_with_its_location(study, name, entry, message):
     file = study()
     file.write_text(

@@ -31,13 +31,7 @@ from abhv_mc.results import Results
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
 
-pytestmark = pytest.mark.usefixtures("no_figures")
-
-
-@pytest.fixture(autouse=True)
-def own_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Use an empty list of trusted code."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+pytestmark = pytest.mark.usefixtures("no_figures", "own_list")
 
 
 def test_a_campaign_is_run_judged_and_explained(tmp_path: Path) -> None:

@@ -5,8 +5,6 @@ import multiprocessing
 import os
 import pickle
 import signal
-import subprocess
-import sys
 import threading
 from dataclasses import replace
 from multiprocessing import forkserver
@@ -16,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 from fake_flight import ENGINE, fly, make_plan, run, write_campaign
+from programs import run_python
 
 import abhv_mc
 from abhv_mc.campaign.file.config import PROCESSES
@@ -120,17 +119,9 @@ def test_processes_import_from_the_scripts_folder_only(tmp_path, monkeypatch):
     (tmp_path / "bin/script.py").write_text(FROM_PYTHON)
     (tmp_path / "bin/beside.py").write_text("from fake_flight import fly\n")
     searched = os.pathsep.join(map(str, (PACKAGE.parent, Path(__file__).parents[1])))
-    program = [sys.executable, tmp_path / "bin/script.py"]
     environment = {**os.environ, "PYTHONPATH": searched}
-    done = subprocess.run(
-        program,
-        cwd=tmp_path / "here",
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120.0,
-    )
+    script = tmp_path / "bin/script.py"
+    done = run_python(script, cwd=tmp_path / "here", env=environment, timeout=120.0)
     assert done.returncode == 0, done.stderr
 
 
@@ -139,12 +130,7 @@ def test_a_worker_imports_no_further_packages():
 import sys, {module.serve.__module__}, abhv_mc_vehicle.stability.fly_with_margins
 print({{"scipy.special", "pyarrow", "pandas", "joblib"}} & set(sys.modules))
 """
-    assert (
-        subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        ).stdout
-        == "set()\n"
-    )
+    assert run_python("-c", code, check=True).stdout == "set()\n"
 
 
 def test_an_interrupt_does_not_wait_for_flights():

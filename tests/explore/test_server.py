@@ -9,11 +9,10 @@ from urllib.parse import quote, urlsplit
 
 import pytest
 from fake_flight import ENGINE, run, write_campaign
+from programs import invoke
 from report.browser import open_browser
-from typer.testing import CliRunner
 
 from abhv_mc.analysis.replay import EQUAL_BITS
-from abhv_mc.cli.app import app
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
 
@@ -82,7 +81,7 @@ def test_other_users_do_not_see_the_token_among_the_arguments_of_the_browser(ser
 
     monkeypatch.setattr("webbrowser.open", read)
     monkeypatch.setattr(ExploreServer, "serve_forever", lambda _: None)
-    printed = CliRunner().invoke(app, ["explore", str(server.root)])
+    printed = invoke("explore", server.root)
     token = printed.stdout.strip().partition("token=")[2]
     assert token and token not in opened[0] and token in opened[1]
 

@@ -2,11 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from programs import run_python
 
 CAMPAIGN = {
     "name": "ballistic",
@@ -54,13 +53,8 @@ def installed(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
 def run(installed: Path | None, *arguments: object, code: int = 0) -> tuple[str, str]:
     """Return standard output and standard error of a command."""
     paths = filter(None, [str(installed or ""), os.environ.get("PYTHONPATH")])
-    done = subprocess.run(
-        [sys.executable, "-c", _RUN, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    done = run_python("-c", _RUN, *arguments, env=environment)
     assert done.returncode == code, done.stderr
     return done.stdout, done.stderr
 

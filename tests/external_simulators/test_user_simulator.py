@@ -69,10 +69,14 @@ def ready(path: Path) -> Experiment:
     return make_ready(campaign, campaign.simulator.make_plans(campaign.controllers))
 
 
-def fly_delays(path: Path, delays: list[float]) -> FlightBlock:
+def rows_of(delays: Any) -> Floats:
     rows = np.tile([2330.0, 560.0, 1.5, 1.0], (len(delays), 1))
     rows[:, 2] = delays
-    return simulate(ready(path), "v1", rows)
+    return rows
+
+
+def fly_delays(path: Path, delays: list[float]) -> FlightBlock:
+    return simulate(ready(path), "v1", rows_of(delays))
 
 
 def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
@@ -116,30 +120,7 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
         simulator={"python": "dive.py", "time_limit": "500 ms"},
     )
     (tmp_path / "secret.txt").write_text("42")
-    delays = [
-        1.0,
-        2.0,
-        1.1,
-        3.0,
-        1.2,
-        4.0,
-        5.0,
-        6.0,
-        7.0,
-        8.0,
-        9.0,
-        10.0,
-        11.0,
-        12.0,
-        13.0,
-        14.0,
-        15.0,
-        16.0,
-        17.0,
-        18.0,
-        19.0,
-        1.3,
-    ]
+    delays = [1.0, 2.0, 1.1, 3.0, 1.2, *map(float, range(4, 20)), 1.3]
     block = fly_delays(path, delays)
     lost = [delay in WRONG for delay in delays]
     assert (block.outcome == LOST).tolist() == lost
@@ -237,9 +218,7 @@ def test_each_process_works_in_a_folder_of_its_own(
 
     def fly(first: int) -> None:
         delays = np.arange(first, first + 20, dtype=float)
-        rows = np.tile([2330.0, 560.0, 1.5, 1.0], (20, 1))
-        rows[:, 2] = delays
-        assert simulate(campaign, "v1", rows).metrics[:, 0].tolist() == delays.tolist()
+        assert simulate(campaign, "v1", rows_of(delays)).metrics[:, 0].tolist() == delays.tolist()
 
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(fly, range(0, 80, 20)))
@@ -392,9 +371,7 @@ def test_no_flight_has_the_numbers_of_another(
     delays = np.arange(60.0)
     events: Counter[str] = Counter()
     for block in np.split(delays, 2):
-        rows = np.tile([2330.0, 560.0, 1.5, 1.0], (len(block), 1))
-        rows[:, 2] = block
-        flown = simulate(campaign, "v1", rows)
+        flown = simulate(campaign, "v1", rows_of(block))
         events.update(flown.events)
         lost = flown.outcome == LOST
         assert np.array_equal(flown.metrics[~lost, 0], block[~lost])

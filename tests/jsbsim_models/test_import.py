@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from programs import invoke
 
-from abhv_mc.cli.app import app
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.messages import InputError
 from abhv_mc.io.units import parse_any
@@ -133,12 +132,12 @@ def test_parts_that_are_left_out_are_listed(tmp_path: Path) -> None:
 def test_the_command_lists_left_out_parts_and_rejects_other_files(tmp_path: Path) -> None:
     path = tmp_path / "small.xml"
     path.write_text(SMALL.format(lift("<p>fcs/flap-pos-deg</p>")), encoding="utf-8")
-    command = ["import", "jsbsim", str(path), "-o", str(tmp_path / "made")]
-    result = CliRunner().invoke(app, command)
+    command = ["import", "jsbsim", path, "-o", tmp_path / "made"]
+    result = invoke(*command)
     assert "fcs/flap-pos-deg" in result.stdout
     assert re.search(r": engine .*\brocket\b.*\bnozzle$", result.stdout, re.MULTILINE)
     path.write_text("<vehicle/>", encoding="utf-8")
-    assert "'vehicle'" in str(CliRunner().invoke(app, command).exception)
+    assert "'vehicle'" in str(invoke(*command).exception)
 
 
 def test_the_angle_of_attack_is_limited_where_the_lift_falls(tmp_path: Path) -> None:

@@ -243,8 +243,7 @@ def test_a_missing_scheduler_is_bad_input(tmp_path, monkeypatch, address):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_user_simulator_runs_on_a_cluster(two_workers, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+def test_a_user_simulator_runs_on_a_cluster(two_workers, tmp_path, own_list):
     keep = {"histories": {"flights": "every 50"}}
     changes = {"runs": 300, "execution": {"batch": 40}, "histories": DIVE_CHANNELS, "keep": keep}
     path = dive_campaign(tmp_path / "own", DIVE_HISTORY, **changes)

@@ -218,9 +218,8 @@ def test_body_axes_are_those_of_the_angles(view, angles):
     np.testing.assert_allclose(axes, body.as_matrix().T, atol=1e-12)
 
 
-def test_flights_of_a_users_simulator_are_shown_in_its_words(page, tmp_path, monkeypatch):
+def test_flights_of_a_users_simulator_are_shown_in_its_words(page, tmp_path, own_list):
     """Regression: without histories and bands, nothing of the page was drawn."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     run_campaign(Request(dive_campaign(tmp_path / "own"), tmp_path / "out", workers=1))
     results = read_flown(tmp_path / "out")
     page.call("Page.navigate", url=build_report(tmp_path / "out").as_uri())

@@ -6,9 +6,9 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 
 import pytest
+from programs import run_python
 from report.synthetic import write_campaign
 
 from abhv_mc.report.pages.build import build_report
@@ -27,8 +27,7 @@ METRICS = (
 def report_folder(tmp_path_factory):
     """Run the default campaign with its report."""
     folder = tmp_path_factory.mktemp("default") / "s_manoeuvre"
-    command = [sys.executable, "-m", "abhv_mc", "run", "s_manoeuvre", "-o", str(folder)]
-    subprocess.run(command, check=True, capture_output=True)
+    run_python("-m", "abhv_mc", "run", "s_manoeuvre", "-o", folder, check=True)
     return folder
 
 

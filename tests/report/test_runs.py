@@ -4,17 +4,12 @@ import json
 import shlex
 
 import pytest
+from programs import invoke
 from report.synthetic import write_campaign
-from typer.testing import CliRunner
 
-from abhv_mc.cli.app import app
 from abhv_mc.folder.stores import LocalStore
 from abhv_mc.report.numbers.runs import find_runs
 from abhv_mc.report.pages.build import build_report
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +25,7 @@ def reports(tmp_path_factory):
     for name, text in (("damaged", '{"format": 4,'), ("strange", '{"manifest_version": 3}')):
         (root / name).mkdir()
         (root / name / "manifest.json").write_text(text, encoding="utf-8")
-    assert run("compare", first, other, "-o", root / "compared").exit_code == 0
+    assert invoke("compare", first, other, "-o", root / "compared").exit_code == 0
     return root
 
 
@@ -64,15 +59,15 @@ def test_an_edited_report_is_not_printed(reports):
 
 def test_the_terminal_fits_80_columns(reports, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "80")
-    output = run("runs", reports, "-o", tmp_path / "x.html").stdout
+    output = invoke("runs", reports, "-o", tmp_path / "x.html").stdout
     assert max(map(len, output.splitlines()[:-1])) <= 80 and "damaged" in output
-    listed = json.loads(run("runs", reports, "--json", "-", "-o", tmp_path / "x.html").stdout)
+    listed = json.loads(invoke("runs", reports, "--json", "-", "-o", tmp_path / "x.html").stdout)
     assert len(listed) == 4
 
 
 @pytest.mark.thorough
 def test_the_page_sorts_filters_and_names_the_comparison(reports, page):
-    assert run("runs", reports).exit_code == 0
+    assert invoke("runs", reports).exit_code == 0
     page.call("Page.navigate", url=(reports / "index.html").as_uri())
     page.wait_for("document.getElementById('count')?.textContent.startsWith('4 of 4')")
     names = (

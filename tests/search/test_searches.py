@@ -283,8 +283,7 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
     assert gain.moved[0] == "atmosphere.density" and "aero.lift" in gain.moved
 
 
-def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_path, own_list):
     source = (
         "def fly(inputs, settings):\n    return {'miss': inputs['a'] + 0.5 * inputs['b'] * "
         "inputs['b']}\n"
@@ -313,8 +312,7 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
     )
 
 
-def test_a_search_warns_of_what_the_first_flights_show(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+def test_a_search_warns_of_what_the_first_flights_show(tmp_path, own_list, capsys):
     source = (
         "import random\ndef fly(inputs, settings):\n    return {'miss': inputs['a'] + "
         "random.random()}\n"

@@ -74,6 +74,7 @@ def test_a_box_in_which_no_random_flight_lies_is_refused(tmp_path):
         space.draw_in_box(space.bounds(0.1), 1, 1000)
 
 
+REPEATED = [0, 5, 5, -np.inf, 2], [[0], [1], [1], [3], [4]]
 SELDOM = [
     [np.inf, 1],
     [np.inf, 1.001],
@@ -87,14 +88,8 @@ SELDOM = [
 @pytest.mark.parametrize(
     ("severities", "samples", "number", "min_distance", "ranked"),
     [
-        (
-            [0, 5, 5, -np.inf, 2],
-            [[0], [1], [1], [3], [4]],
-            5,
-            0.0,
-            [1, 4, 0],
-        ),  # the same but once, uncomputed: never
-        ([0, 5, 5, -np.inf, 2], [[0], [1], [1], [3], [4]], 2, 0.0, [1, 4]),
+        (*REPEATED, 5, 0.0, [1, 4, 0]),  # the same but once, uncomputed: never
+        (*REPEATED, 2, 0.0, [1, 4]),
         (
             [1, 4, 3, 2],
             [[0, 1e-3], [10, 0], [9.8, 0], [5, 0]],

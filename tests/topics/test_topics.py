@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
+from programs import invoke
 from report.synthetic import build_page, write_campaign
-from typer.testing import CliRunner
 
 import abhv_mc
 from abhv_mc.campaign.file.experiment import Experiment
-from abhv_mc.cli.app import app
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
@@ -256,7 +255,7 @@ def test_it_stands_everywhere(topic, tmp_path):
         == stored["lqr"]["sideslip_max_deg"]["aero.lift"]
         > 0.3
     )
-    printed = CliRunner().invoke(app, ["show", "correlate", str(folder)])
+    printed = invoke("show", "correlate", folder)
     assert printed.exit_code == 0 and "Speed error, max" in printed.stdout
     assert list(verify_campaign(folder)) == []
     REGISTERED.clear()

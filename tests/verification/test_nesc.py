@@ -125,8 +125,10 @@ def test_other_files_are_left_alone(tmp_path, given):
 # loop come up to 2 ms later.
 @pytest.mark.parametrize(
     ("case", "gain", "duration"),
-    [("13p3", (15.0, 0.0), 60.0), ("13p4", (0.0, 2000.0), 120.0)],
-    ids=["15 deg to the right", "2000 ft to the right"],
+    [
+        ("13p3", (15.0, 0.0), 60.0),  # 15 deg to the right
+        ("13p4", (0.0, 2000.0), 120.0),  # 2000 ft to the right
+    ],
 )
 def test_course_and_track_reach_their_steps(case, gain, duration) -> None:
     motion = make_motion(fly_aircraft(case, duration))

@@ -36,9 +36,7 @@ TABLE = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "line", "column", "message"), TABLE, ids=[entry[0] for entry in TABLE]
-)
+@pytest.mark.parametrize(("name", "line", "column", "message"), TABLE)
 def test_refused(name, line, column, message, abhv_mc, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = BAD / f"{name}.yaml"

@@ -5,12 +5,11 @@ import json
 import numpy as np
 import pytest
 from fake_flight import run, write_campaign
+from programs import invoke
 from scipy import stats
-from typer.testing import CliRunner
 
 from abhv_mc.analysis.reweight import make_change, parse_settings, weigh_flights
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.cli.app import app
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
@@ -146,13 +145,12 @@ def test_designs_without_independent_flights_are_refused(tmp_path):
 
 
 def test_the_command(flown):
-    arguments = ["whatif", str(flown), "--set", "aero.lift.sigma=4%"]
-    result = CliRunner().invoke(app, arguments)
+    arguments = ["whatif", flown, "--set", "aero.lift.sigma=4%"]
+    result = invoke(*arguments)
     assert result.exit_code == 0 and "Altitude error, max < 1.85" in result.stdout
     assert "aero.lift: sigma 5 % -> 4%" in result.stdout
-    assert json.loads(CliRunner().invoke(app, [*arguments, "--json", "-"]).stdout)[
-        "controllers"
-    ].keys() == {"one", "two"}
+    numbers = json.loads(invoke(*arguments, "--json", "-").stdout)
+    assert numbers["controllers"].keys() == {"one", "two"}
 
 
 NORMAL_AND_UNIFORM = (

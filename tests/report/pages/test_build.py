@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake
+from programs import invoke
 from report.synthetic import build_page, write_campaign
-from typer.testing import CliRunner
 
-from abhv_mc.cli.app import app
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
@@ -188,9 +187,7 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
     monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     path = write_fake(tmp_path / "f", requirements=REQUIREMENTS)
     out, junit = tmp_path / "out", tmp_path / "verdicts.xml"
-    done = CliRunner().invoke(
-        app, ["run", str(path), "-o", str(out), "--no-report", "--junit", str(junit)]
-    )
+    done = invoke("run", path, "-o", out, "--no-report", "--junit", junit)
     assert done.exit_code == 1, done.output
     suite = ElementTree.parse(junit).getroot()
     cases = {case.get("name"): case for case in suite.iter("testcase")}

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
-from short_flights import change_vehicle
+from short_flights import change_vehicle, short_plan
 
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.timing import Timing
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.fly import fly, fly_until, nominal_parameters
+from abhv_mc_vehicle.kernel.flight.interface import LANES
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
 from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
@@ -89,11 +90,8 @@ def write_vehicle(
     return change_vehicle(folder, (start, keys + start + limits), name="abhv")
 
 
-def plan_of(vehicle: Path, seconds: float = 10.0, mission: str = "s_manoeuvre", law: str = LAW):
-    plan = make_flight_plan(mission, str(vehicle), law)
-    ticks = round(seconds / plan.timing.tick)
-    rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
-    return replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+def plan_of(vehicle: Path, seconds: float = 10.0, mission: str = "s_manoeuvre"):
+    return short_plan(round(seconds * 100), LAW, mission, vehicle)
 
 
 def at_step(plan, step: float):
@@ -170,10 +168,7 @@ MODES, MODE_DAMPING, MODE_EXCITATION, SLOPE = np.array([19.0, 53.0, 108.0]), 0.0
 @pytest.fixture(scope="module")
 def flexible():
     """Return the plan of the shipped flexible vehicle for 10 s."""
-    plan = make_flight_plan("flexible", "flexible", "lqr_robust_abhv")
-    ticks = round(10.0 / plan.timing.tick)
-    rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
-    return replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
+    return short_plan(1000, "lqr_robust_abhv", "flexible", "flexible")
 
 
 # Rows of the lane memory: the inputs of the modes, then displacement and rate of each mode.
@@ -231,11 +226,12 @@ def test_start_is_an_equilibrium_of_all_states(mode):
     assert abs(plan.initial_state[s.ELEVATOR] - rigid[s.ELEVATOR]) > 1e-6
 
 
-def test_flights_do_not_depend_on_their_lanes(mode):
+@pytest.mark.parametrize("lanes", [LANES, pytest.param(1, marks=pytest.mark.thorough)])
+def test_flights_do_not_depend_on_their_lanes(mode, lanes):
     plan = plan_of(mode, 3.0)
     rows = np.repeat(parameters_of(plan), 40, axis=0)
     rows[:, len(PARAMETERS)] *= np.linspace(0.9, 1.1, 40)
-    abreast, alone = fly(plan, rows, 10), fly(plan, rows[7:8], 10, lanes=1)
+    abreast, alone = fly(plan, rows, 10), fly(plan, rows[7:8], 10, lanes)
     assert np.array_equal(abreast.history[7], alone.history[0], equal_nan=True)
     assert np.array_equal(abreast.metrics[7], alone.metrics[0], equal_nan=True)
     assert not np.array_equal(abreast.metrics[7], abreast.metrics[8])

@@ -50,8 +50,10 @@ def campaign_of(folder, effectors, controllers=None, **entries):
 
 @pytest.mark.parametrize(
     ("commands", "fragment"),
-    [('"flop": 0.1', "flop"), ('**{"left": 0.1}', "different effectors")],
-    ids=["unknown", "no names"],
+    [
+        ('"flop": 0.1', "flop"),  # unknown
+        ('**{"left": 0.1}', "different effectors"),  # no names
+    ],
 )
 def test_unknown_effectors_are_rejected(tmp_path, commands: str, fragment: str) -> None:
     law = write_own_law(tmp_path, commands, compiled=True)
@@ -122,11 +124,10 @@ ELEVONS = [(side, limit) for side in (-1, 1) for limit in (0, 1)]
 @pytest.mark.parametrize(
     ("effectors", "limits"),
     [
-        ([(-1, 0), (1, 0)], (3, 3)),
-        ([(0, 0), (0, 1)], (20, 6)),
-        (ELEVONS, (20, 2)),
+        ([(-1, 0), (1, 0)], (3, 3)),  # elevons 3
+        ([(0, 0), (0, 1)], (20, 6)),  # ailerons 20 and 6
+        (ELEVONS, (20, 2)),  # elevons 20 and 2
     ],
-    ids=["elevons 3", "ailerons 20 and 6", "elevons 20 and 2"],
 )
 def test_less_effectiveness_is_that_share_of_the_roll_rate(tmp_path, effectors, limits) -> None:
     """At every limit, by axes and by effectors: of the axes, and of all effectors one by one."""

@@ -145,14 +145,13 @@ def path_acceleration(plan, block, share):
 @pytest.mark.parametrize(
     ("failure", "windows", "allowed"),
     [
-        ({"failure.engine.time": 2.0}, [(400, 2000)], {"rel": 0.005}),
+        ({"failure.engine.time": 2.0}, [(400, 2000)], {"rel": 0.005}),  # a glide
         (
             {"failure.engine.time": 1.0, "failure.engine.duration": 2.0},
             [(0, 90), (90, 290), (290, 500)],
             {"abs": 0.01},
-        ),
+        ),  # a second's lag, twice
     ],
-    ids=["a glide", "a second's lag, twice"],
 )
 def test_speed_while_thrust_leaves_and_comes_back_is_that_of_an_independent_integration(
     failure, windows, allowed

@@ -20,14 +20,13 @@ VEHICLE = "vehicle/ghame_x"
 @pytest.mark.parametrize(
     ("change", "pattern"),
     [
-        ({}, ""),
-        ({"start.altitude": "29 km"}, r"\b6001 .* 0\.00 s\b"),
+        ({}, ""),  # the paper's
+        ({"start.altitude": "29 km"}, r"\b6001 .* 0\.00 s\b"),  # beyond the vehicle
         (
             {"start.altitude": "20 km"},
             r"-76\.6 deg\b.* 0\.00 s\b",
-        ),
+        ),  # beyond the controller's limit
     ],
-    ids=["the paper's", "beyond the vehicle", "beyond the controller's limit"],
 )
 def test_missing_trim_and_exceeded_command_limits_are_warned_of_with_their_time(change, pattern):
     wide = (

@@ -8,8 +8,6 @@ import errno
 import fcntl
 import os
 import pwd
-import subprocess
-import sys
 import tempfile
 import threading
 from pathlib import Path
@@ -17,6 +15,7 @@ from pathlib import Path
 import llvmlite.binding as llvm
 import numba
 import pytest
+from programs import run_python
 
 from abhv_mc import cache_root
 from abhv_mc_vehicle.kernel import cache, jit
@@ -254,8 +253,7 @@ print(kernel(double)(1), kernel(double)(1.5))
 def test_two_processes_without_locks_do_not_mix_two_kernels(tmp_path):
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
     (tmp_path / "double.py").write_text(TWO_KERNELS)
-    command = [sys.executable, "-W", "error", str(tmp_path / "double.py")]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = run_python("-W", "error", tmp_path / "double.py", env=environment)
     assert done.stdout.split() == ["private", "2", "2", "3.0"], done.stderr
 
 

@@ -17,6 +17,7 @@ import numba
 import numpy as np
 import pandas as pd
 import pytest
+from programs import run_python
 
 import abhv_mc_vehicle
 from abhv_mc_vehicle.flight.fly import compiled_flight, fly, nominal_parameters
@@ -36,14 +37,7 @@ def source(source):
 
 def run(code, source, cache, environment=os.environ):
     environment = {**environment, "PYTHONPATH": str(source.parent), "XDG_CACHE_HOME": str(cache)}
-    done = subprocess.run(
-        [sys.executable, "-u", "-c", code],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.split()
+    return run_python("-u", "-c", code, env=environment, check=True).stdout.split()
 
 
 ADD_ONE = (
@@ -268,11 +262,10 @@ subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
 @pytest.mark.parametrize(
     "change",
     [
-        "",
-        "del numba.core.codegen.JITCodeLibrary",
-        "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())",
+        "",  # unchanged
+        "del numba.core.codegen.JITCodeLibrary",  # does not import
+        "numba.core.codegen.JITCodeLibrary = type('Another', (), dict())",  # does not compile
     ],
-    ids=["unchanged", "does not import", "does not compile"],
 )
 def test_the_public_interface_compiles_if_the_private_one_has_changed(tmp_path, change):
     """There is one warning, and none in child processes."""

@@ -37,7 +37,7 @@ class Memory(NamedTuple):
     alpha: float = 0.0
     eta: float = 0.0
 
-@controller(compiled=False)
+@controller{how}
 def law(measured, reference, memory, time, dt):
     clock, mode, integral, alpha, eta = memory
     speed = measured.speed - reference.speed
@@ -63,8 +63,8 @@ COUNTER = "path = throttle = clock == 0.0; clock = (clock + 1.0) % 10.0"
 HYSTERESIS = COUNTER + "; mode = 1.0 if speed > {0} else 0.0 if speed < -{0} else mode"
 
 
-def plan_of(folder, rates, declared=0):
-    (folder / "law.py").write_text(LAW.format(rates=rates))
+def plan_of(folder, rates, declared=0, how=""):
+    (folder / "law.py").write_text(LAW.format(rates=rates, how=how))
     (folder / "law.yaml").write_text(
         f"law: python\nfile: law.py\nrate: 100 Hz\nperiod: {declared}\n"
     )
@@ -99,6 +99,14 @@ def apart(linear, ticks):
     return product
 
 
+def assert_poles(linear, by_hand):
+    """Compare the poles of a period with those of a map, and return the latter."""
+    poles, expected = (np.linalg.eigvals(matrix) for matrix in (closed_period(linear, 0), by_hand))
+    for pole in expected[np.abs(expected) > 1e-6]:
+        assert np.abs(poles - pole).min() < 1e-8
+    return expected
+
+
 # ten 0.01 s are less than 0.1 s
 SUM = "clock += dt; path = throttle = clock >= 0.1; clock = 0.0 if path else clock"
 THREE = "path, throttle = clock % 4.0 == 0.0, clock % 10.0 == 0.0; clock = (clock + 1.0) % 20.0"
@@ -112,21 +120,20 @@ THREE = "path, throttle = clock % 4.0 == 0.0, clock % 10.0 == 0.0; clock = (cloc
         "throttle",
     ),  # of the period, and the ticks after which each is at work again
     [
-        ("pass", 1, 1, 1),
-        (COUNTER, 10, 10, 10),
+        ("pass", 1, 1, 1),  # one rate
+        (COUNTER, 10, 10, 10),  # counter
         pytest.param(
             "path = throttle = clock % 10.0 == 0.0; clock += 1.0",
             10,
             10,
             10,
             marks=pytest.mark.thorough,
-        ),
-        ("throttle = round(time / dt) % 3 == 0", 3, 1, 3),
-        pytest.param(SUM, 11, 11, 11, marks=pytest.mark.thorough),
-        pytest.param(THREE, 20, 4, 10, marks=pytest.mark.thorough),
-        pytest.param(HYSTERESIS.format(5.0), 10, 10, 10, marks=pytest.mark.thorough),
+        ),  # endless counter
+        ("throttle = round(time / dt) % 3 == 0", 3, 1, 3),  # time
+        pytest.param(SUM, 11, 11, 11, marks=pytest.mark.thorough),  # sum of dt
+        pytest.param(THREE, 20, 4, 10, marks=pytest.mark.thorough),  # three rates
+        pytest.param(HYSTERESIS.format(5.0), 10, 10, 10, marks=pytest.mark.thorough),  # mode
     ],
-    ids=["one rate", "counter", "endless counter", "time", "sum of dt", "three rates", "mode"],
 )
 def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path, throttle):
     plan = plan_of(tmp_path, rates)
@@ -135,11 +142,7 @@ def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path,
     assert find_period(plan).ticks == ticks
     linear = linearize(plan, trims.points)
     by_hand = apart(linear, [(k % path == 0, k % throttle == 0) for k in range(ticks)])
-    poles, expected_poles = (
-        np.linalg.eigvals(matrix) for matrix in (closed_period(linear, 0), by_hand)
-    )
-    for pole in expected_poles[np.abs(expected_poles) > 1e-6]:
-        assert np.abs(poles - pole).min() < 1e-8
+    expected_poles = assert_poles(linear, by_hand)
     slow, stability = (
         expected_poles[np.abs(expected_poles) > np.exp(-10.0 * 0.01 * ticks)],
         analyse(linear),
@@ -151,8 +154,10 @@ def test_the_map_of_a_period_is_one_computed_apart(tmp_path, rates, ticks, path,
     assert_neutral(linear, stability.margins)
 
 
-def test_a_mode_that_stays_is_named(tmp_path):
-    assert find_period(plan_of(tmp_path, HYSTERESIS.format(5.0))).modes == ("mode 0",)
+@pytest.mark.parametrize("how", ["", pytest.param("(compiled=False)", marks=pytest.mark.thorough)])
+def test_a_mode_that_stays_is_named(tmp_path, how):
+    period = find_period(plan_of(tmp_path, HYSTERESIS.format(5.0), how=how))
+    assert (period.ticks, period.modes) == (10, ("mode 0",))
 
 
 @pytest.mark.parametrize(
@@ -271,11 +276,7 @@ def test_samples_that_are_held_and_late_are_the_map_computed_apart(late):
 
     (A_old, B_old), (A_new, B_new) = sampled(late), sampled(10 - late)
     by_hand = np.block([[A_new @ A_old + B_new @ D, A_new @ B_old], [D, np.zeros((4, 4))]])
-    poles, expected_poles = (
-        np.linalg.eigvals(matrix) for matrix in (closed_period(linear, 0), by_hand)
-    )
-    for pole in expected_poles[np.abs(expected_poles) > 1e-6]:
-        assert np.abs(poles - pole).min() < 1e-8
+    assert_poles(linear, by_hand)
 
 
 def test_sensors_and_a_law_repeat_together(tmp_path):

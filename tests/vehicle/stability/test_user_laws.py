@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_flights import write_law
 from vehicle.stability.systems import assert_predicted, decibels, parameters, plans_of
 
 import abhv_mc
@@ -46,12 +47,9 @@ Memory(memory.speed + dt * speed, pitch_rate)
 """
 
 
-def write_law(folder, compiled="", base="(NamedTuple)", pitch="1.5", altitude="1e-4"):
-    (folder / "law.py").write_text(
-        FILTERED.format(compiled=compiled, base=base, pitch=pitch, altitude=altitude)
-    )
-    (folder / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
-    return folder / "law.yaml"
+def write_filtered(folder, compiled="", base="(NamedTuple)", pitch="1.5", altitude="1e-4"):
+    text = FILTERED.format(compiled=compiled, base=base, pitch=pitch, altitude=altitude)
+    return write_law(folder, text)
 
 
 def stability(plan, points, dispersions):
@@ -64,14 +62,14 @@ def stability(plan, points, dispersions):
 )
 def test_a_small_disturbance_of_an_own_laws_flight_follows_its_linear_model(law, tmp_path):
     altitude = "0.01 * (measured.acceleration_z + 9.8) - 1e-4" if law == "felt" else "1e-4"
-    own = write_law(tmp_path, altitude=altitude)
+    own = write_filtered(tmp_path, altitude=altitude)
     plan, _ = plans_of(CONFIGS / "inversion.yaml" if law == "inversion" else own)
     # The fuel's mass is no state of the model.
     assert_predicted(plan, parameters(propulsion__specific_impulse=1e9), 100, 100, every=4)
 
 
 def test_the_memory_at_a_trim_rests_there(tmp_path):
-    _, steady = plans_of(write_law(tmp_path))
+    _, steady = plans_of(write_filtered(tmp_path))
     trims = trim_points(steady, parameters(2, aero__drag=np.array([1.0, 1.1])))
     memory, controls, path = trims.points.memory, trims.points.controls, trims.points.path
     assert list(law_memory_rows(steady)) == ["speed", "pitch_rate"]
@@ -98,20 +96,15 @@ def forget(file):
 
 
 @pytest.mark.parametrize(
-    "write", [write_law, lambda *words: forget(write_law(*words))], ids=["memory", "none"]
+    "write", [write_filtered, lambda *words: forget(write_filtered(*words))], ids=["memory", "none"]
 )
 def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
     """A law without a memory was not called: margins were those of a constant command."""
     dispersions, results = parameters(), []
     for compiled in ("", "(compiled=False)"):
-        plan, steady = plans_of(write(tmp_path, compiled))
-        for flight_plan, points in (
-            (steady, trim_points(steady, dispersions)),
-            (plan, flown_points(plan, dispersions, 1.0)),
-        ):
-            results.append(
-                (points.points.memory, stability(flight_plan, points, dispersions).margins)
-            )
+        _, plan = plans_of(write(tmp_path, compiled))
+        for points in (trim_points(plan, dispersions), flown_points(plan, dispersions, 0.2)):
+            results.append((points.points.memory, stability(plan, points, dispersions).margins))
     for (memory, margins), (other_memory, other_margins) in zip(
         results[:2], results[2:], strict=True
     ):
@@ -123,13 +116,13 @@ def test_plain_python_has_the_margins_of_the_compiled_law(tmp_path, write):
 
 
 def test_a_memory_that_is_any_object_is_refused(tmp_path):
-    _, steady = plans_of(write_law(tmp_path, "(compiled=False)", ""))
+    _, steady = plans_of(write_filtered(tmp_path, "(compiled=False)", ""))
     with pytest.raises(InputError, match=r"law\.py.*\bNamedTuple\b"):
         trim_points(steady, parameters())
 
 
 def test_the_time_is_that_of_the_point(tmp_path):
-    plan, _ = plans_of(write_law(tmp_path, pitch="(1.5 if time > 0.995 else 0.0)"))
+    plan, _ = plans_of(write_filtered(tmp_path, pitch="(1.5 if time > 0.995 else 0.0)"))
     slopes = [
         linearize(plan, flown_points(plan, parameters(), t).points).law_D[0, 2, 8] for t in (0.9, 1)
     ]
@@ -139,7 +132,9 @@ def test_the_time_is_that_of_the_point(tmp_path):
 def test_a_law_without_slopes_has_no_margins(tmp_path):
     """A square root of the altitude error is not a number below the reference altitude."""
     plan, steady = plans_of(
-        write_law(tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))")
+        write_filtered(
+            tmp_path, altitude="(1.0 + 1e-9 * sqrt(measured.altitude - reference.altitude))"
+        )
     )
     margins = margins_of_flights(plan, steady, parameters(), ["trim"])
     assert margins.faults == [[NO_SLOPES]] and margins.table[0, 0] == 0.0
@@ -187,9 +182,7 @@ measured.roll_rate, measured.yaw_rate
 
 
 def test_an_attitude_hold_has_margins_with_the_slow_states_held(tmp_path):
-    (tmp_path / "law.py").write_text(ATTITUDE_HOLD)
-    (tmp_path / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n")
-    given = "level", "ghame_x", tmp_path / "law.yaml"
+    given = "level", "ghame_x", write_law(tmp_path, ATTITUDE_HOLD)
     free, held = (
         abhv_mc.margins(*given, hold=hold) for hold in ((), ("altitude", "speed", "heading"))
     )

@@ -97,10 +97,11 @@ log(measured.speed)
 
 @pytest.mark.parametrize("law", [CASCADE, MATHS], ids=["a memory", "all functions"])
 def test_plain_python_flies_the_same_bits_and_follows_its_memory_through_compaction(make, law):
-    seconds = 1.3 * COMPACTION / 100
+    seconds = 1.1 * COMPACTION / 100
     compiled = make(law.format(compiled=""), seconds=seconds)
     plain = make(law.format(compiled=", compiled=False"), seconds=seconds)
-    parameters = disperse(LANES + 8)
+    parameters = disperse(LANES + 3)
+    parameters[6:26, PARAMETER_INDEX["initial.angle_of_attack"]] = 0.5  # most end at the start
     assert_same(fly(compiled, parameters, 10), fly(plain, parameters, 10))
 
 
@@ -285,9 +286,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "problem", "expected"), WRONG, ids=[entry[2] for entry in WRONG]
-)
+@pytest.mark.parametrize(("text", "line", "problem", "expected"), WRONG)
 def test_what_cannot_be_compiled_is_said_in_the_users_terms(
     make, tmp_path, text, line, problem, expected
 ):

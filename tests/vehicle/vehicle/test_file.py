@@ -144,67 +144,48 @@ def test_terms_scales_and_effectors(write):
 @pytest.mark.parametrize(
     ("old", "new", "location", "fragment"),
     [
-        pytest.param("area: 2 m2", "area: 2 m", (2, 19), "an area", id="unit of another dimension"),
-        pytest.param("area: 2 m2", "area: 1e-300 m2", (2, 19), "0.000001", id="no size"),
-        pytest.param(
-            "start: 100 kg", "start: 200 kg", (4, 10), "50 to 150 kg", id="start outside the points"
-        ),
-        pytest.param(
-            "mass: 150 kg", "mass: 40 kg", (8, 14), "increasing masses", id="falling masses"
-        ),
-        pytest.param(
-            "inertia_zz: 25", "inertia_zz: 31", (7, 7), "impossible", id="impossible inertia"
-        ),
-        pytest.param("[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "minimum", id="empty engine range"),
-        pytest.param("area: push", "area: pull", (14, 9), "expected 'push', ", id="unknown table"),
-        pytest.param(
+        ("area: 2 m2", "area: 2 m", (2, 19), "an area"),  # unit of another dimension
+        ("area: 2 m2", "area: 1e-300 m2", (2, 19), "0.000001"),  # no size
+        ("start: 100 kg", "start: 200 kg", (4, 10), "50 to 150 kg"),  # start outside the points
+        ("mass: 150 kg", "mass: 40 kg", (8, 14), "increasing masses"),  # falling masses
+        ("inertia_zz: 25", "inertia_zz: 31", (7, 7), "impossible"),  # impossible inertia
+        ("[0.1, 1.5]", "[1.5, 0.1]", (17, 22), "minimum"),  # empty engine range
+        ("area: push", "area: pull", (14, 9), "expected 'push', "),  # unknown table
+        (
             "surfaces: {",
             "surfaces: {kind: first_order, ",
             (11, 11),
             "rate_limit",
-            id="first order with damping",
-        ),
-        pytest.param(
-            "surfaces: {", "surfaces: {dead_zone: -1 deg, ", (11, 23), "0", id="negative dead zone"
-        ),
-        pytest.param(
+        ),  # first order with damping
+        ("surfaces: {", "surfaces: {dead_zone: -1 deg, ", (11, 23), "0"),  # negative dead zone
+        (
             "aileron: 0.5}",
             "aileron: 0.5, kind: first_order, damping: 0.5}",
             (10, 9),
             "first_order",
-            id="first-order effector with damping",
-        ),
-        pytest.param("unit: 1/deg, ", "", (25, 10), "1/rad", id="derivative without a unit"),
-        pytest.param(
-            "constant: 1000",
-            "constant: 30000",
-            (24, 12),
-            "30000 s",
-            id="exhaust velocity",
-        ),
-        pytest.param(
+        ),  # first-order effector with damping
+        ("unit: 1/deg, ", "", (25, 10), "1/rad"),  # derivative without a unit
+        ("constant: 1000", "constant: 30000", (24, 12), "30000 s"),  # exhaust velocity
+        (
             "constant: 1000, unit: s",
             "file: slow.csv, unit: s",
             (24, 12),
             "-1 to 900 s",
-            id="negative impulse",
-        ),
-        pytest.param(
+        ),  # negative impulse
+        (
             "file: coupling.csv",
             "file: tons.csv",
             (26, 13),
             "0.05 to 0.15 kg",
-            id="tonnes as kilograms",
-        ),
-        pytest.param("constant: 1000", "constant: .nan", (24, 23), "nan", id="nan"),
-        pytest.param("times: flap", "times: flop", (30, 29), "'flap'", id="unknown variable"),
-        pytest.param(
+        ),  # tonnes as kilograms
+        ("constant: 1000", "constant: .nan", (24, 23), "nan"),  # nan
+        ("times: flap", "times: flop", (30, 29), "'flap'"),  # unknown variable
+        (
             "{file: push.csv",
             "{file: push.csv, columns: {phi: etta}",
             (23, 41),
             "'etta'",
-            id="unknown role",
-        ),
+        ),  # unknown role
     ],
 )
 def test_errors_give_their_location(write, old, new, location, fragment):

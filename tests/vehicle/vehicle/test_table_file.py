@@ -44,16 +44,22 @@ def test_columns_by_the_vehicle_file_comments_and_blank_lines(tmp_path):
 @pytest.mark.parametrize(
     ("text", "columns", "grid"),
     [
-        ("\ufeffaltitude_km,value\n20,1\n30,2\n", {}, [2e4, 3e4]),
-        ("alpha_deg,value\n0,1\n0.5,2\n", {"alpha_deg": "angle_of_attack rad"}, [0.0, 0.5]),
-        ("alpha_deg,value\n0,1\n30,2\n", {"alpha_deg": "angle_of_attack"}, [0.0, np.pi / 6.0]),
-        ("altitude_m,value\n0,1\n50,2\n", {"altitude_m": "altitude m"}, [0.0, 50.0]),
-    ],
-    ids=[
-        "a byte order mark",
-        "the vehicle file says otherwise",
-        "the unit of the name",
-        "few metres, insisted on",
+        ("\ufeffaltitude_km,value\n20,1\n30,2\n", {}, [2e4, 3e4]),  # a byte order mark
+        (
+            "alpha_deg,value\n0,1\n0.5,2\n",
+            {"alpha_deg": "angle_of_attack rad"},
+            [0.0, 0.5],
+        ),  # the vehicle file says otherwise
+        (
+            "alpha_deg,value\n0,1\n30,2\n",
+            {"alpha_deg": "angle_of_attack"},
+            [0.0, np.pi / 6.0],
+        ),  # the unit of the name
+        (
+            "altitude_m,value\n0,1\n50,2\n",
+            {"altitude_m": "altitude m"},
+            [0.0, 50.0],
+        ),  # few metres, insisted on
     ],
 )
 def test_axes_in_other_units(tmp_path, text, columns, grid):
@@ -97,56 +103,36 @@ def test_blocks_of_a_matrix_are_a_third_axis(tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "column", "fragment"),
     [
-        pytest.param(GOOD.replace("6,0,5\n", ""), 6, None, "mach 6, alpha_deg 0", id="hole"),
-        pytest.param(
-            GOOD.replace("4,2,3", "4,-2,3"),
-            5,
-            None,
-            "mach 4, alpha_deg 2",
-            id="other points",
-        ),
-        pytest.param("mach\\alpha_deg,-1,0\n4,1\n", 2, None, "2 cells", id="short row of a matrix"),
-        pytest.param("mach\\alpha_deg,-1,0\n4,1,2\n6,1,x\n", 3, 5, "'x' in", id="word in a matrix"),
-        pytest.param(
-            "altitude_km = 1\nmach\\alpha_deg;-1;0\n4;1;2\n6;;2\n",
-            4,
-            3,
-            "'' in",
-            id="hole in a matrix",
-        ),
-        pytest.param(
-            "mach\\alpha_deg,-1,900\n4,1,2\n6,1,3\n", 2, None, "alpha_deg", id="head of a matrix"
-        ),
-        pytest.param(
-            "a\nmach\\alpha_deg,-1,0\n4,1,2\n", 1, None, "'name = number'", id="block without value"
-        ),
-        pytest.param(GOOD.replace("4,2,3", "4,0,3"), 4, None, "repeats", id="duplicate point"),
-        pytest.param(GOOD.replace("6,0,5", "6,0,nan"), 6, 5, "'nan'", id="nan"),
-        pytest.param(GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells", id="short row"),
-        pytest.param(
-            GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'", id="unknown column"
-        ),
-        pytest.param(GOOD.replace("alpha_deg", "alpha"), 1, 6, "unit", id="angle without unit"),
-        pytest.param(GOOD.replace("value", "mach"), 1, 16, "mach", id="axis twice"),
-        pytest.param("mach,alpha_deg,value\n4,0,1\n4,1,2\n", 2, 1, "mach", id="axis of one"),
-        pytest.param(
+        (GOOD.replace("6,0,5\n", ""), 6, None, "mach 6, alpha_deg 0"),  # hole
+        (GOOD.replace("4,2,3", "4,-2,3"), 5, None, "mach 4, alpha_deg 2"),  # other points
+        ("mach\\alpha_deg,-1,0\n4,1\n", 2, None, "2 cells"),  # short row of a matrix
+        ("mach\\alpha_deg,-1,0\n4,1,2\n6,1,x\n", 3, 5, "'x' in"),  # word in a matrix
+        ("altitude_km = 1\nmach\\alpha_deg;-1;0\n4;1;2\n6;;2\n", 4, 3, "'' in"),  # hole in a matrix
+        ("mach\\alpha_deg,-1,900\n4,1,2\n6,1,3\n", 2, None, "alpha_deg"),  # head of a matrix
+        ("a\nmach\\alpha_deg,-1,0\n4,1,2\n", 1, None, "'name = number'"),  # block without value
+        (GOOD.replace("4,2,3", "4,0,3"), 4, None, "repeats"),  # duplicate point
+        (GOOD.replace("6,0,5", "6,0,nan"), 6, 5, "'nan'"),  # nan
+        (GOOD.replace("6,0,5", "6,0"), 6, None, "2 cells"),  # short row
+        (GOOD.replace("alpha_deg", "alhpa_deg"), 1, 6, "'alhpa_deg'"),  # unknown column
+        (GOOD.replace("alpha_deg", "alpha"), 1, 6, "unit"),  # angle without unit
+        (GOOD.replace("value", "mach"), 1, 16, "mach"),  # axis twice
+        ("mach,alpha_deg,value\n4,0,1\n4,1,2\n", 2, 1, "mach"),  # axis of one
+        (
             "mach,alpha_rad,value\n4,0,1\n4,12,2\n6,0,1\n6,12,2\n",
             3,
             3,
             "angle_of_attack is 12",
-            id="deg as rad",
-        ),
-        pytest.param(
+        ),  # deg as rad
+        (
             "mach,alpha_deg,value\n4,0,1\n4,.2,2\n6,0,1\n6,.2,2\n",
             2,
             3,
             "only 0.2 deg",
-            id="rad as deg",
-        ),
-        pytest.param("mach,value\n1200,1\n1800,2\n", 2, 1, "mach is 1200", id="speed as mach"),
-        pytest.param("altitude_m,value\n20,1\n30,2\n", 2, 1, "only 10 m", id="km as metres"),
-        pytest.param(GOOD, 1, None, "'delta'", id="a description of no column"),
-        pytest.param(b"mach,value\n4,\xff\n", None, None, "utf-8", id="bytes"),
+        ),  # rad as deg
+        ("mach,value\n1200,1\n1800,2\n", 2, 1, "mach is 1200"),  # speed as mach
+        ("altitude_m,value\n20,1\n30,2\n", 2, 1, "only 10 m"),  # km as metres
+        (GOOD, 1, None, "'delta'"),  # a description of no column
+        (b"mach,value\n4,\xff\n", None, None, "utf-8"),  # bytes
     ],
 )
 def test_errors_give_their_location(tmp_path, text, line, column, fragment):

@@ -1,0 +1,19 @@
+"""Commands in this process, and Python in another."""
+
+import subprocess
+import sys
+
+from typer.testing import CliRunner
+
+from abhv_mc.cli.app import app
+
+
+def invoke(*arguments, **options):
+    """Return the result of a command that runs in this process."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], **options)
+
+
+def run_python(*arguments, check=False, **options):
+    """Return an ended process of Python, with its output as text."""
+    program = [sys.executable, *map(str, arguments)]
+    return subprocess.run(program, capture_output=True, text=True, check=check, **options)
