@@ -5,6 +5,7 @@ module by its path.
 """
 
 import contextlib
+import functools
 import importlib.util
 import os
 import re
@@ -217,5 +218,6 @@ def _expand(word: str) -> str:
     return os.path.expandvars(os.path.expanduser(word))  # noqa: PTH111
 
 
+@functools.cache  # A law in plain Python is guarded at each tick.
 def _as_folder(path: str | Path) -> str:
     return os.path.join(os.path.realpath(path), "")  # noqa: PTH118

@@ -59,7 +59,8 @@ def stored_arrays(plan: Any) -> dict[str, np.ndarray]:
 @cache
 def find_dtype(kind: Any) -> np.dtype[Any]:
     """Return the element type of an array annotation."""
-    return np.dtype(typing.get_args(typing.get_args(kind)[1])[0])
+    last = typing.get_args(kind)[-1]  # the scalar, or its dtype[scalar] before numpy 2.5
+    return np.dtype(next(iter(typing.get_args(last)), last))
 
 
 def _is_record(kind: Any) -> bool:
