@@ -16,10 +16,10 @@ delay, which must neither terminate early nor oscillate.
 
 In two independent searches, all numbers of a law are free (``robust.py``), within factors that are
 equal in terms of bandwidth. The first starts from the printed numbers and from the robust designs
-of the default vehicle, the second from random points and is twice as long. Each step is a CMA-ES
-run for small errors within a budget of usage, from the best previous candidate. A step is stored as
-a file in ``--work``, from which the command resumes. A round takes about 12 minutes of a core per
-vehicle; run ``fronts_results.py`` afterwards.
+of the default vehicle, the second from random points and is twice as long in the first round. Each
+step is a CMA-ES run for small errors within a budget of usage, from the best previous candidate. A
+step is stored as a file in ``--work``, from which the command resumes. A round takes about 12
+minutes of a core per vehicle; run ``fronts_results.py`` afterwards.
 """
 
 import argparse

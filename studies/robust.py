@@ -3,15 +3,15 @@
     OPENBLAS_NUM_THREADS=1 python studies/robust.py tlc|lqr [--vehicle NAME] [--start FILE ...]
         [--ordered] [--candidates N] [--step STEP] [-o FILE]
 
-All numbers of a law are free: the 20 bandwidths and dampings of TLC; the weights of LQR except that
-of the pitch rate, which is 0, and that of the aileron, because ratios count (14 numbers, of which
-12 ratios). A bandwidth varies by a factor of 5 either way, and a weight by 5^4, because a bandwidth
-grows with the fourth root of a weight; first steps of the search are then equal in bandwidth. (The
-designs for `ghame_x` were made with TLC's guidance sub-loops of Table 1, and a factor of 30 for
-weights.) The search starts from the best of the files, by default from Table 1 or from the paper's
-weights. CMA-ES evaluates every candidate on the same flights
-(``abhv_mc_tune.constrained_search``) and prefers candidates within the limits, then the smallest
-score. The result is written to a controller file.
+Free are the 20 bandwidths and dampings of TLC, and the weights of LQR except that of the pitch
+rate, which is 0, and that of the aileron, because ratios count (14 numbers, of which 12 ratios).
+The differentiators of TLC are the paper's. A bandwidth varies by a factor of 5 either way, and a
+weight by 5^4, because a bandwidth grows with the fourth root of a weight; first steps of the search
+are then equal in bandwidth. (The designs for `ghame_x` were made with TLC's guidance sub-loops of
+Table 1, a factor of 30 for weights, and starts set by hand, different for each law.) The search
+starts from the best of the files, by default from Table 1 or from the paper's weights. CMA-ES
+evaluates every candidate on the same flights (``abhv_mc_tune.constrained_search``) and prefers
+candidates within the limits, then the smallest score. The result is written to a controller file.
 
 Limits (numbers in ``robust_flights.py``):
 
