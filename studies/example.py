@@ -18,7 +18,7 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "reports/example"
-SHOWN = ("summary", "verdicts", "comparison", "drivers", "failures")
+SHOWN = ("summary", "verdicts", "comparison", "margins", "drivers", "failures")
 HASHES = {"code", "digest", "digests", "failure_map", "files", "hash", "key", "pages", "pictures"}
 
 
@@ -27,6 +27,7 @@ def in_words(numbers: dict[str, Any], outputs: dict[str, str]) -> str:
     sections = [
         f"# {numbers['provenance']['question']}",
         "![First screen of the report](../../docs/images/report.png)",
+        "The head of `campaigns/s_manoeuvre.yaml` states how the controllers were tuned.",
     ]
     for topic, printed in outputs.items():
         stripped = (line.rstrip() for line in printed.strip("\n").splitlines())
