@@ -16,6 +16,7 @@ import abhv_mc
 from abhv_mc.cli.app import app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.entry_points import VEHICLE
+from abhv_mc.execution import progress
 from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.io.messages import InputError
@@ -159,6 +160,14 @@ def test_an_unwritable_log_does_not_stop_a_campaign():
 
     with Progress("flights", 1, FullLog()) as progress, Waiting("compiling", FullLog()):
         progress.add(1)
+
+
+def test_the_time_left_is_for_the_remaining_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "_printed", [-1e9])
+    display = Progress("flights", 4, log := io.StringIO())
+    display._start -= 10.0
+    display.add(1)
+    assert "30 s left" in log.getvalue()
 
 
 def test_other_operating_systems_are_rejected() -> None:

@@ -34,6 +34,7 @@ def write_campaign(
         "dispersions": {"a": {"distribution": "normal", "sigma": 1.0}},
         "metrics": {name: {} for name in ("miss", *metrics)},
         "requirements": [{"metric": "miss", "below": limit, "probability": 0.9}],
+        "outcomes": {"lost": "Lost.", "hit": "Hit."},
         "runs": 60,
     }
     path = folder / "study.yaml"
@@ -80,6 +81,13 @@ def test_flights_with_other_values_or_without_a_metric_are_rejected(
     with pytest.raises(InputError, match="miss" if metrics else r"different content.*"):
         run_campaign(write_campaign(tmp_path, *metrics, simulator=other))
     assert (flown / "manifest.json").read_bytes() == before
+
+
+def test_flights_with_another_outcome_are_rejected(tmp_path: Path) -> None:
+    lost = SIMULATOR.replace("in METRICS}", 'in METRICS} | {"outcome": "lost"}')
+    run_campaign(write_campaign(tmp_path, simulator=lost))
+    with pytest.raises(InputError, match="does not repeat"):
+        run_campaign(write_campaign(tmp_path, "swing", simulator=lost.replace("lost", "hit")))
 
 
 def test_an_interrupt_keeps_the_stored_folder_and_the_flights_run_again(

@@ -75,6 +75,8 @@ def test_flights_belong_to_their_last_worker():
         ((0, 32), (96, 128)),
         ((32, 96), (128, 160)),
     ]
+    entry, *_ = note_flyers(joined, (second,), "one", 0, 16)
+    assert entry.blocks["one"] == ((16, 32), (96, 128))
     assert note_flyers(joined, (first,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}
 
 

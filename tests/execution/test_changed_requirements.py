@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_flight import ENGINE, run, write_campaign
+from fake_flight import ENGINE, interrupted_after, run, write_campaign
 
 import abhv_mc
 from abhv_mc.bounds import Bounds
@@ -172,6 +172,13 @@ def test_requirements_set_after_the_results_are_marked(flown, tmp_path):
     ).manifest
     assert SET_LATER not in manifest.requirements[0].words
     assert len(manifest.requirement_sets) == 3
+
+
+def test_requirements_changed_before_any_flight_are_not_marked(tmp_path):
+    run(write_campaign(tmp_path / "f", requirements=LOOSE), tmp_path / "out", interrupted_after(2))
+    run(write_campaign(tmp_path / "g", requirements=TIGHT), tmp_path / "out")
+    flown = read_flown(tmp_path / "out")
+    assert len(flown.manifest.requirement_sets) == 2 and not flown.requirement_changes
 
 
 def test_changed_rows_are_another_campaign(flown, tmp_path):

@@ -17,6 +17,7 @@ from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.merge import suggest_merge
+from abhv_mc.identity import code_hash
 from abhv_mc.io.messages import InputError
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.requests import Request
@@ -54,6 +55,14 @@ def test_a_merge_is_judged_by_all_counts(flown, tmp_path):
         entry.failures,
         entry.verdict,
     )
+
+
+def test_a_merge_lists_the_workers_of_all_flights(tmp_path):
+    engine = replace(ENGINE, source=code_hash(), checked=True)
+    campaign = write_campaign(tmp_path / "f", runs="40", keep="{}")
+    folders = [run(campaign, tmp_path / str(s), engine, seed=s).folder for s in (1, 2)]
+    (entry,) = merge_campaign(folders, tmp_path / "all", engine).manifest.flown_by
+    assert entry.blocks == {"one": ((0, 80),), "two": ((0, 80),)}
 
 
 def fly_otherwise(plan, parameters, every=None):

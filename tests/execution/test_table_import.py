@@ -100,6 +100,14 @@ def test_a_campaign_is_valid_before_the_number_of_its_flights_is_known(tmp_path:
         read_campaign(make_campaign(tmp_path))
 
 
+def test_values_may_be_rounded_in_another_unit(flown: Path, tmp_path: Path) -> None:
+    def rounded(_: int, row: dict[str, str]) -> dict[str, str]:
+        return row | {"speed [m/s]": str(round(float(row.pop("speed")) * 0.3048, -1))}
+
+    table = rewritten(flown, rounded)
+    assert adopt_table(table, make_campaign(tmp_path), tmp_path / "adopted").complete
+
+
 def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path: Path) -> None:
     def in_metres(_: int, row: dict[str, str]) -> dict[str, str]:
         row["altitude_min [m]"] = repr(float(row.pop("altitude_min")) * 0.3048)

@@ -16,7 +16,7 @@ from fake_flight import run, write_campaign
 
 from abhv_mc.folder.arrays import write_array
 from abhv_mc.folder.envelope_states import Cells, Collector
-from abhv_mc.folder.layout import hash_file
+from abhv_mc.folder.layout import hash_file, is_inside
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.folder.tables import open_database
 
@@ -33,6 +33,11 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def foreign_folder(folder, fake_engine, tmp_path):
     return shutil.copytree(folder, tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["", "/a", "../a"])
+def test_names_outside_the_folder_are_recognized(name):
+    assert is_inside("a") and not is_inside(name)
 
 
 @pytest.mark.parametrize(

@@ -20,13 +20,19 @@ from abhv_mc.report.numbers.compare import _gate, check_baseline, pair_campaigns
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.topics.comparison.model import metric_differences
+from abhv_mc.topics.formatting import percent
 from abhv_mc_vehicle.flight.metrics import METRICS
 
 METRIC_RECORDS = {metric.name: metric for metric in METRICS}
 
 
 def test_controllers_can_be_crossed(failing_folder, failing_numbers):
-    (pair,) = compare(failing_folder, failing_folder, ("lqr", "tlc")).numbers()["paired"]
+    comparison = compare(failing_folder, failing_folder, ("lqr", "tlc"))
+    (pair,) = comparison.numbers()["paired"]
+    entry = pair["metrics"]["speed_error_max_mps"]
+    shares = (percent(entry[f"{side}_better"] / pair["pairs"], 2) for side in "ab")
+    lines = [record.line for record in comparison.section.items[0].records]
+    assert f"speed error (better on {' / '.join(shares)}" in " ".join(lines)
     inside = failing_numbers["comparison"]["pairs"]["lqr - tlc"]
     assert pair["requirements"] == inside["requirements"]
     metric = "sideslip_max_deg"

@@ -6,7 +6,7 @@ import pytest
 
 from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.formatting import bounds, estimate, percent, spoken_name
+from abhv_mc.topics.formatting import bounds, estimate, p_value, percent, spoken_name
 from abhv_mc.topics.topic import Cell, Table, full_labels, grouped
 from abhv_mc_vehicle.plant.parameters import PARAMETERS
 
@@ -52,6 +52,10 @@ def test_digits_are_those_that_the_error_allows(interval, value, ends):
 )
 def test_shares_keep_their_nines(share, text):
     assert percent(share) == f"{text}\u202f%"
+
+
+def test_small_p_values_keep_two_digits():
+    assert p_value(0.0032) == "0.0032"
 
 
 def test_only_the_papers_own_lqr_is_called_so(tmp_path):

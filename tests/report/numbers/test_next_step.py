@@ -94,6 +94,8 @@ def test_requirements_set_later_are_confirmed_by_another_seed(tmp_path):
     campaign = replace(models.results.campaign, later_choices=frozenset({(0, "tlc")}))
     step = changed(models, campaign=campaign)
     assert step.command.endswith(f"--seed {campaign.seed + 1}") and "set later" in step.why
+    pooled = campaign.model.model_copy(update={"pooled": [SimpleNamespace(seed=9999)]})
+    assert "--seed 10000" in changed(models, campaign=replace(campaign, model=pooled)).command
 
 
 def test_unsearched_worst_values_need_a_new_folder_not_more_flights(tmp_path):

@@ -15,7 +15,7 @@ from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.report.numbers.summary import read_summary, summarize
 from abhv_mc.topics.comparison.model import make_standings
-from abhv_mc.topics.formatting import json_data, percent
+from abhv_mc.topics.formatting import MINUS, json_data, percent
 from abhv_mc.topics.topic import Models
 
 REQUIRED = (
@@ -107,6 +107,7 @@ def test_the_first_record_answers_the_question(tmp_path, asks):
     tlc, lqr = (flights[name].metrics["speed_error_max_mps"] for name in ("tlc", "lqr_retuned"))
     share = max(np.mean(tlc < lqr), np.mean(lqr < tlc))
     assert f"on {percent(share, 2)} of flights" in compared or "compare" not in asks
+    assert f"paired {MINUS}" in compared or "compare" not in asks
 
 
 def pair_of(a, b, winner):

@@ -12,6 +12,7 @@ from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_fixed, evaluate_tables
 
 UP, RIGHT = 0.02, -0.03  # rad
 MORE = 1.0  # relative increase of thrust, from which its force is computed
+ASIDE = 0.02  # centre of gravity, m
 STEP = 1e-6  # s, so short that the rotation does not turn the velocity
 
 
@@ -25,10 +26,11 @@ STEP = 1e-6  # s, so short that the rotation does not turn the velocity
 def test_a_misaligned_thrust_turns_about_the_point_where_it_acts(inputs, arm):
     plan = short_plan(1, *inputs)
     plan = replace(plan, timing=plan.timing._replace(step=STEP, steps_per_tick=1))
+    moved = {"mass.center_of_gravity_y": ASIDE}
     rows = rows_of(
-        {},
-        {"propulsion.thrust": 1.0 + MORE},
-        {"thrust.inclination": UP, "thrust.azimuth": RIGHT},
+        moved,
+        moved | {"propulsion.thrust": 1.0 + MORE},
+        moved | {"thrust.inclination": UP, "thrust.azimuth": RIGHT},
     )
     flown = fly(plan, rows, 1, keep_states=True).states
     rates, states = (flown[:, 1] - flown[:, 0]) / STEP, flown[:, 0]
@@ -47,7 +49,9 @@ def test_a_misaligned_thrust_turns_about_the_point_where_it_acts(inputs, arm):
     )
     turned = right @ up @ force - force
     assert turned[1] < 0.0 and turned[2] < 0.0  # to the left and upward
-    lever = np.array(arm) - [value["center_of_gravity_x"], 0.0, value["center_of_gravity_z"]]
+    lever = np.array(arm) - [value["center_of_gravity_x"], ASIDE, value["center_of_gravity_z"]]
+    moment = inertia @ (rates[1, spin] - rates[0, spin]) / MORE
+    assert moment == pytest.approx(np.cross(lever, force), abs=1e-4 * np.linalg.norm(force))
     size = np.linalg.norm(turned)
     assert mass * (rates[2, speed] - rates[0, speed]) == pytest.approx(turned, abs=1e-4 * size)
     moment = inertia @ (rates[2, spin] - rates[0, spin])

@@ -50,6 +50,13 @@ def test_a_conditionally_stable_loop_has_a_margin_on_each_side():
     assert margins.gain_high[0, 0] == np.inf
 
 
+def test_a_lead_has_its_phase_margin_above_minus_one():
+    # k s^2 / (s + 1)^3: |L| = 1 at 1/2 rad/s, where the phase is 180 deg - 3 atan(1/2).
+    k = 1.25**1.5 / 0.25
+    margins = _margins(1, lambda _, w: (-k * w**2 / (1j * w + 1.0) ** 3)[:, None, None])
+    np.testing.assert_allclose(margins.phase[0, 0], 3.0 * np.arctan(0.5), rtol=1e-10)
+
+
 def test_a_loop_that_is_always_below_one_has_no_phase_or_delay_margin():
     margins = _margins(1, lambda i, w: (-0.5 / (1j * w + 1.0))[:, None, None])
     assert (
