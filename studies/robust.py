@@ -22,7 +22,7 @@ Limits (numbers in ``robust_flights.py``):
   measurement delay of 0 to 40 ms;
 - usage of each surface in the nominal S: rms from the trim and travel at most 1.05 times those of
   TLC with Table 1;
-- ``--ordered``: TLC's outer bandwidths are below the inner ones that they rely on (the file reader
+- ``--ordered``: TLC's outer crossovers are below the inner ones that they rely on (the file reader
   gives no warning).
 
 The score is the mean of the fourth powers of six rms errors, averaged over the flights and divided

@@ -188,7 +188,7 @@ class Duel:
 
 
 def order_excess(controller: Controller) -> float:
-    """Return the relative excess of TLC's outer bandwidths over the inner ones they rely on."""
+    """Return the relative excess of TLC's outer crossovers over the inner ones they rely on."""
     if not isinstance(controller, TlcController):
         return 0.0
     outer, inner = controller.attitude, controller.rates
@@ -200,6 +200,6 @@ def order_excess(controller: Controller) -> float:
         (controller.velocity.heading, outer.bank),
     )
     return sum(
-        max(1.02 * max(slow.bandwidths()) / min(fast.bandwidths()) - 1.0, 0.0)
+        max(1.02 * max(slow.crossovers()) / min(fast.crossovers()) - 1.0, 0.0)
         for slow, fast in pairs
     )

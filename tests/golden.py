@@ -50,7 +50,10 @@ _OTHER = {
 _STATUS = re.compile(r"[A-Za-z][\w.]*|NOT SHOWN")
 _DIGITS = 12  # that are stored
 _TOLERANCE = 1e-9  # relative, for floating-point numbers of another machine
-_TOLERANCES = {"wide": 1e-7}  # its flights cycle at their limits and amplify the last bits of gains
+# flights that cycle at their limits or end early amplify the last bits of gains
+_TOLERANCES = {"wide": 1e-7, "wind_and_sensors": 1e-7}
+# ratio of a variance to that of paired differences, which may be near their rounding
+_AMPLIFIED, _FACTOR = "pairing_gain", 1e6
 _ZERO = 1e-10  # absolute, for differences of numbers that are nearly equal
 # The rudder of its trim lies on a node of the tables; the last bits decide on which side, and
 # slopes differ there.
@@ -126,7 +129,8 @@ def find_differences(
     if isinstance(stored, dict) and isinstance(value, dict):
         for name, entry in stored.items():
             if name in value:
-                yield from find_differences(entry, value[name], tolerance, f"{path}/{name}")
+                own = tolerance * (_FACTOR if name == _AMPLIFIED else 1.0)
+                yield from find_differences(entry, value[name], own, f"{path}/{name}")
             else:
                 yield f"{path}/{name}: missing"
     elif isinstance(stored, list) and isinstance(value, list):

@@ -93,11 +93,15 @@ class Channel(StrictModel):
     ]
     """natural frequency of the closed loop, fixed or scheduled"""
 
-    def bandwidths(self) -> list[float]:
-        """Return the bandwidths at all points of the schedule, rad/s."""
+    def crossovers(self) -> list[float]:
+        """Return the gain crossovers at all points of the schedule, rad/s.
+
+        The open loop (2 zeta omega s + omega^2) / s^2 of a well damped channel crosses over near
+        2 zeta omega.
+        """
         if isinstance(self.bandwidth, Schedule):
-            return [bandwidth for _, bandwidth in self.bandwidth.points()]
-        return [self.bandwidth]
+            return [2.0 * self.damping * bandwidth for _, bandwidth in self.bandwidth.points()]
+        return [2.0 * self.damping * self.bandwidth]
 
 
 class VelocityLoop(StrictModel):
@@ -185,12 +189,12 @@ class TlcController(ControllerModel):
         """Return a warning for each outer loop that is not slower than its inner loop."""
         warnings = []
         for outer, inner in _OUTER_AND_INNER:
-            outer_bandwidth = max(attrgetter(outer)(self).bandwidths())
-            inner_bandwidth = min(attrgetter(inner)(self).bandwidths())
-            if outer_bandwidth >= inner_bandwidth:
+            fastest = max(attrgetter(outer)(self).crossovers())
+            slowest = min(attrgetter(inner)(self).crossovers())
+            if fastest >= slowest:
                 warnings.append(
-                    f"the bandwidth of {outer} ({outer_bandwidth:g} rad/s) is not below that of "
-                    f"{inner} ({inner_bandwidth:g} rad/s): the time scales of the loops are not "
+                    f"the crossover of {outer} ({fastest:g} rad/s) is not below that of "
+                    f"{inner} ({slowest:g} rad/s): the time scales of the loops are not "
                     "separated"
                 )
         return warnings

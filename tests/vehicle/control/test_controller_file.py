@@ -39,8 +39,8 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
         "{over_time: [{time: 0 s, bandwidth: 0.1 rad/s}, {time: 9 s, bandwidth: 0.05 rad/s}]}"
     )
     for bandwidth, loops in (
-        ("2 rad/s", ["attitude.bank (2 rad/s)", "rates.roll_rate (1.2 rad/s)"]),
-        (schedule, ["velocity.heading (0.08 rad/s)", "attitude.bank (0.05 rad/s)"]),
+        ("2 rad/s", ["attitude.bank (13.6 rad/s)", "rates.roll_rate (8.16 rad/s)"]),
+        (schedule, ["velocity.heading (0.384 rad/s)", "attitude.bank (0.34 rad/s)"]),
     ):
         path.write_text(TLC.replace(bank.format("0.3 rad/s"), bank.format(bandwidth)))
         (warning,) = read_controller(path).warnings()
