@@ -46,7 +46,7 @@ def one_blas_thread() -> Iterator[None]:
 def rare_garbage_collection() -> Iterator[None]:
     """Reduce garbage collection, which would otherwise take 1/8 of the time of a report."""
     thresholds = gc.get_threshold()
-    gc.set_threshold(100_000, 20, 20)
+    gc.set_threshold(max(100_000, thresholds[0]), 20, 20)
     try:
         yield
     finally:

@@ -76,7 +76,7 @@ def replay(
             [flight],
             block.times,
             block.history,
-            channels=[channel.name for channel in replay.channels],
+            channels=names,
             recorded=replay.channels,
         )
 
