@@ -12,7 +12,7 @@ from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics import registry
 from abhv_mc.topics.comparison.figures import plot_error_against_usage
 from abhv_mc.topics.envelopes import ENVELOPES
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes
+from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes, plot_sheet
 from abhv_mc.topics.figure_style import BLUE, CYCLE
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.model import channel_of
@@ -186,6 +186,10 @@ def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, faili
     level = np.where(panel.x < 5.0, np.nan, 0.5)
     panel = replace(panel, flights=[(panel.x, panel.bands["q50"])], limits=[(panel.x, level)])
     figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    sheet = plot_sheet([EnvelopeRow("y", [panel])], ["A"])
+    for drawn in (figure, sheet):
+        texts = [text.get_text() for legend in drawn.legends for text in legend.get_texts()]
+        assert texts.count("limit") == 1
     shade = figure.axes[0].collections[-1].get_paths()[0].vertices
     assert shade[:, 0].min() == 0.0 and 4.7 < shade[:, 0].max() < 5.0
     assert np.array_equal(figure.axes[0].lines[-1].get_ydata(), level, equal_nan=True)

@@ -122,8 +122,6 @@ def _legend(
         handles.append(Line2D([], [], label="simultaneous 95 %", color=INK, **_SIMULTANEOUS_LINE))
     if any(panel.reference is not None for panel in panels):
         handles.append(Line2D([], [], label="reference", **REFERENCE))
-    if any(panel.limits for panel in panels):
-        handles.append(Line2D([], [], label="limit", **LIMIT))
     put_legend(figure, handles, [str(handle.get_label()) for handle in handles])
 
 
@@ -213,6 +211,8 @@ def plot_sheet(rows: Sequence[EnvelopeRow], labels: Sequence[str]) -> Figure:
         Line2D([], [], label=f"{name}{kind}".replace("$", r"\$"), **line_look(k, len(labels)))
         for k, name in enumerate(labels)
     ]
+    if any(panel.limits for row in rows for panel in row.panels):
+        lines.append(Line2D([], [], label="limit", **LIMIT))
     _legend(figure, rows, ("min", "q5"), lines)
     return figure
 
