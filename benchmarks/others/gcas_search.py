@@ -2,14 +2,14 @@
 
     python -m benchmarks.others.gcas_search AEROBENCH/code [--seeds 5] [--calls 320] [--json FILE]
 
-AEROBENCH is a copy of AeroBenchVVPython (GPL 3, not a package and not included here). `abhv-mc
-worst` runs `gcas/campaign.yaml`; the random flights are those that it runs for comparison.
-Simulated annealing is scipy's dual_annealing without local search, which PSY-TaLiRo's DualAnnealing
-calls.
+AEROBENCH is a copy of AeroBenchVVPython (GPL 3, not a package and not included here), which is
+copied beside a copy of `gcas/campaign.yaml`. `abhv-mc worst` runs this campaign; the random flights
+are those that it runs for comparison. Simulated annealing is scipy's dual_annealing without local
+search, which PSY-TaLiRo's DualAnnealing calls.
 """
 
 import argparse
-import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,7 +22,7 @@ from scipy.optimize import dual_annealing
 
 from benchmarks.document import write_json
 
-CAMPAIGN = Path(__file__).parent / "gcas" / "campaign.yaml"
+STUDY = Path(__file__).parent / "gcas"
 BOX = {
     "roll": (36.0, 51.0),
     "pitch": (-72.0, -63.0),
@@ -30,12 +30,14 @@ BOX = {
 }  # deg, as in the campaign
 
 
-def search(seed: int, calls: int) -> tuple[np.ndarray, np.ndarray]:
+def search(aerobench: Path, seed: int, calls: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest altitudes (ft) in the order of calls, of the search and random flights."""
     with tempfile.TemporaryDirectory() as folder:
+        study = Path(shutil.copytree(STUDY, f"{folder}/gcas"))
+        shutil.copytree(aerobench / "aerobench", study / "aerobench")
         arguments = [
             "worst",
-            str(CAMPAIGN),
+            f"{study}/campaign.yaml",
             "--metric",
             "altitude_min",
             "--flights",
@@ -74,11 +76,11 @@ def summarise(values: np.ndarray) -> dict[str, Any]:
     }
 
 
-def study(seeds: int, calls: int) -> list[dict[str, Any]]:
+def study(aerobench: Path, seeds: int, calls: int) -> list[dict[str, Any]]:
     """Return a row for each seed."""
     rows = []
     for seed in range(1, seeds + 1):
-        searched, random = search(seed, calls)
+        searched, random = search(aerobench, seed, calls)
         methods = {"worst": searched, "random": random, "annealing": anneal(seed, calls)}
         rows.append({"seed": seed, **{name: summarise(values) for name, values in methods.items()}})
         print(describe(rows[-1]), flush=True)
@@ -102,11 +104,9 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=320)
     parser.add_argument("--json", type=Path, default=None)
     arguments = parser.parse_args()
-    sys.path += [str(arguments.aerobench.resolve()), str(CAMPAIGN.parent)]
-    os.environ["PYTHONPATH"] = os.pathsep.join(
-        filter(None, [os.environ.get("PYTHONPATH"), sys.path[-2]])
-    )
-    rows = study(arguments.seeds, arguments.calls)
+    aerobench = arguments.aerobench.resolve()
+    sys.path += [str(aerobench), str(STUDY)]
+    rows = study(aerobench, arguments.seeds, arguments.calls)
     if arguments.json:
         write_json(arguments.json, rows)
 

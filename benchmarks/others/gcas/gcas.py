@@ -1,6 +1,6 @@
 """Simulator of AeroBench's F-16 with ground collision avoidance, from PSY-TaLiRo's example.
 
-AeroBenchVVPython is not a package: add its folder `code` to PYTHONPATH.
+AeroBenchVVPython is not a package: copy its folder `code/aerobench` beside this file.
 """
 
 from math import radians

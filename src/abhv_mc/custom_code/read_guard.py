@@ -191,7 +191,7 @@ def undeclared_words(real: str, folder: str) -> str:
     simulator_folder = Path(os.path.realpath(folder))
     if Path(real).is_relative_to(simulator_folder):
         return f"it reads {Path(real).relative_to(simulator_folder)}, which 'files' does not list"
-    remedy = "link the file into the simulator's folder and list the link"
+    remedy = "copy the file into the simulator's folder and list the copy"
     if Path(real).is_relative_to(simulator_folder.parent):
         remedy = "'folder: ..' allows 'files' to list files of the parent folder"
     return f"it reads {real}, which 'files' does not list ({remedy})"
