@@ -32,6 +32,10 @@ libmy_law.so: my_law.c abhv_law.h abhv_settings.h
 headers: my_law.yaml
 \tpython3 -m abhv_mc_vehicle.user_code.law_source my_law.yaml
 """
+_OTHER_VEHICLE = """\
+# A shipped campaign with another vehicle. Controllers whose numbers were made for other vehicles do
+# not compare the control laws.
+"""
 _QUESTION = "Does my control law track this mission as well as the shipped controllers?"
 
 
@@ -163,7 +167,8 @@ def _replace_vehicle(
         lambda key: f"under_test: [{', '.join(_tested(key[1].split(', '), list(fitting)))}]",
         text,
     )
-    return re.sub(r"(?m)^asks:.*\n", "", text), fitting
+    text = re.sub(r"\A(?:#.*\n)*", _OTHER_VEHICLE, text)
+    return re.sub(r"(?m)^(?:asks|question):.*\n", "", text), fitting
 
 
 def _tested(names: list[str], fitting: list[str]) -> list[str]:

@@ -63,6 +63,7 @@ def test_a_new_folder_with_another_vehicle_omits_controllers_of_the_first(
     campaign, *files = write_new_campaign(tmp_path / "study", vehicle=mine / "own.yaml", tune=True)
     model = read_campaign(campaign).model
     assert model.vehicle.resolve() == tmp_path / "study/vehicle/own.yaml"
+    assert not model.question and "tuned for this vehicle" not in campaign.read_text("utf-8")
     assert list(model.controllers) == ["tlc", "lqr"] and model.tune is not None
     assert tmp_path / "study/vehicle/abhv.yaml" not in files
     assert not [warning for check in check_inputs(campaign) for warning in check.warnings]
