@@ -71,7 +71,7 @@ terminations and oscillations in 328 flights of 60 s in the wide box. {robust}
 
 ## Coupling of thrust and lift
 
-The paper's reason for joint control is the coupling of thrust with lift and pitching moment. The table gives the ratio TLC / LQR of the median rms errors over the whole flight (outside the transients) in 100 dispersed flights of `abhv` with other thrust lines, printed gains and weights.
+The paper's reason for joint control is the coupling of thrust with lift and pitching moment. The table gives the ratio TLC / LQR of the median rms errors over the whole flight (outside the transients) in 100 dispersed flights of `abhv` with other thrust lines, printed gains and weights. TLC's loops have integrals, LQR has none.
 
 {thrust_line}
 

@@ -3,9 +3,9 @@
     python studies/tune_tlc.py [--vehicle FILE]
 
 1. Damping from 0.707 upwards, for all channels of the inner loops (3 and 4), then of the outer
-   loops (1 and 2).
+   loops (1 and 2), and 0.707 at the crossovers (2 damping bandwidth) of Table 1.
 2. Order: inner bandwidths equal to the outer ones that rely on them, and half of them; `abhv-mc
-   validate` warns of each.
+   validate` warns of each. For comparison, both are reduced by the same factor.
 3. Differentiators: the bandwidth in sub-loop 3 increases from zero, and that in sub-loop 4 is 3, 4
    or 5 times as large, up to a clear oscillation, in which a surface makes MANY swings of more than
    SWING between two steps of the bank. Another flight has noise on the measured angles and rates,
@@ -33,6 +33,7 @@ from tuning_flights import (
     SWING,
     Tuning,
     bandwidth_of,
+    crossover_of,
     key_of,
 )
 
@@ -81,9 +82,16 @@ def cells(numbers: Floats) -> str:
 
 def damping_rows(tuning: Tuning) -> Iterator[str]:
     """Yield a row for each damping of the inner and of the outer loops."""
-    for label, channels in (("inner", INNER), ("outer", OUTER)):
-        for damping in LISTED_DAMPINGS:
+    listed = [*((damping, False) for damping in LISTED_DAMPINGS), (LISTED_DAMPINGS[0], True)]
+    for loops, channels in (("inner", INNER), ("outer", OUTER)):
+        for damping, same in listed:
             changes = {f"{channel}.damping": damping for channel in channels}
+            if same:
+                changes |= {
+                    key_of(channel): crossover_of(tuning, channel) / (2.0 * damping)
+                    for channel in channels
+                }
+            label = f"{loops}, same crossover" if same else loops
             flown = tuning.fly(changes)
             if flown is None:
                 yield f"| {label} | {damping:g} | a flight ends early |" + " |" * (len(SHOWN) + 1)
@@ -108,10 +116,10 @@ def sensitivities(tuning: Tuning) -> dict[str, list[tuple[Floats, int] | None]]:
     }
 
 
-def order_ranges(tuning: Tuning) -> list[str]:
-    """Return the largest growth of an error over Table 1, for each factor of SLOWER.
+def order_ranges(tuning: Tuning, *, both: bool) -> list[str]:
+    """Return the range over pairs of the largest growth of an error, for each factor of SLOWER.
 
-    The maximum is over all pairs of channels.
+    The inner bandwidth is reduced, or with ``both`` the outer one by the same factor, too.
     """
     base = tuning.fly({})
     if base is None:
@@ -121,8 +129,13 @@ def order_ranges(tuning: Tuning) -> list[str]:
         largest = []
         for outer, inner in ORDERED:
             changes = {key_of(inner): factor * bandwidth_of(tuning, outer)}
+            if both:
+                reduced = bandwidth_of(tuning, outer) / bandwidth_of(tuning, inner)
+                changes[key_of(outer)] = factor * reduced * bandwidth_of(tuning, outer)
             known = tuning.bench.table_1.warnings()
-            if all(warning in known for warning in tuning.controller(changes).warnings()):
+            if not both and all(
+                warning in known for warning in tuning.controller(changes).warnings()
+            ):
                 raise SystemExit(f"{inner} as slow as {outer}, and no warning")
             flown = tuning.fly(changes)
             if flown is None:
@@ -209,42 +222,46 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         if tuning.overshoot({f"{channel}.damping": d for channel in INNER}) <= 0.0
     )
 
-    ordered = order_ranges(tuning)
+    ordered, slowed = (order_ranges(tuning, both=both) for both in (False, True))
     surfaces = tuning.bench.vehicle.actuators[0, BANDWIDTH]
     lines = [
         "# Tuning TLC",
         "",
         f"`studies/tune_tlc.py` repeats section 6 of the paper on `{vehicle}` in the S manoeuvre. "
         "Rms errors in m, m/s and deg, and surface travels in deg, are means over the nominal "
-        "flight and four corners of the paper's dispersions. All other parameters are those of "
+        "flight and four corners of the paper's dispersions. Those of alpha and bank refer to the "
+        "controller's own command, which the outer loops change. All other parameters are those of "
         "Table 1.",
         "",
         "## Damping, from 0.707 upwards",
         "",
-        "The damping of all channels is changed in the inner loops (3 and 4) or in the outer loops "
-        '(1 and 2). "Overshoot" is that of the nominal bank angle after the first step, and '
-        f'"swings" the largest number of reversals by more than {SWING:g} deg of a surface between '
-        f"the two steps; {MANY} or more are an oscillation. The smallest inner damping without "
-        f"overshoot is {calmest:g}; Table 1 has 3.4.",
+        "The damping of the inner loops (3 and 4) or the outer loops (1 and 2) is changed. "
+        '"Overshoot" is that of the nominal bank angle after the first step, and "swings" the most '
+        f"reversals of a surface by over {SWING:g} deg between the steps; {MANY} or more are an "
+        f"oscillation. The smallest inner damping without overshoot is {calmest:g}; Table 1 has "
+        "3.4. Damping also multiplies the crossover, 2 damping bandwidth; the last rows have the "
+        "crossovers of Table 1.",
         "",
         *header(("loops", "damping", "overshoot", "swings")),
         *dampings,
         "",
         "## Outer bandwidths below inner bandwidths",
         "",
-        "`abhv-mc validate` warns if an outer bandwidth is not below that of the inner loop. The "
-        f"error that increases most becomes {ordered[0]} as large as with Table 1 if an inner "
-        f"bandwidth is reduced to the outer bandwidth, and {ordered[1]} as large if it is reduced "
-        "to half the outer bandwidth.",
+        "`abhv-mc validate` warns if an outer crossover (2 damping bandwidth) is not below the "
+        f"inner one. The error that increases most becomes {ordered[0]} as large as with Table 1 "
+        f"if an inner bandwidth is reduced to the outer one, and {ordered[1]} as large if it is "
+        f"reduced to half the outer one. If both are reduced by the same factor, so that the order "
+        f"is kept, it becomes {slowed[0]} and {slowed[1]} as large: the ratios also contain the "
+        "effect of slower loops.",
         "",
         "## Differentiators: up to the onset of oscillation",
         "",
         "The bandwidth of the differentiators of sub-loop 3 is increased from zero, with 3, 4 or 5 "
         "times this bandwidth in sub-loop 4. The largest bandwidths without oscillation are "
         f"{swings}; that of sub-loop 4 is then near the {surfaces:g} rad/s of the actuators. The "
-        "paper uses 0.3 rad/s (ratio 5). Noise limits the bandwidth more than oscillation does: "
-        "the last column (ratio 5) is the travel of all surfaces with white noise at 100 Hz (rms "
-        f"{NOISE:g} deg on each measured angle and {NOISE:g} deg/s on each body rate).",
+        "paper uses 0.3 rad/s (ratio 5). Noise limits the bandwidth more: the last column (ratio "
+        f"5) is the travel of all surfaces with white noise at 100 Hz (rms {NOISE:g} deg on each "
+        f"measured angle and {NOISE:g} deg/s on each body rate).",
         "",
         *(
             line + tail

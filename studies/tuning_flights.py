@@ -124,6 +124,14 @@ def bandwidth_of(tuning: Tuning, channel: str) -> float:
     return float(value if channel.startswith("differentiators") else value.bandwidth)
 
 
+def crossover_of(tuning: Tuning, channel: str) -> float:
+    """Return twice the product of damping and bandwidth of Table 1, rad/s."""
+    value: Any = tuning.bench.table_1
+    for key in channel.split("."):
+        value = getattr(value, key)
+    return 2.0 * float(value.damping) * float(value.bandwidth)
+
+
 def key_of(channel: str) -> str:
     """Return the key of a bandwidth in the controller file."""
     return channel if channel.startswith("differentiators") else f"{channel}.bandwidth"

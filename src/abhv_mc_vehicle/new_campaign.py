@@ -33,8 +33,8 @@ headers: my_law.yaml
 \tpython3 -m abhv_mc_vehicle.user_code.law_source my_law.yaml
 """
 _OTHER_VEHICLE = """\
-# A shipped campaign with another vehicle. Controllers whose numbers were made for other vehicles do
-# not compare the control laws.
+# A shipped campaign with another vehicle. Controllers whose numbers were made for other vehicles,
+# or by unequal searches (heads of their files), do not compare the control laws.
 """
 _QUESTION = "Does my control law track this mission as well as the shipped controllers?"
 
