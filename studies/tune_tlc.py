@@ -4,7 +4,7 @@
 
 1. Damping from 0.707 upwards, for all channels of the inner loops (3 and 4), then of the outer
    loops (1 and 2), and 0.707 at the crossovers (2 damping bandwidth) of Table 1.
-2. Order: inner bandwidths equal to the outer ones that rely on them, and half of them; `abhv-mc
+2. Order: inner crossovers equal to the outer ones that rely on them, and half of them; `abhv-mc
    validate` warns of each. For comparison, both are reduced by the same factor.
 3. Differentiators: the bandwidth in sub-loop 3 increases from zero, and that in sub-loop 4 is 3, 4
    or 5 times as large, up to a clear oscillation, in which a surface makes MANY swings of more than
@@ -51,7 +51,7 @@ ORDERED = (  # outer, inner
 )
 DAMPINGS = (0.707, 1.0, 1.4, 2.0, 2.4, 3.4, 4.8)
 LISTED_DAMPINGS = (0.707, 2.4, 3.4)  # rows of the page
-SLOWER = (1.0, 0.5)  # inner over outer bandwidth
+SLOWER = (1.0, 0.5)  # inner over outer crossover
 RATIOS = (3.0, 4.0, 5.0)
 DIFFERENTIATORS = (
     0.0,
@@ -119,7 +119,7 @@ def sensitivities(tuning: Tuning) -> dict[str, list[tuple[Floats, int] | None]]:
 def order_ranges(tuning: Tuning, *, both: bool) -> list[str]:
     """Return the range over pairs of the largest growth of an error, for each factor of SLOWER.
 
-    The inner bandwidth is reduced, or with ``both`` the outer one by the same factor, too.
+    The inner crossover is reduced, or with ``both`` the outer one by the same factor, too.
     """
     base = tuning.fly({})
     if base is None:
@@ -128,10 +128,10 @@ def order_ranges(tuning: Tuning, *, both: bool) -> list[str]:
     for factor in SLOWER:
         largest = []
         for outer, inner in ORDERED:
-            changes = {key_of(inner): factor * bandwidth_of(tuning, outer)}
+            reduced = factor * crossover_of(tuning, outer) / crossover_of(tuning, inner)
+            changes = {key_of(inner): reduced * bandwidth_of(tuning, inner)}
             if both:
-                reduced = bandwidth_of(tuning, outer) / bandwidth_of(tuning, inner)
-                changes[key_of(outer)] = factor * reduced * bandwidth_of(tuning, outer)
+                changes[key_of(outer)] = reduced * bandwidth_of(tuning, outer)
             known = tuning.bench.table_1.warnings()
             if not both and all(
                 warning in known for warning in tuning.controller(changes).warnings()
@@ -249,7 +249,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         "",
         "`abhv-mc validate` warns if an outer crossover (2 damping bandwidth) is not below the "
         f"inner one. The error that increases most becomes {ordered[0]} as large as with Table 1 "
-        f"if an inner bandwidth is reduced to the outer one, and {ordered[1]} as large if it is "
+        f"if an inner crossover is reduced to the outer one, and {ordered[1]} as large if it is "
         f"reduced to half the outer one. If both are reduced by the same factor, so that the order "
         f"is kept, it becomes {slowed[0]} and {slowed[1]} as large: the ratios also contain the "
         "effect of slower loops.",
