@@ -28,7 +28,7 @@ np.savez(sys.argv[1], compiler=jit.compiler(), **parts)
 """
 
 
-def fly(out: Path, public: str) -> dict[str, np.ndarray]:
+def fly(out, public):
     searched = [Path(abhv_mc.__file__).parents[1], Path(__file__).parent]
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(map(str, searched)),

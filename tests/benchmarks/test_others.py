@@ -11,16 +11,14 @@ from benchmarks.rare_coverage import estimate
 
 
 @pytest.mark.parametrize("section", page.HEADS)
-def test_the_tables_of_the_page_are_those_of_the_results(section: str) -> None:
+def test_the_tables_of_the_page_are_those_of_the_results(section):
     text = page.PAGES[section].read_text()
     table = text.partition(f"<!-- {section} -->\n")[2].partition(f"\n<!-- /{section} -->")[0]
     assert table == page.make_table(section, page.read_rows(section))
 
 
 @pytest.mark.parametrize(("operator", "threshold"), [(ot.Less(), 0.0), (ot.Greater(), 4.0)])
-def test_both_methods_respect_the_failing_side_of_a_problem(
-    operator: ot.ComparisonOperator, threshold: float
-) -> None:
+def test_both_methods_respect_the_failing_side_of_a_problem(operator, threshold):
     strength = ot.RandomVector(ot.JointDistribution([ot.Normal(4.0, 1.0), ot.Normal(2.0, 1.0)]))
     output = ot.CompositeRandomVector(ot.SymbolicFunction(["r", "s"], ["r - s"]), strength)
     event = ot.ThresholdEvent(output, operator, threshold)
@@ -36,7 +34,7 @@ def test_both_methods_respect_the_failing_side_of_a_problem(
         assert answer.low < answer.probability < answer.high
 
 
-def test_indices_of_the_test_functions_are_reproduced() -> None:
+def test_indices_of_the_test_functions_are_reproduced():
     stored = page.read_rows("sensitivity")
     for row, before in zip(sensitivity.study(3, 2000), stored, strict=True):
         assert row["published"] == before["published"]
@@ -45,7 +43,7 @@ def test_indices_of_the_test_functions_are_reproduced() -> None:
         assert (row["named"][0] == 3) == (before["named"][0] == 20)
 
 
-def test_the_imported_table_reproduces_the_stored_numbers() -> None:
+def test_the_imported_table_reproduces_the_stored_numbers():
     stored = page.read_rows("rocketpy")
     assert rocketpy_table.adopt() == stored
     for row in stored:

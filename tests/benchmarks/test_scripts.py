@@ -62,13 +62,13 @@ OTHERS = {
 }
 
 
-def list_changes() -> str:
+def list_changes():
     """Return the status by git of the folders for results."""
     command = ["git", "-C", str(ROOT), "status", "--porcelain", "benchmarks", "docs", "studies"]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 
 
-def run(*arguments: str, folder: Path) -> None:
+def run(*arguments, folder):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
     before = list_changes()
     done = run_python(*arguments, "--smoke", cwd=folder, env=environment)
@@ -77,18 +77,18 @@ def run(*arguments: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("script", [*STUDIES, "unknown_grid"])
-def test_a_study_runs(script: str, tmp_path: Path) -> None:
+def test_a_study_runs(script, tmp_path):
     name, *arguments = script.split()
     run(str(ROOT / "studies" / f"{name}.py"), *arguments, folder=tmp_path)
 
 
 @pytest.mark.parametrize("script", BENCHMARKS)
-def test_a_benchmark_runs(script: str, tmp_path: Path) -> None:
+def test_a_benchmark_runs(script, tmp_path):
     name, *arguments = script.split()
     run("-m", f"benchmarks.{name}", *arguments, folder=tmp_path)
 
 
-def test_every_script_that_a_page_names_is_run() -> None:
+def test_every_script_that_a_page_names_is_run():
     pages = [ROOT / "README.md", ROOT / "Makefile", *ROOT.glob("docs/*/*.md")]
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
     named = re.findall(r"\b(?:studies|benchmarks)(?:[./]\w+)+", text)

@@ -2,14 +2,10 @@
 
 import re
 
-import pytest
-
 from benchmarks import table_checks
 
 
-def test_the_study_accepts_honest_tables_and_detects_the_others(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_study_accepts_honest_tables_and_detects_the_others(capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["table_checks.py", "--smoke"])
     table_checks.main()
     printed = capsys.readouterr().out

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from programs import run_python
@@ -24,7 +23,7 @@ from abhv_mc.io.messages import InputError
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"}
 
 
-def command_code(body: str, before: str = "") -> str:
+def command_code(body, before=""):
     """Return a program whose only command is ``body``."""
     return (
         f"import os, signal, sys, time\n{before}\nfrom abhv_mc.cli import app\n"
@@ -33,9 +32,7 @@ def command_code(body: str, before: str = "") -> str:
     )
 
 
-def run_command(
-    body: str, before: str = "", stdout: Any = subprocess.PIPE
-) -> subprocess.CompletedProcess[str]:
+def run_command(body, before="", stdout=subprocess.PIPE):
     """Run a program whose only command is ``body``, with standard output buffered as usual."""
     return subprocess.run(
         [sys.executable, "-c", command_code(body, before)],
@@ -48,7 +45,7 @@ def run_command(
     )
 
 
-def test_version_and_help() -> None:
+def test_version_and_help():
     output = run_python("-m", "abhv_mc", "--version").stdout
     assert output.startswith(f"abhv-mc {abhv_mc.__version__}\n") and "\nnumba " in output
     help_ = run_python("-m", "abhv_mc", "--help")
@@ -67,7 +64,7 @@ def test_version_and_help() -> None:
 
 
 @pytest.mark.parametrize("start", ["from abhv_mc.cli import app", "import abhv_mc; dir(abhv_mc)"])
-def test_starting_imports_nothing_heavy(start: str) -> None:
+def test_starting_imports_nothing_heavy(start):
     code = f"import sys; {start}; print(*{{name.partition('.')[0] for name in sys.modules}})"
     assert HEAVY.isdisjoint(run_python("-c", code, check=True).stdout.split())
 
@@ -97,9 +94,7 @@ def test_starting_imports_nothing_heavy(start: str) -> None:
         (ZeroDivisionError("by zero"), 70, "ZeroDivisionError: by zero"),
     ],
 )
-def test_exit_codes(
-    error: BaseException, code: int | None, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_exit_codes(error, code, message, capsys):
     assert exit_code_of(error) == code
     out, err = capsys.readouterr()
     assert message in err
@@ -108,7 +103,7 @@ def test_exit_codes(
 
 # Python would end by the signal SIGINT during exec.
 @pytest.mark.parametrize(("moment", "number"), [("exec({!r})", "SIGINT"), ("{}", "SIGTERM")])
-def test_interrupt_leaves_with_incomplete(moment: str, number: str) -> None:
+def test_interrupt_leaves_with_incomplete(moment, number):
     default = (
         "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a background job
     )
@@ -155,14 +150,14 @@ def test_an_unwritable_log_does_not_stop_a_campaign():
     """A full disk or a closed standard error ended the campaign with exit code 1."""
 
     class FullLog(io.StringIO):
-        def write(self, _: str) -> int:
+        def write(self, _):
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with Progress("flights", 1, FullLog()) as progress, Waiting("compiling", FullLog()):
         progress.add(1)
 
 
-def test_the_time_left_is_for_the_remaining_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_time_left_is_for_the_remaining_steps(monkeypatch):
     monkeypatch.setattr(progress, "_printed", [-1e9])
     display = Progress("flights", 4, log := io.StringIO())
     display._start -= 10.0
@@ -170,7 +165,7 @@ def test_the_time_left_is_for_the_remaining_steps(monkeypatch: pytest.MonkeyPatc
     assert "30 s left" in log.getvalue()
 
 
-def test_other_operating_systems_are_rejected() -> None:
+def test_other_operating_systems_are_rejected():
     """Run in a separate process, because many Python modules read the name of the system."""
     program = "import abhv_mc, os; os.name = 'nt'; import abhv_mc.cli"
     ended = run_python("-c", program)
@@ -178,7 +173,7 @@ def test_other_operating_systems_are_rejected() -> None:
     assert "macOS" in ended.stderr and "Traceback" not in ended.stderr
 
 
-def test_shells_complete_shipped_names_and_folders_of_campaigns(tmp_path: Path) -> None:
+def test_shells_complete_shipped_names_and_folders_of_campaigns(tmp_path):
     for name in ("flown", "empty"):
         (tmp_path / "reports" / name).mkdir(parents=True)
     (tmp_path / "reports/flown/manifest.json").touch()
@@ -200,9 +195,7 @@ def test_shells_complete_shipped_names_and_folders_of_campaigns(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
-def test_closed_standard_streams_change_no_exit_code(
-    closed: tuple[int, ...], tmp_path: Path
-) -> None:
+def test_closed_standard_streams_change_no_exit_code(closed, tmp_path):
     """A file that is opened must not get the number of a stream, or printed text enters it."""
     body = (
         "from abhv_mc.cli.printing import say; file = open('out', 'w'); print('words'); "
@@ -221,7 +214,7 @@ def test_closed_standard_streams_change_no_exit_code(
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
-def test_a_terminal_without_unicode_gets_escapes(encoding: str) -> None:
+def test_a_terminal_without_unicode_gets_escapes(encoding):
     body = (
         "from abhv_mc.cli.printing import new_table, print_table, say; "
         "table = new_table(['angle \\u03b1'], ['n']); table.add_row('\\u2212', '1'); "
@@ -238,21 +231,19 @@ def test_a_terminal_without_unicode_gets_escapes(encoding: str) -> None:
     assert ("\\u03b1" in output) == (encoding != "utf-8") and "\\u2500" not in output
 
 
-def test_too_many_open_files_are_not_reported_as_a_defect(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_too_many_open_files_are_not_reported_as_a_defect(capsys):
     error = OSError(errno.EMFILE, os.strerror(errno.EMFILE), "flights/x.parquet")
     assert exit_code_of(error) == ExitCode.INCOMPLETE
     assert "ulimit -n" in capsys.readouterr().err
 
 
-def test_a_container_without_a_home_runs_a_simulator(tmp_path: Path) -> None:
+def test_a_container_without_a_home_runs_a_simulator(tmp_path):
     """All commands failed with `HOME=/` or without HOME; not even root can write in /dev/null."""
     names = ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR")
     environment = {name: value for name, value in os.environ.items() if name not in names}
     environment |= {"HOME": "/dev/null", "TMPDIR": str(tmp_path)}
 
-    def run(*arguments: str) -> str:
+    def run(*arguments):
         done = run_python("-m", "abhv_mc", *arguments, cwd=tmp_path, env=environment)
         assert done.returncode in (ExitCode.DONE, ExitCode.FAILED), done.stderr
         return done.stderr

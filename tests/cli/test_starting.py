@@ -33,7 +33,7 @@ from abhv_mc_vehicle.new_campaign import _QUESTION, write_new_campaign, write_ne
 
 
 @pytest.mark.parametrize("name", ["s_manoeuvre", "failures", "wide", "flexible", "navigation"])
-def test_a_new_folder_is_self_contained(name: str, tmp_path: Path) -> None:
+def test_a_new_folder_is_self_contained(name, tmp_path):
     folder = tmp_path / "deep" / "study"
     written = write_new_campaign(folder, name)
     assert {check.kind for check in check_inputs(written[0])} == {
@@ -54,9 +54,7 @@ def test_a_new_folder_is_self_contained(name: str, tmp_path: Path) -> None:
     assert "#" in written[0].read_text()
 
 
-def test_a_new_folder_with_another_vehicle_omits_controllers_of_the_first(
-    tmp_path: Path,
-) -> None:
+def test_a_new_folder_with_another_vehicle_omits_controllers_of_the_first(tmp_path):
     mine = tmp_path / "mine"
     shutil.copytree(shipped_configs() / "vehicle", mine)
     (mine / "ghame.yaml").rename(mine / "own.yaml")
@@ -74,7 +72,7 @@ def test_a_new_folder_with_another_vehicle_omits_controllers_of_the_first(
     assert "tlc_robust_ghame_x" in controllers and "tlc_robust" not in controllers
 
 
-def test_a_vehicle_with_files_elsewhere_is_rejected_without_files(tmp_path: Path) -> None:
+def test_a_vehicle_with_files_elsewhere_is_rejected_without_files(tmp_path):
     shutil.copytree(shipped_configs() / "vehicle/ghame", tmp_path / "deck")
     text = (shipped_configs() / "vehicle/ghame.yaml").read_text().replace("ghame/", "../deck/")
     (tmp_path / "mine").mkdir()
@@ -84,7 +82,7 @@ def test_a_vehicle_with_files_elsewhere_is_rejected_without_files(tmp_path: Path
     assert not (tmp_path / "study").exists()
 
 
-def test_the_first_validation_of_a_template_gives_no_warning(tmp_path: Path) -> None:
+def test_the_first_validation_of_a_template_gives_no_warning(tmp_path):
     for law in (None, "python", "c"):
         campaign, *_ = write_new_campaign(tmp_path / str(law), law=law)
         assert not [warning for check in check_inputs(campaign) for warning in check.warnings]
@@ -94,7 +92,7 @@ def test_the_first_validation_of_a_template_gives_no_warning(tmp_path: Path) -> 
     assert full_labels(tmp_path / "flown", ["lqr"]) == {"lqr": "LQR (paper's weights)"}
 
 
-def test_new_files_name_their_schema_and_are_valid(tmp_path: Path) -> None:
+def test_new_files_name_their_schema_and_are_valid(tmp_path):
     files = [file for file in write_new_campaign(tmp_path / "study") if file.suffix == ".yaml"]
     assert len(files) > 4
     files += write_new_simulator(tmp_path / "simulator", "python")[:1]
@@ -105,9 +103,7 @@ def test_new_files_name_their_schema_and_are_valid(tmp_path: Path) -> None:
         assert list(Draft202012Validator(schema).iter_errors(read_document(file).data)) == []
 
 
-def test_a_custom_law_comes_with_a_campaign_and_completes_its_flight(
-    tmp_path: Path,
-) -> None:
+def test_a_custom_law_comes_with_a_campaign_and_completes_its_flight(tmp_path):
     written = write_new_campaign(tmp_path / "study", law="python")
     model = read_campaign(written[0]).model
     assert next(iter(model.controllers)) == "my_law"
@@ -121,9 +117,7 @@ def test_a_custom_law_comes_with_a_campaign_and_completes_its_flight(
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_a_law_in_c_equals_the_law_in_python_and_builds_by_its_makefile(
-    tmp_path: Path,
-) -> None:
+def test_a_law_in_c_equals_the_law_in_python_and_builds_by_its_makefile(tmp_path):
     python, c = (
         write_new_campaign(tmp_path / law, law=law)[0].parent / "control" for law in ("python", "c")
     )
@@ -143,7 +137,7 @@ def test_a_law_in_c_equals_the_law_in_python_and_builds_by_its_makefile(
     assert abhv_mc.fly("level", controller=c / "my_law.yaml", every=100).equals(flights[0])
 
 
-def fly_both(folder: Path) -> list[dict]:
+def fly_both(folder):
     """Return the metrics of 20 flights of each system of a new simulator's campaign."""
     out = folder / "out"
     run_campaign(Request(folder / "campaign.yaml", out, runs=20))
@@ -157,7 +151,7 @@ def fly_both(folder: Path) -> list[dict]:
 @pytest.mark.skipif(
     shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler"
 )
-def test_a_simulator_in_c_equals_the_one_in_python(tmp_path: Path) -> None:
+def test_a_simulator_in_c_equals_the_one_in_python(tmp_path):
     python, c = (
         write_new_simulator(tmp_path / kind, kind)[0].parent for kind in ("python", "command")
     )
@@ -168,9 +162,7 @@ def test_a_simulator_in_c_equals_the_one_in_python(tmp_path: Path) -> None:
     assert max(predicted["apogee"]) < max(timed["apogee"])  # brakes that react to excess height
 
 
-def test_without_a_compiler_the_program_is_left_to_be_built(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_compiler_the_program_is_left_to_be_built(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     result = invoke("new", tmp_path / "study", "--simulator", "command")
     assert (
@@ -180,7 +172,7 @@ def test_without_a_compiler_the_program_is_left_to_be_built(
     )
 
 
-def test_existing_files_and_unknown_names_or_kinds_are_rejected(tmp_path: Path) -> None:
+def test_existing_files_and_unknown_names_or_kinds_are_rejected(tmp_path):
     with pytest.raises(InputError, match=r"(?s)'failure'.*failures"):
         write_new_campaign(tmp_path / "x", "failure")
     (tmp_path / "mine").write_text("precious")
@@ -209,13 +201,13 @@ SHIPPED = [
 
 
 @pytest.mark.parametrize(("kind", "path"), SHIPPED, ids=lambda value: getattr(value, "stem", value))
-def test_shipped_files_are_valid_and_fit_their_schema(kind: str, path: Path) -> None:
+def test_shipped_files_are_valid_and_fit_their_schema(kind, path):
     assert find_kind(path) == kind
     assert check_inputs(path)[0].kind == kind
     assert list(Draft202012Validator(make_schema(kind)).iter_errors(read_document(path).data)) == []
 
 
-def test_all_errors_of_all_files_are_reported(tmp_path: Path) -> None:
+def test_all_errors_of_all_files_are_reported(tmp_path):
     for folder in (shipped_configs(), shipped_campaigns()):
         shutil.copytree(folder, tmp_path / folder.name)
     for name, old, new in (
@@ -232,7 +224,7 @@ def test_all_errors_of_all_files_are_reported(tmp_path: Path) -> None:
     }
 
 
-def test_a_hint_names_parameters_that_may_be_constant_but_unknown() -> None:
+def test_a_hint_names_parameters_that_may_be_constant_but_unknown():
     names = ("s_manoeuvre", "wide", "s_manoeuvre_unknown")
     hints = {
         name: unknowns_hint(read_campaign(shipped_campaigns() / f"{name}.yaml").names)
@@ -242,7 +234,7 @@ def test_a_hint_names_parameters_that_may_be_constant_but_unknown() -> None:
     assert hints["wide"] and not hints["s_manoeuvre_unknown"]
 
 
-def test_the_schema_rejects_wrong_names_and_values() -> None:
+def test_the_schema_rejects_wrong_names_and_values():
     validator = Draft202012Validator(make_schema("campaign"))
     right = read_document(shipped_folder() / "campaigns/s_manoeuvre.yaml").data
     del right["metrics"]  # with custom metrics a requirement may name any

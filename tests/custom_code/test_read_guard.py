@@ -6,7 +6,6 @@ import os
 import shutil
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from programs import run_python
@@ -86,7 +85,7 @@ DECLARED = {
 
 
 @pytest.fixture
-def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def study(tmp_path, monkeypatch):
     """A simulator's folder with declared and undeclared files."""
     folder = tmp_path / "up" / "study"
     folder.mkdir(parents=True)
@@ -110,7 +109,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def fly_ways(study: Path, own: Path, ways: dict[str, str]) -> dict[str, dict[str, object]]:
+def fly_ways(study, own, ways):
     """Run one flight for each way of reading in the folder ``own``; return the answers."""
     declared = ["sim.py", "gains.txt", "helper.py", "solver.sh"]
     scratch = study.parents[1] / "scratch"
@@ -134,9 +133,7 @@ def fly_ways(study: Path, own: Path, ways: dict[str, str]) -> dict[str, dict[str
 
 
 @pytest.mark.parametrize("layout", ["in place", "copied"])
-def test_undeclared_reads_are_found_and_what_simulators_need_passes(
-    study: Path, tmp_path: Path, layout: str
-) -> None:
+def test_undeclared_reads_are_found_and_what_simulators_need_passes(study, tmp_path, layout):
     own = study if layout == "in place" else tmp_path / "own"
     own.mkdir(exist_ok=True)
     answers = fly_ways(study, own, DECLARED)
@@ -144,11 +141,11 @@ def test_undeclared_reads_are_found_and_what_simulators_need_passes(
     ways = {way: code for way, code in UNDECLARED.items() if way != "pyarrow" or own != study}
     answers = fly_ways(study, own, ways)
     assert {way: answer for way, answer in answers.items() if "error" not in answer} == {}
-    missing = {way for way, answer in answers.items() if "PermissionError" not in answer["error"]}  # type: ignore[operator]
+    missing = {way for way, answer in answers.items() if "PermissionError" not in answer["error"]}
     assert missing <= {"pyarrow"}  # it reports that there is no such file
 
 
-def test_packages_are_read_below_a_study_and_its_files_are_not(tmp_path: Path) -> None:
+def test_packages_are_read_below_a_study_and_its_files_are_not(tmp_path):
     study, prefix = tmp_path / "study", tmp_path / "study" / ".venv"
     guard = ReadGuard([], studies=[str(study)], packages=[str(prefix), str(tmp_path)])
     assert guard.allows(os.path.realpath(prefix / "lib" / "package.py"))

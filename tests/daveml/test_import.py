@@ -7,10 +7,8 @@ import ast
 import copy
 import re
 import runpy
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -50,11 +48,11 @@ RANGES = {  # of inputs in the files' units, beyond their tables
 }
 
 
-def of(name: str) -> Path:
+def of(name):
     return next(path for path in FILES if path.name == name)
 
 
-def changed(tmp_path: Path, name: str, old: str, new: str) -> Path:
+def changed(tmp_path, name, old, new):
     path = tmp_path / name
     text = of(name).read_text(encoding="utf-8")
     assert old in text
@@ -63,7 +61,7 @@ def changed(tmp_path: Path, name: str, old: str, new: str) -> Path:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_check_shots_pass_and_written_python_is_the_graph_at_random_inputs(path: Path) -> None:
+def test_check_shots_pass_and_written_python_is_the_graph_at_random_inputs(path):
     model, graph = read_model(path), Graph(path)
     assert len(model.shots) == SHOTS.get(path.name, 0)
     run_shots(model)
@@ -86,7 +84,7 @@ def test_check_shots_pass_and_written_python_is_the_graph_at_random_inputs(path:
             )
 
 
-def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path: Path) -> None:
+def test_aileron_of_the_other_sign_and_units_are_turned(tmp_path):
     import_daveml([of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")], tmp_path)
     aero = runpy.run_path(str(tmp_path / "f16_aero.py"))
 
@@ -138,7 +136,7 @@ SMALL = """<DAVEfunc><fileHeader name="small"/>
 </calculation><isOutput/></variableDef></DAVEfunc>"""
 
 
-def imported(folder: Path, text: str = SMALL, answers: str = "") -> Any:
+def imported(folder, text=SMALL, answers=""):
     """The coefficients of a file at a sideslip, airspeed and deflections."""
     (folder / "small.dml").write_text(text, encoding="utf-8")
     if answers:
@@ -151,7 +149,7 @@ def imported(folder: Path, text: str = SMALL, answers: str = "") -> Any:
     return function(air, controls, None, None)
 
 
-def test_signs_and_units_other_than_the_standards_are_turned(tmp_path: Path) -> None:
+def test_signs_and_units_other_than_the_standards_are_turned(tmp_path):
     ours = imported(tmp_path)
     assert ours.CL == -5.4
     assert ours.Cm == pytest.approx(-10.0)  # ft/s
@@ -170,9 +168,7 @@ def test_signs_and_units_other_than_the_standards_are_turned(tmp_path: Path) -> 
         ("left_flap", 8.0),
     ],
 )
-def test_answers_are_numbers_and_sums_of_signals_and_effectors(
-    answer: str, flap: float, tmp_path: Path
-) -> None:
+def test_answers_are_numbers_and_sums_of_signals_and_effectors(answer, flap, tmp_path):
     effectors = "effectors: {left_flap: {elevator: 1, aileron: 1}}\n"
     ours = imported(tmp_path, answers=f"{effectors}small.dml:\n  DWFL: {answer}\n")
     assert pytest.approx(-0.4 - flap) == ours.CL
@@ -188,15 +184,13 @@ def test_answers_are_numbers_and_sums_of_signals_and_effectors(
         ("other.dml: {DWFL: 1}", "import.yaml:1:1: unknown name 'other.dml'"),
     ],
 )
-def test_answers_that_make_no_sense_are_rejected(
-    answers: str, message: str, tmp_path: Path
-) -> None:
+def test_answers_that_make_no_sense_are_rejected(answers, message, tmp_path):
     with pytest.raises(InputError, match=re.escape(message)):
         imported(tmp_path, answers=answers)
     assert not (tmp_path / "small.py").exists()
 
 
-def test_a_second_import_keeps_edits(tmp_path: Path) -> None:
+def test_a_second_import_keeps_edits(tmp_path):
     files = [of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")]
     first = import_daveml(files, tmp_path)
     assert first.shots == {"F16_aero.dml": 16, "F16_prop.dml": 9, "F16_inertia.dml": 0}
@@ -213,10 +207,8 @@ def test_a_second_import_keeps_edits(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("sign", "correlation"), [("anu", -0.5), ("and", 0.5)])
-def test_uncertainties_become_dispersions_with_correlations(
-    tmp_path: Path, sign: str, correlation: float
-) -> None:
-    def stated(effect: str, law: str) -> str:
+def test_uncertainties_become_dispersions_with_correlations(tmp_path, sign, correlation):
+    def stated(effect, law):
         return f'<isOutput/><uncertainty effect="{effect}">{law}</uncertainty></variableDef>'
 
     lift = """<normalPDF numSigmas="3"><bounds>15</bounds>\
@@ -248,7 +240,7 @@ def test_uncertainties_become_dispersions_with_correlations(
     }
 
 
-def test_variables_of_one_name_are_told_apart_by_units(tmp_path: Path) -> None:
+def test_variables_of_one_name_are_told_apart_by_units(tmp_path):
     path = tmp_path / "two.dml"
     path.write_text(
         """<DAVEfunc><fileHeader name="two"/><variableDef name="altitude" varID="h_f" units="f"/>
@@ -267,7 +259,7 @@ def test_variables_of_one_name_are_told_apart_by_units(tmp_path: Path) -> None:
         run_shots(read_model(path))
 
 
-def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
+def test_what_no_signal_gives_is_asked_for(tmp_path):
     files = [of("twostage_aero.dml"), of("twostage_inertia.dml"), of("twostage_prop.dml")]
     with pytest.raises(InputError, match=r"stagedFlag.*stg1firing"):
         import_daveml(files, tmp_path)
@@ -309,16 +301,14 @@ def test_what_no_signal_gives_is_asked_for(tmp_path: Path) -> None:
         ("brick_aero", 'units="ft_s"', 'units="furlong_s"', "unknown unit 'furlong_s'"),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_line(
-    tmp_path: Path, name: str, old: str, new: str, problem: str
-) -> None:
+def test_what_is_wrong_is_refused_with_its_line(tmp_path, name, old, new, problem):
     path = changed(tmp_path, f"{name}.dml", old, new)
     with pytest.raises(InputError, match=rf"{name}\.dml:\d+:.*{problem}"):
         import_daveml([path], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
+def test_ungridded_extrapolated_and_own_points(tmp_path):
     path = tmp_path / "small.dml"
     path.write_text(
         """<DAVEfunc><fileHeader name="small"/>
@@ -348,7 +338,7 @@ def test_ungridded_extrapolated_and_own_points(tmp_path: Path) -> None:
     assert function(-5.0, 0.0)[1:] == pytest.approx((1.0, 1.0))
 
 
-def formula(tmp_path: Path, text: str):
+def formula(tmp_path, text):
     """A formula of x and y as a function."""
     path = tmp_path / "formula.dml"
     path.write_text(
@@ -367,7 +357,7 @@ ROOT = (
 POSITIVE = "<apply><gt/><ci>x</ci><cn>0</cn></apply>"
 
 
-def pieces(number: int) -> str:
+def pieces(number):
     below = (
         f"<piece><cn>{i}</cn><apply><lt/><ci>x</ci><cn>{i}</cn></apply></piece>"
         for i in range(number)
@@ -385,9 +375,7 @@ def pieces(number: int) -> str:
         (pieces(199), 1e9, -1.0),
     ],
 )
-def test_formulas_are_what_mathml_says(
-    tmp_path: Path, text: str, x: float, expected: float
-) -> None:
+def test_formulas_are_what_mathml_says(tmp_path, text, x, expected):
     assert formula(tmp_path, text)(x, 0.0).f == pytest.approx(expected)
 
 
@@ -395,12 +383,12 @@ def test_formulas_are_what_mathml_says(
     ("text", "problem"),
     [(ROOT.format("<cn>3</cn><cn>2</cn>"), "'root' has 3 operands"), (pieces(2000), "too deep")],
 )
-def test_a_formula_that_is_none_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+def test_a_formula_that_is_none_is_refused(tmp_path, text, problem):
     with pytest.raises(InputError, match=problem):
         formula(tmp_path, text)
 
 
-def test_tables_of_one_name_and_a_variable_of_theirs_keep_their_own_numbers(tmp_path: Path) -> None:
+def test_tables_of_one_name_and_a_variable_of_theirs_keep_their_own_numbers(tmp_path):
     function = """<variableDef name="{0}" varID="{0}" units="nd"><isOutput/></variableDef>\
 <function name="{0}">
         <independentVarRef varID="x"/><dependentVarRef varID="{0}"/><functionDefn>\
@@ -440,7 +428,7 @@ ODD = """<DAVEfunc xmlns="http://daveml.org/2010/DAVEML" xmlns:m="http://www.w3.
  <signalValue>2.356194490192345</signalValue><tol>1e-9</tol></signal></checkOutputs></staticShot></checkData></DAVEfunc>"""
 
 
-def test_units_in_capitals_numbers_with_exponents_and_internal_values(tmp_path: Path) -> None:
+def test_units_in_capitals_numbers_with_exponents_and_internal_values(tmp_path):
     path = tmp_path / "odd.dml"
     path.write_text(ODD, encoding="utf-8")
     run_shots(read_model(path))
@@ -453,9 +441,7 @@ def test_units_in_capitals_numbers_with_exponents_and_internal_values(tmp_path: 
         run_shots(read_model(path))
 
 
-def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(
-    tmp_path: Path,
-) -> None:
+def test_limits_are_where_the_tables_end_and_without_them_the_trim_is_near_zero(tmp_path):
     import_daveml([of("F16_aero.dml"), of("F16_prop.dml"), of("F16_inertia.dml")], tmp_path)
     path = tmp_path / "vehicle.yaml"
     limited = load_vehicle(path).constants
@@ -483,7 +469,7 @@ KEYS = {  # of the files of YAML that are written, by what names them
 }
 
 
-def attacked(tree: ElementTree.Element) -> Iterator[ElementTree.Element]:
+def attacked(tree):
     """Return the file with hostile text in place of, and behind, its attributes and texts.
 
     Each kind is changed once, at its first occurrence in each element.
@@ -511,7 +497,7 @@ SLOW = [
 
 
 @pytest.mark.parametrize("name", ["F16_prop.dml", "brick_aero.dml", "odd.dml", *SLOW])
-def test_hostile_text_never_becomes_code(tmp_path: Path, name: str) -> None:
+def test_hostile_text_never_becomes_code(tmp_path, name):
     odd = ODD.replace('units="DEG"', 'units="DEG" initialValue="1"')
     text = odd if name == "odd.dml" else of(name).read_text(encoding="utf-8")
     accepted = 0
@@ -570,9 +556,7 @@ ATMOSPHERE = """<DAVEfunc><fileHeader name="air"/>
 
 
 @pytest.mark.parametrize("output", ["density and pressure", "density"])
-def test_a_model_of_the_atmosphere_becomes_the_air_profile_of_a_mission(
-    output: str, tmp_path: Path
-) -> None:
+def test_a_model_of_the_atmosphere_becomes_the_air_profile_of_a_mission(output, tmp_path):
     text = ATMOSPHERE if "pressure" in output else ATMOSPHERE.replace("ambientP", "other")
     (tmp_path / "air.dml").write_text(text, encoding="utf-8")
     written = import_daveml([tmp_path / "air.dml"], tmp_path / "out").paths
@@ -590,9 +574,7 @@ def test_a_model_of_the_atmosphere_becomes_the_air_profile_of_a_mission(
 
 
 @pytest.mark.parametrize("unit", ["dgF", "dgC", "dgR", "dgK"])
-def test_an_atmosphere_may_give_pressure_and_temperature_in_place_of_density(
-    unit: str, tmp_path: Path
-) -> None:
+def test_an_atmosphere_may_give_pressure_and_temperature_in_place_of_density(unit, tmp_path):
     """NASA's atmos_76.dml has a density ratio, a pressure, and temperatures in dgC and dgF."""
     rankine = {
         "dgR": "<ci>T</ci>",
@@ -616,7 +598,7 @@ def test_an_atmosphere_may_give_pressure_and_temperature_in_place_of_density(
         import_daveml([tmp_path / "air.dml"], tmp_path / "other")
 
 
-def test_an_atmosphere_without_density_at_an_altitude_is_rejected(tmp_path: Path) -> None:
+def test_an_atmosphere_without_density_at_an_altitude_is_rejected(tmp_path):
     text = ATMOSPHERE.replace("<exp/>", "<ln/>")
     (tmp_path / "air.dml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"air\.dml.*density.* \d+ m\b"):

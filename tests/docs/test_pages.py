@@ -33,14 +33,14 @@ PLACES = re.compile(
 )
 
 
-def text_of(page: Path) -> str:
+def text_of(page):
     return page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if not page.is_relative_to(ROOT / "docs")], ids=str
 )
-def test_links_of_pages_outside_the_site(page: Path) -> None:
+def test_links_of_pages_outside_the_site(page):
     """Links and anchors of the site are checked by its build (docs/_ext/check_site.py)."""
     for target in re.findall(r"\]\(([^)\s]+)\)", text_of(page)):
         name = target.partition("#")[0]
@@ -48,7 +48,7 @@ def test_links_of_pages_outside_the_site(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_files_and_tests_on_pages_exist(page: Path) -> None:
+def test_files_and_tests_on_pages_exist(page):
     for name, function in PLACES.findall(text_of(page)):
         if "*" in name or name.startswith("reports/s_manoeuvre"):
             assert list(ROOT.glob(name)), name
@@ -68,9 +68,7 @@ def test_files_and_tests_on_pages_exist(page: Path) -> None:
         ), name
 
 
-def test_generated_pages_list_every_key_metric_and_parameter(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_generated_pages_list_every_key_metric_and_parameter(monkeypatch):
     monkeypatch.setattr(sys, "path", [str(ROOT / "docs/_ext"), *sys.path])
     from abhv_mc.campaign.file.kinds import find_kinds
     from abhv_mc.campaign.file.schema import make_schema
@@ -96,14 +94,14 @@ def test_generated_pages_list_every_key_metric_and_parameter(
     } <= set(by_name)
 
 
-def test_all_files_of_a_campaigns_folder_are_explained() -> None:
+def test_all_files_of_a_campaigns_folder_are_explained():
     page = text_of(ROOT / "docs/reference/results-folder.md")
     folder = CampaignFolder(Path("x"))
     for path in (*folder.contents, folder.lock):
         assert f"`{path.name}" in page, path.name
 
 
-def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
+def commands_of(text):
     """Return the commands with options in code, blocks and directives of a text.
 
     Tables of benchmarks are excluded.
@@ -122,7 +120,7 @@ def commands_of(text: str) -> set[tuple[str, tuple[str, ...]]]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
-def test_commands_and_their_options_exist(page: Path) -> None:
+def test_commands_and_their_options_exist(page):
     text = text_of(page)
     group = typer.main.get_command(app)
     added = set(re.findall(r'^(\w+) = "\w+:\w+"', text, re.MULTILINE))  # by the page's package

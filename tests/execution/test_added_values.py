@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +20,7 @@ def fly(inputs, settings):
 """
 
 
-def write_campaign(
-    folder: Path, *metrics: str, limit: float = 3.0, simulator: str = SIMULATOR
-) -> Request:
+def write_campaign(folder, *metrics, limit=3.0, simulator=SIMULATOR):
     folder.mkdir(exist_ok=True)
     (folder / "sim.py").write_text(f"METRICS = {('miss', *metrics)}\n{simulator}")
     content = {
@@ -43,13 +40,11 @@ def write_campaign(
 
 
 @pytest.fixture
-def flown(tmp_path: Path) -> Path:
+def flown(tmp_path):
     return run_campaign(write_campaign(tmp_path)).folder
 
 
-def test_an_added_metric_leaves_stored_values_and_gives_the_digest_of_a_new_folder(
-    flown: Path, tmp_path: Path
-) -> None:
+def test_an_added_metric_leaves_stored_values_and_gives_the_digest_of_a_new_folder(flown, tmp_path):
     before, stored = read_manifest(flown / "manifest.json"), read_flown(flown).flights
     (flown / "notes.txt").write_text("mine")
     request = write_campaign(tmp_path, "swing")
@@ -64,7 +59,7 @@ def test_an_added_metric_leaves_stored_values_and_gives_the_digest_of_a_new_fold
     assert {path.name for path in tmp_path.iterdir()} == {"out", "new", "sim.py", "study.yaml"}
 
 
-def test_a_limit_changed_with_the_metrics_leaves_its_trail(flown: Path, tmp_path: Path) -> None:
+def test_a_limit_changed_with_the_metrics_leaves_its_trail(flown, tmp_path):
     manifest = run_campaign(write_campaign(tmp_path, "swing", limit=4.0)).manifest
     assert [item.flights for item in manifest.requirement_sets] == [0, 60]
     (change,) = read_flown(flown).requirement_changes
@@ -72,9 +67,7 @@ def test_a_limit_changed_with_the_metrics_leaves_its_trail(flown: Path, tmp_path
 
 
 @pytest.mark.parametrize("metrics", [("swing",), ()])
-def test_flights_with_other_values_or_without_a_metric_are_rejected(
-    flown: Path, tmp_path: Path, metrics: tuple[str, ...]
-) -> None:
+def test_flights_with_other_values_or_without_a_metric_are_rejected(flown, tmp_path, metrics):
     """A changed simulator without added values is another campaign, of which nothing is run."""
     before = (flown / "manifest.json").read_bytes()
     other = SIMULATOR.replace('abs(inputs["a"])', 'abs(inputs["a"] - 0.001)')
@@ -83,7 +76,7 @@ def test_flights_with_other_values_or_without_a_metric_are_rejected(
     assert (flown / "manifest.json").read_bytes() == before
 
 
-def test_flights_with_another_outcome_are_rejected(tmp_path: Path) -> None:
+def test_flights_with_another_outcome_are_rejected(tmp_path):
     lost = SIMULATOR.replace("in METRICS}", 'in METRICS} | {"outcome": "lost"}')
     run_campaign(write_campaign(tmp_path, simulator=lost))
     with pytest.raises(InputError, match="does not repeat"):
@@ -91,12 +84,12 @@ def test_flights_with_another_outcome_are_rejected(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_keeps_the_stored_folder_and_the_flights_run_again(
-    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    flown, tmp_path, monkeypatch
+):
     before = (flown / "manifest.json").read_bytes()
     request, keep, blocks = write_campaign(tmp_path, "swing"), runner._Run._keep, []
 
-    def interrupt(self: object, *arguments: object) -> None:
+    def interrupt(self, *arguments):
         keep(self, *arguments)
         blocks.append(arguments)
         if len(blocks) == 2:

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +16,7 @@ from abhv_mc.execution.flight_counts import RequirementCount
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.inputs import collect_inputs, describe_changes
-from abhv_mc.folder.manifest import Manifest, read_manifest, write_manifest
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.next_step import find_next_step
 from abhv_mc.report.numbers.summary import summarize
@@ -34,7 +33,7 @@ OTHER = "[{metric: altitude_error_max_m, below: 1.8, probability: 0.8}, " + (
 KEEP = "{histories: {flights: [7], rate: 10 Hz}, envelopes: {rate: 5 Hz}}"
 
 
-def no_flight(*_: object) -> None:
+def no_flight(*_):
     raise AssertionError("a flight was run")
 
 
@@ -53,12 +52,12 @@ def test_early_terminations_count_if_the_requirement_says_so(early_is_failure):
 
 
 @pytest.fixture
-def flown(tmp_path: Path) -> tuple[Manifest, Path]:
+def flown(tmp_path):
     campaign = write_campaign(tmp_path / "f", requirements=LOOSE, keep=KEEP)
     return run(campaign, tmp_path / "out").manifest, tmp_path / "out"
 
 
-def statuses(manifest: Manifest) -> list[tuple[str, int, str]]:
+def statuses(manifest):
     entries = (*manifest.requirements, *manifest.requirements_shown)
     return [(entry.verdict, entry.failures, entry.words) for entry in entries]
 

@@ -1,7 +1,6 @@
 """Campaigns with compiled flights: guarantees that fake flights cannot test."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,7 +14,6 @@ from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import shipped_campaigns
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import nominal_parameters
-from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import flatten
 from abhv_mc_vehicle.kernel.plant.vehicle import (
     ACCELERATIONS,
@@ -32,7 +30,7 @@ VEHICLE = CAMPAIGN.parents[1] / "configs/vehicle/ghame_x.yaml"
 RUNS = 40
 
 
-def _read_plan(folder: Path, controller: str) -> FlightPlan:
+def _read_plan(folder, controller):
     vehicle = load_vehicle(VEHICLE)
     return read_plan(
         folder / f"plans/{controller}.npz", lambda arrays: rebuild_plan(arrays, vehicle)

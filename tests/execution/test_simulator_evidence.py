@@ -43,9 +43,7 @@ WITH_HISTORIES = {
 }
 
 
-def test_a_declared_program_runs_from_the_results_folder_and_its_failure_is_reported(
-    tmp_path: Path,
-) -> None:
+def test_a_declared_program_runs_from_the_results_folder_and_its_failure_is_reported(tmp_path):
     path = write_study(tmp_path / "own", CALLER, **WITH_HISTORIES)
     (tmp_path / "own" / "model.sh").write_text(PROGRAM)
     (tmp_path / "own" / "model.sh").chmod(0o755)
@@ -97,7 +95,7 @@ def fly(inputs, settings):
 """
 
 
-def test_reasons_are_stored_with_flights_and_reported_and_enter_no_digest(tmp_path: Path) -> None:
+def test_reasons_are_stored_with_flights_and_reported_and_enter_no_digest(tmp_path):
     path = write_study(tmp_path / "own", FAILING, runs=60)
     result = run_campaign(Request(path, tmp_path / "out"))
     sql = "select outcome, a, b, reason from flights order by flight"
@@ -153,8 +151,8 @@ CHANNELS = {"histories": {"x": {"unit": "m"}}, "keep": {"histories": {"flights":
     ],
 )
 def test_noise_is_detected_and_its_statement_is_checked(
-    tmp_path: Path, seed: str, noise: str, is_declared: bool, expected: str
-) -> None:
+    tmp_path, seed, noise, is_declared, expected
+):
     source = SEEDED.format(seed=seed, noise=noise)
     simulator = {"python": "sim.py"} | ({"repeatable": "no"} if is_declared else {})
     path = write_study(tmp_path / "own", source, runs=60, simulator=simulator, **CHANNELS)
@@ -177,7 +175,7 @@ def test_noise_is_detected_and_its_statement_is_checked(
     assert replayed.exit_code == (1 if is_estimate else 0), replayed.output
 
 
-def test_the_least_repeatable_shard_decides(tmp_path: Path) -> None:
+def test_the_least_repeatable_shard_decides(tmp_path):
     """First flights of one shard show noise, because a file outside its folder exists."""
     switch = tmp_path / "switch"
     noise = f"+ __import__('os').path.exists({str(switch)!r}) * generator.normal()"
@@ -191,7 +189,7 @@ def test_the_least_repeatable_shard_decides(tmp_path: Path) -> None:
     assert [entry.verdict for entry in merged.requirements] == ["ESTIMATE"]
 
 
-def test_a_flight_that_fails_in_one_process_is_not_repeatable(tmp_path: Path) -> None:
+def test_a_flight_that_fails_in_one_process_is_not_repeatable(tmp_path):
     source = f"""
 import os
 
@@ -206,7 +204,7 @@ def fly(inputs, settings):
     assert any("outcome" in warning for warning in manifest.warnings)
 
 
-def test_a_check_flight_that_was_killed_once_is_repeated(tmp_path: Path) -> None:
+def test_a_check_flight_that_was_killed_once_is_repeated(tmp_path):
     source = f"""
 import os
 flights = 0
@@ -225,9 +223,7 @@ def fly(inputs, settings):
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's /proc")
-def test_undeclared_open_files_are_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_undeclared_open_files_are_reported(tmp_path, monkeypatch):
     # The files of the test are hardly older than its run, which starts after some 13 ms.
     monkeypatch.setattr("abhv_mc.custom_code.read_guard._CLOCK_STEP", 0.0)
     program = """#!/bin/sh

@@ -1,7 +1,6 @@
 """Stored flights of a user's simulator that give other values when they are run again."""
 
 import re
-from pathlib import Path
 
 import pytest
 from own_simulators import write_study
@@ -9,7 +8,6 @@ from own_simulators import write_study
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.setup import Request
 from abhv_mc.flights.repeatability import Repeatability
-from abhv_mc.folder.manifest import Manifest
 
 PROGRAM = """#!/bin/sh
 offset=$(cat "$STUDY_DATA")
@@ -43,7 +41,7 @@ def fly(inputs, settings):
 """
 
 
-def run(campaign: Path, runs: int) -> Manifest:
+def run(campaign, runs):
     """Run a study with one worker, or extend it."""
     out = campaign.parent / "out"
     return run_campaign(
@@ -51,9 +49,7 @@ def run(campaign: Path, runs: int) -> Manifest:
     ).manifest
 
 
-def test_a_data_file_changed_between_runs_takes_the_verdicts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_data_file_changed_between_runs_takes_the_verdicts(tmp_path, monkeypatch):
     campaign = write_study(
         tmp_path / "own", CALLER, simulator={"python": "sim.py", "files": ["model.sh"]}
     )
@@ -72,16 +68,14 @@ def test_a_data_file_changed_between_runs_takes_the_verdicts(
     assert run(campaign, 100).repeatable is Repeatability.NOISE  # other flights stay wrong
 
 
-def test_a_simulator_that_drifts_after_its_first_flights_gets_estimates(tmp_path: Path) -> None:
+def test_a_simulator_that_drifts_after_its_first_flights_gets_estimates(tmp_path):
     manifest = run(write_study(tmp_path / "own", LATE_NOISE), 200)
     assert manifest.repeatable is Repeatability.NOISE
     assert any(re.search(r"'system' .*\btotal\b", warning) for warning in manifest.warnings)
 
 
 @pytest.mark.parametrize("lasting", [False, True])
-def test_false_failures_after_one_percent_of_the_flights_take_the_verdicts(
-    tmp_path: Path, lasting: bool
-) -> None:
+def test_false_failures_after_one_percent_of_the_flights_take_the_verdicts(tmp_path, lasting):
     """True failures, which recur, are ten times as frequent as false ones."""
     source = DIRTY.replace("LASTING", str(lasting))
     limit = {"metric": "total", "below": "11.8 m", "probability": "50 %"}
@@ -101,9 +95,7 @@ def fly(inputs, settings):
 
 
 @pytest.mark.parametrize(("runs", "number"), [(20, 4), (140, 7), (500, 20)])
-def test_failures_are_run_again_before_the_worst_flights(
-    tmp_path: Path, runs: int, number: int
-) -> None:
+def test_failures_are_run_again_before_the_worst_flights(tmp_path, runs, number):
     """At most 5 % of the flights and 20; flights that failed to run are not run again."""
     log = tmp_path / "log"
     limit = {"metric": "total", "below": "12.3 m", "probability": "50 %"}

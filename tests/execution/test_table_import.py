@@ -5,8 +5,6 @@ import html
 import json
 import re
 import signal
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.csv as pc
@@ -18,7 +16,7 @@ from programs import run_python
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
-from abhv_mc.execution.runner import RunResult, run_campaign
+from abhv_mc.execution.runner import run_campaign
 from abhv_mc.execution.table_import import import_tables
 from abhv_mc.folder.flights import write_inputs
 from abhv_mc.folder.flown_campaign import read_flown
@@ -34,12 +32,12 @@ from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
 
 
-def adopt_table(table: Path, *arguments: Any, **options: Any) -> RunResult:
+def adopt_table(table, *arguments, **options):
     return import_tables([table], *arguments, **options)
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign(tmp_path_factory):
     """Return the folder of 300 flights of two systems."""
     folder = tmp_path_factory.mktemp("own")
     with pytest.MonkeyPatch.context() as patch:
@@ -50,12 +48,12 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def flown(campaign: Path, tmp_path: Path) -> Path:
+def flown(campaign, tmp_path):
     """Return the exported table of the campaign."""
     return next(path for path in export_csv(campaign, tmp_path) if path.name == "flights.csv")
 
 
-def make_campaign(tmp_path: Path, without: tuple[str, ...] = ("dive",), **changes: Any) -> Path:
+def make_campaign(tmp_path, without=("dive",), **changes):
     """Write the campaign of the import, without the input that is not dispersed or exported."""
     changes = {"simulator": None, "runs": None, "independent": True, **changes}
     inputs = json.loads(dive_campaign(tmp_path / "asked").read_text())["inputs"]
@@ -63,7 +61,7 @@ def make_campaign(tmp_path: Path, without: tuple[str, ...] = ("dive",), **change
     return dive_campaign(tmp_path / "asked", **changes)
 
 
-def rewritten(table: Path, change: Any) -> Path:
+def rewritten(table, change):
     """Write the table with ``change`` applied to each row (a dictionary)."""
     with table.open(newline="") as file:
         rows = [change(i, row) for i, row in enumerate(csv.DictReader(file), 2)]
@@ -75,9 +73,7 @@ def rewritten(table: Path, change: Any) -> Path:
     return path
 
 
-def test_an_imported_table_gives_the_same_verdicts_comparison_and_rules(
-    campaign: Path, flown: Path, tmp_path: Path
-) -> None:
+def test_an_imported_table_gives_the_same_verdicts_comparison_and_rules(campaign, flown, tmp_path):
     result = adopt_table(flown, make_campaign(tmp_path), tmp_path / "adopted")
     ours, theirs = read_flown(campaign), read_flown(tmp_path / "adopted")
     assert result.complete
@@ -93,23 +89,23 @@ def test_an_imported_table_gives_the_same_verdicts_comparison_and_rules(
     assert {entry.verdict for entry in dependent.requirements} == {"ESTIMATE"}
 
 
-def test_a_campaign_is_valid_before_the_number_of_its_flights_is_known(tmp_path: Path) -> None:
+def test_a_campaign_is_valid_before_the_number_of_its_flights_is_known(tmp_path):
     (checked,) = check_inputs(make_campaign(tmp_path))
     assert (checked.kind, checked.warnings) == ("campaign", ())
     with pytest.raises(InputErrors, match="'runs'"):
         read_campaign(make_campaign(tmp_path))
 
 
-def test_values_may_be_rounded_in_another_unit(flown: Path, tmp_path: Path) -> None:
-    def rounded(_: int, row: dict[str, str]) -> dict[str, str]:
+def test_values_may_be_rounded_in_another_unit(flown, tmp_path):
+    def rounded(_, row):
         return row | {"speed [m/s]": str(round(float(row.pop("speed")) * 0.3048, -1))}
 
     table = rewritten(flown, rounded)
     assert adopt_table(table, make_campaign(tmp_path), tmp_path / "adopted").complete
 
 
-def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path: Path) -> None:
-    def in_metres(_: int, row: dict[str, str]) -> dict[str, str]:
+def test_units_of_the_heads_are_converted(campaign, flown, tmp_path):
+    def in_metres(_, row):
         row["altitude_min [m]"] = repr(float(row.pop("altitude_min")) * 0.3048)
         row["system"] = row.pop("controller")
         row["delay [ms]"] = repr(1e3 * float(row.pop("delay")))
@@ -140,9 +136,7 @@ def test_units_of_the_heads_are_converted(campaign: Path, flown: Path, tmp_path:
         (330, {"speed": "561.0"}, r"\b\d+\b.*\bdiffer"),
     ],
 )
-def test_an_invalid_row_is_rejected_with_its_line(
-    line: int, changes: dict[str, str], pattern: str, flown: Path, tmp_path: Path
-) -> None:
+def test_an_invalid_row_is_rejected_with_its_line(line, changes, pattern, flown, tmp_path):
     lines = (line, line + 300) if "delay" in changes else (line,)  # the input of both systems
     table = rewritten(flown, lambda i, row: {**row, **(changes if i in lines else {})})
     with pytest.raises(InputError, match=pattern) as refused:
@@ -151,7 +145,7 @@ def test_an_invalid_row_is_rejected_with_its_line(
     assert not (tmp_path / "adopted").exists()
 
 
-def test_incompatible_tables_and_campaigns_are_rejected(flown: Path, tmp_path: Path) -> None:
+def test_incompatible_tables_and_campaigns_are_rejected(flown, tmp_path):
     out, twice = tmp_path / "adopted", tmp_path / "twice.csv"
     twice.write_text(flown.read_text().replace("load", "altitude_min [m]", 1))
     flies = dive_campaign(tmp_path / "own", runs=300)
@@ -169,7 +163,7 @@ def test_incompatible_tables_and_campaigns_are_rejected(flown: Path, tmp_path: P
     assert not out.exists()
 
 
-def test_a_flight_without_a_metric_was_not_computed(flown: Path, tmp_path: Path) -> None:
+def test_a_flight_without_a_metric_was_not_computed(flown, tmp_path):
     table = rewritten(
         flown, lambda i, row: {**row, **({"load": "nan", "outcome": "ok"} if i == 5 else {})}
     )
@@ -178,9 +172,7 @@ def test_a_flight_without_a_metric_was_not_computed(flown: Path, tmp_path: Path)
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_texts_on_imported_flights_suggest_no_impossible_command(
-    flown: Path, tmp_path: Path
-) -> None:
+def test_texts_on_imported_flights_suggest_no_impossible_command(flown, tmp_path):
     out = tmp_path / "adopted"
     hard = [{"metric": "load", "below": 100.0, "probability": "99.5 %"}]
     table = rewritten(flown, lambda _, row: {**row, "outcome": "ok"})
@@ -203,7 +195,7 @@ def test_texts_on_imported_flights_suggest_no_impossible_command(
         replay_flight(out, "v1", 0)
 
 
-def test_two_imported_folders_are_compared_and_fail_a_gate(flown: Path, tmp_path: Path) -> None:
+def test_two_imported_folders_are_compared_and_fail_a_gate(flown, tmp_path):
     campaign, folders = make_campaign(tmp_path), (tmp_path / "a", tmp_path / "b")
     lower = rewritten(
         flown, lambda _, row: {**row, "altitude_min": float(row["altitude_min"]) - 150.0}
@@ -222,7 +214,7 @@ def test_two_imported_folders_are_compared_and_fail_a_gate(flown: Path, tmp_path
     )
 
 
-def drawn_table(folder: Path, change: Any = None, digits: int = 17) -> tuple[Path, Path]:
+def drawn_table(folder, change=None, digits=17):
     """Write a campaign of two inputs and a table of 60 draws, altered by ``change``."""
     content = {
         "name": "drawn",
@@ -245,26 +237,26 @@ def drawn_table(folder: Path, change: Any = None, digits: int = 17) -> tuple[Pat
     return table, campaign
 
 
-def constant(values: Any) -> Any:
+def constant(values):
     return values * [1.0, 0.0]
 
 
-def scaled(factor: float) -> Any:
+def scaled(factor):
     return lambda values: [10.0, 0.0] + (values - [10.0, 0.0]) * [factor, 1.0]
 
 
-def correlated(values: Any) -> Any:
+def correlated(values):
     return np.column_stack([np.sort(values[:, 0]), np.sort(values[:, 1])])
 
 
-def without_extremes() -> Any:
+def without_extremes():
     random = np.random.default_rng(5)
     a = random.normal(10.0, 1.0, 1100)
     a = a[abs(a - 10.0) < 2.0]
     return np.column_stack([a, random.uniform(-1.97, 1.97, a.size)])
 
 
-def latin(values: Any) -> Any:
+def latin(values):
     order = np.argsort(np.argsort(values[:, 1]))
     return np.column_stack([values[:, 0], -1.97 + 3.94 * (order + 0.5) / len(values)])
 
@@ -280,9 +272,7 @@ def latin(values: Any) -> Any:
         (lambda _: without_extremes(), r"'a' has no value beyond \+2\.0 sigma"),
     ],
 )
-def test_a_table_that_holds_no_independent_draws_is_rejected(
-    change: Any, pattern: str, tmp_path: Path
-) -> None:
+def test_a_table_that_holds_no_independent_draws_is_rejected(change, pattern, tmp_path):
     table, campaign = drawn_table(tmp_path, change)
     with pytest.raises(InputError, match=pattern):
         adopt_table(table, campaign, tmp_path / "out")
@@ -296,9 +286,7 @@ def test_a_table_that_holds_no_independent_draws_is_rejected(
 @pytest.mark.parametrize(
     "change", [latin, lambda values: np.round(values * [0.0, 1.0] + [10.0, 0.0], 3)]
 )
-def test_a_design_and_a_constant_that_rounding_may_explain_get_estimates(
-    change: Any, tmp_path: Path
-) -> None:
+def test_a_design_and_a_constant_that_rounding_may_explain_get_estimates(change, tmp_path):
     out = tmp_path / "out"
     manifest = adopt_table(*drawn_table(tmp_path, change), out).manifest
     (verdict,), (warning,) = manifest.requirements, manifest.warnings
@@ -311,7 +299,7 @@ def test_a_design_and_a_constant_that_rounding_may_explain_get_estimates(
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_rounded_table_of_draws_is_judged_and_its_moments_are_shown(tmp_path: Path) -> None:
+def test_a_rounded_table_of_draws_is_judged_and_its_moments_are_shown(tmp_path):
     out = tmp_path / "out"
     # 1.96 is rounded to 2, outside of its distribution.
     table, campaign = drawn_table(tmp_path, lambda v: np.vstack([[v[0, 0], 1.96], v[1:]]), digits=2)
@@ -331,8 +319,8 @@ def test_a_rounded_table_of_draws_is_judged_and_its_moments_are_shown(tmp_path: 
     assert row and [float(cell) for cell in row.groups()] == pytest.approx(moments, rel=1e-3)
 
 
-def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
-    def mixed(values: Any) -> Any:
+def test_stated_correlations_are_those_of_the_table(tmp_path):
+    def mixed(values):
         order = np.argsort(values[:, 0] + np.random.default_rng(1).normal(0.0, 0.5, 60))
         values[order, 1] = np.sort(values[:, 1])
         return values
@@ -351,16 +339,14 @@ def test_stated_correlations_are_those_of_the_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("separator", ["\t", ","])
-def test_thousands_are_read_by_the_distribution_of_an_input_or_by_a_key(
-    separator: str, tmp_path: Path
-) -> None:
+def test_thousands_are_read_by_the_distribution_of_an_input_or_by_a_key(separator, tmp_path):
     table, campaign = drawn_table(tmp_path)
     content = json.loads(campaign.read_text())
     content["inputs"]["a"]["nominal"], content["dispersions"]["a"]["sigma"] = 10e3, "1000 m"
     random = np.random.default_rng(1)
     values = np.round([random.normal(10e3, 1e3, 60), 2.0 - 4.0 * random.random(60)]).astype(int)
 
-    def misses(form: str, **keys: Any) -> list[float]:
+    def misses(form, **keys):
         rows = [(form.format(a), str(b), f"{a + 2000:,}") for a, b in values.T]
         body = "".join('"' + f'"{separator}"'.join(row) + '"\n' for row in rows)
         table.write_text(separator.join(["a", "b", "miss"]) + "\n" + body)
@@ -387,9 +373,7 @@ def test_thousands_are_read_by_the_distribution_of_an_input_or_by_a_key(
         (slice(1, 40), 0, {"b": 1}),
     ],
 )
-def test_flights_numbered_from_1_get_their_own_inputs(
-    rows: slice, first: int, keys: dict[str, int] | None, tmp_path: Path
-) -> None:
+def test_flights_numbered_from_1_get_their_own_inputs(rows, first, keys, tmp_path):
     campaign, inputs, results = written_inputs(tmp_path)
     lines = [f"{i + first},{m},{drawn_b(inputs, i)}" for i, (_, m) in enumerate(results)][rows]
     table, repeated = tmp_path / "results.csv", "b" if keys and keys.pop("b", 0) else "unused"
@@ -407,7 +391,7 @@ def test_flights_numbered_from_1_get_their_own_inputs(
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_table_without_a_last_line_end_or_with_words_as_lengths(tmp_path: Path) -> None:
+def test_a_table_without_a_last_line_end_or_with_words_as_lengths(tmp_path):
     table, campaign = drawn_table(tmp_path)
     campaign.write_text(json.dumps({**json.loads(campaign.read_text()), "runs": 90}))
     text = table.read_text()
@@ -422,7 +406,7 @@ def test_a_table_without_a_last_line_end_or_with_words_as_lengths(tmp_path: Path
         assert caught.value.line == 61
 
 
-def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[str]]]:
+def written_inputs(folder, runs=60):
     """Write a campaign and the table of its inputs; return rows of results: flight, a + b."""
     _, campaign = drawn_table(folder)
     content = json.loads(campaign.read_text())
@@ -439,7 +423,7 @@ def written_inputs(folder: Path, runs: int = 60) -> tuple[Path, Path, list[list[
     )
 
 
-def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> None:
+def test_written_inputs_are_paired_with_results_by_flight(tmp_path):
     campaign, inputs, results = written_inputs(tmp_path)
     table = tmp_path / "results.csv"
     # In order of completion; flight 0 did not run.
@@ -474,7 +458,7 @@ def test_written_inputs_are_paired_with_results_by_flight(tmp_path: Path) -> Non
         ("8,1,0", r"\b8\b.*'system'.*\btwice\b"),
     ],
 )
-def test_a_result_without_inputs_is_rejected(row: str, pattern: str, tmp_path: Path) -> None:
+def test_a_result_without_inputs_is_rejected(row, pattern, tmp_path):
     campaign, inputs, _ = written_inputs(tmp_path)
     (tmp_path / "results.csv").write_text(f"flight,miss,b\n8,1,{drawn_b(inputs, 8)}\n{row}\n")
     with pytest.raises(InputError, match=pattern) as caught:
@@ -482,7 +466,7 @@ def test_a_result_without_inputs_is_rejected(row: str, pattern: str, tmp_path: P
     assert caught.value.line == 3
 
 
-def drawn_b(inputs: Path, flight: int) -> str:
+def drawn_b(inputs, flight):
     return f"{float(inputs.read_text().splitlines()[flight + 1].split(',')[2]):.4f}"
 
 
@@ -498,7 +482,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("dialect", FOREIGN)
-def test_foreign_dialects_give_the_same_verdicts(dialect: str, tmp_path: Path) -> None:
+def test_foreign_dialects_give_the_same_verdicts(dialect, tmp_path):
     table, campaign = drawn_table(tmp_path, digits=6)
     expected = adopt_table(table, campaign, tmp_path / "plain").manifest
     content = {**json.loads(campaign.read_text()), "columns": {}}
@@ -533,7 +517,7 @@ def test_foreign_dialects_give_the_same_verdicts(dialect: str, tmp_path: Path) -
     assert metrics[1] == pytest.approx(metrics[0], rel=1e-12)
 
 
-def test_columns_name_inputs_and_metrics_of_a_table(tmp_path: Path) -> None:
+def test_columns_name_inputs_and_metrics_of_a_table(tmp_path):
     table, campaign = drawn_table(tmp_path)
     content = json.loads(campaign.read_text())
     for columns, pattern in (
@@ -546,7 +530,7 @@ def test_columns_name_inputs_and_metrics_of_a_table(tmp_path: Path) -> None:
             adopt_table(table, campaign, tmp_path / "out")
 
 
-def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_path: Path) -> None:
+def test_a_repeated_import_ends_as_the_first_and_another_table_is_rejected(tmp_path):
     out = tmp_path / "out"
     table, campaign = drawn_table(tmp_path)
     first = adopt_table(table, campaign, out)
@@ -596,7 +580,7 @@ print(result.manifest.state, result.manifest.digest)
 
 
 @pytest.mark.thorough
-def test_an_import_killed_at_any_file_resumes_to_the_same_digest(tmp_path: Path) -> None:
+def test_an_import_killed_at_any_file_resumes_to_the_same_digest(tmp_path):
     table, campaign = drawn_table(tmp_path)
     pq.write_table(pc.read_csv(table), parquet := tmp_path / "drawn.parquet")
     expected = adopt_table(table, campaign, tmp_path / "once").manifest
@@ -612,9 +596,7 @@ def test_an_import_killed_at_any_file_resumes_to_the_same_digest(tmp_path: Path)
 
 
 @pytest.mark.parametrize("key", ["line", "index"])
-def test_rows_of_two_tables_are_paired_by_line_on_request_or_by_index(
-    key: str, tmp_path: Path
-) -> None:
+def test_rows_of_two_tables_are_paired_by_line_on_request_or_by_index(key, tmp_path):
     """RocketPy writes a line to each of two files when a simulation ends, without its number.
 
     Regression: results with indices got the inputs of other flights, as simulations end in any
@@ -623,10 +605,8 @@ def test_rows_of_two_tables_are_paired_by_line_on_request_or_by_index(
     campaign, inputs, results = written_inputs(tmp_path)
     drawn = read_campaign(campaign, 60).make_samples().draw(0, 60)
     rows = list(csv.DictReader(inputs.read_text().splitlines()))
-    lines: list[dict[str, float]] = [
-        {name.split()[0]: float(row[name]) for name in list(row)[1:]} for row in rows
-    ]
-    ended: list[dict[str, float]] = [{"miss": float(miss)} for _, miss in results]
+    lines = [{name.split()[0]: float(row[name]) for name in list(row)[1:]} for row in rows]
+    ended = [{"miss": float(miss)} for _, miss in results]
     if key == "index":
         lines, ended = ([{"index": i} | row for i, row in enumerate(t)] for t in (lines, ended))
         ended.reverse()

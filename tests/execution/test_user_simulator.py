@@ -6,8 +6,6 @@ import re
 import select
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -34,7 +32,7 @@ from abhv_mc_explore.server import ExploreServer
 pytestmark = pytest.mark.usefixtures("no_figures", "own_list")
 
 
-def test_a_campaign_is_run_judged_and_explained(tmp_path: Path) -> None:
+def test_a_campaign_is_run_judged_and_explained(tmp_path):
     path, out = dive_campaign(tmp_path / "own"), tmp_path / "out"
     manifest = run_campaign(Request(path, out, workers=2)).manifest
     assert manifest.complete
@@ -65,7 +63,7 @@ def test_a_campaign_is_run_judged_and_explained(tmp_path: Path) -> None:
     assert groups.looked_at == 1
 
 
-def test_a_foreign_folder_runs_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_foreign_folder_runs_no_code(tmp_path, monkeypatch):
     ran = tmp_path / "ran"
     source = DIVE + f"\nopen({str(ran)!r}, 'a').write('x')\n"
     out = tmp_path / "out"
@@ -96,9 +94,7 @@ WELL = DIVE + "\nwell = fly\ndef fly(inputs, settings):\n    return "
         (DIVE.replace('inputs["thrust"]', "1.0"), "^'thrust' from 0.91 to 1.09"),
     ],
 )
-def test_findings_of_the_first_flights_are_warnings(
-    tmp_path: Path, source: str, pattern: str
-) -> None:
+def test_findings_of_the_first_flights_are_warnings(tmp_path, source, pattern):
     """A campaign with noise or with an input without effect runs, with a warning."""
     manifest = run_campaign(
         Request(dive_campaign(tmp_path / "own", source, runs=20), tmp_path / "out")
@@ -108,7 +104,7 @@ def test_findings_of_the_first_flights_are_warnings(
     assert any("load" in difference for difference in differences) == ("load" in pattern)
 
 
-def test_a_simulator_without_flights_is_rejected_before_writing(tmp_path: Path) -> None:
+def test_a_simulator_without_flights_is_rejected_before_writing(tmp_path):
     path, out = (
         dive_campaign(tmp_path / "own", "import math\n\nmath.nothing\n", runs=300),
         tmp_path / "out",
@@ -122,7 +118,7 @@ def test_a_simulator_without_flights_is_rejected_before_writing(tmp_path: Path) 
     assert not out.exists()
 
 
-def test_surplus_output_is_a_warning_and_standard_error_is_kept(tmp_path: Path) -> None:
+def test_surplus_output_is_a_warning_and_standard_error_is_kept(tmp_path):
     text = (
         "import json, sys\nfor line in sys.stdin:\n    x = json.loads(line)['inputs']['thrust']\n"
     )
@@ -155,13 +151,13 @@ def test_surplus_output_is_a_warning_and_standard_error_is_kept(tmp_path: Path) 
     assert again.digest == manifest.digest
 
 
-def test_validate_warns_once_of_answers_matched_by_order(tmp_path: Path) -> None:
+def test_validate_warns_once_of_answers_matched_by_order(tmp_path):
     path = dive_campaign(tmp_path, simulator={"command": ["cat"]}, runs=300)
     (checked,) = check_inputs(path)
     assert [warning for warning in checked.warnings if "order" in warning]
 
 
-def test_a_hanging_flight_ends_with_the_killed_command(tmp_path: Path) -> None:
+def test_a_hanging_flight_ends_with_the_killed_command(tmp_path):
     alive = tmp_path / "alive"
     os.mkfifo(alive)
     source = DIVE + (
@@ -197,18 +193,18 @@ KEEP = {
     "histories": {"flights": "worst 5", "rate": f"{RATE:g} Hz"},
     "envelopes": {"rate": f"{RATE:g} Hz"},
 }
-HISTORIES: dict[str, Any] = {"histories": DIVE_CHANNELS, "keep": KEEP, "runs": 60}
+HISTORIES = {"histories": DIVE_CHANNELS, "keep": KEEP, "runs": 60}
 BANDED = 50  # flights in the envelopes
 
 
 @pytest.fixture
-def few_banded(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_banded(monkeypatch):
     monkeypatch.setattr(envelope_states, "ENVELOPE_FLIGHTS", BANDED)
 
 
-def paths_by_hand(folder: Path, system: str, channel: str) -> list[tuple[list[float], np.ndarray]]:
+def paths_by_hand(folder, system, channel):
     """Return times and values of each flight of a system, computed without the package."""
-    namespace: dict[str, Any] = {}
+    namespace = {}
     exec(DIVE_HISTORY, namespace)  # noqa: S102  our own text
     samples, settings = read_flown(folder).samples, {"v1": {"pull": 5.0}, "v2": {"pull": 6.0}}
     rows = [
@@ -220,7 +216,7 @@ def paths_by_hand(folder: Path, system: str, channel: str) -> list[tuple[list[fl
 
 
 @pytest.mark.usefixtures("few_banded")
-def test_histories_and_envelopes_are_those_returned(tmp_path: Path) -> None:
+def test_histories_and_envelopes_are_those_returned(tmp_path):
     """Histories are interpolated linearly; envelopes skip flights without a history."""
     out = tmp_path / "out"
     assert not run_campaign(
@@ -261,7 +257,7 @@ def test_histories_and_envelopes_are_those_returned(tmp_path: Path) -> None:
     show_histories(out)
 
 
-def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, dict[str, float]]:
+def bands_by_hand(paths):
     """Return quantiles by time."""
     first, last = min(times[0] for times, _ in paths), max(times[-1] for times, _ in paths)
     bands = {}
@@ -288,7 +284,7 @@ def bands_by_hand(paths: list[tuple[list[float], np.ndarray]]) -> dict[float, di
     return bands
 
 
-def show_histories(out: Path) -> None:
+def show_histories(out):
     """Check that page, view of flights, replay and explorer show the returned histories."""
     page = build_report(out)
     text = shown_text(page)
@@ -321,9 +317,7 @@ def show_histories(out: Path) -> None:
 
 
 @pytest.mark.usefixtures("few_banded")
-def test_resumed_and_merged_campaigns_have_the_same_tables(
-    tmp_path: Path,
-) -> None:
+def test_resumed_and_merged_campaigns_have_the_same_tables(tmp_path):
     flown, own, out = tmp_path / "flown", tmp_path / "own", tmp_path / "whole"
     source = DIVE_HISTORY + (
         f"\nonce = fly\ndef fly(inputs, settings):\n    open({str(flown)!r}, 'a').write('x')\n"

@@ -2,7 +2,6 @@
 
 import json
 import os
-from pathlib import Path
 
 import pytest
 from programs import run_python
@@ -36,7 +35,7 @@ finally:
 
 
 @pytest.fixture(scope="module")
-def installed(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(repository, tmp_path_factory):
     """Return a folder for sys.path with the module of the how-to page and its entry point."""
     folder = tmp_path_factory.mktemp("site")
     text = (repository / "docs/how-to/ballistic.py").read_text()
@@ -50,7 +49,7 @@ def installed(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return folder
 
 
-def run(installed: Path | None, *arguments: object, code: int = 0) -> tuple[str, str]:
+def run(installed, *arguments, code=0):
     """Return standard output and standard error of a command."""
     paths = filter(None, [str(installed or ""), os.environ.get("PYTHONPATH")])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
@@ -59,9 +58,7 @@ def run(installed: Path | None, *arguments: object, code: int = 0) -> tuple[str,
     return done.stdout, done.stderr
 
 
-def test_a_package_flies_in_threads_and_processes_and_is_judged_alike(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_a_package_flies_in_threads_and_processes_and_is_judged_alike(installed, tmp_path):
     digests, loaded = set(), ""
     for isolation in ("threads", "processes"):
         file, out = tmp_path / f"{isolation}.json", tmp_path / isolation

@@ -9,16 +9,12 @@ import tempfile
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 
-from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.execution.executor import make_ready, simulate
 from abhv_mc.external_simulators import (
     process,
@@ -26,7 +22,6 @@ from abhv_mc.external_simulators import (
     working_folder,
 )
 from abhv_mc.external_simulators.process import end_processes
-from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.messages import InputErrors
 
@@ -64,25 +59,25 @@ WRONG_HISTORIES = {  # what is done to the history, and a pattern of the reason
 }
 
 
-def ready(path: Path) -> Experiment:
+def ready(path):
     campaign = read_campaign(path)
     return make_ready(campaign, campaign.simulator.make_plans(campaign.controllers))
 
 
-def rows_of(delays: Any) -> Floats:
+def rows_of(delays):
     rows = np.tile([2330.0, 560.0, 1.5, 1.0], (len(delays), 1))
     rows[:, 2] = delays
     return rows
 
 
-def fly_delays(path: Path, delays: list[float]) -> FlightBlock:
+def fly_delays(path, delays):
     return simulate(ready(path), "v1", rows_of(delays))
 
 
-def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
+def test_flights_are_those_of_the_function(tmp_path):
     campaign = ready(dive_campaign(tmp_path))
-    rows: Floats = campaign.make_samples().draw(0, 300)
-    names: dict[str, object] = {}
+    rows = campaign.make_samples().draw(0, 300)
+    names = {}
     exec(DIVE, names)  # noqa: S102  the text above
     for system, settings in (("v1", {"pull": 5.0}), ("v2", {"pull": 6.0})):
         block = simulate(campaign, system, rows)
@@ -90,7 +85,7 @@ def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
             dict(zip(campaign.parameters.index, row, strict=True))
             for row in campaign.rows(rows).tolist()
         ]
-        expected = [names["fly"](flight_inputs, settings) for flight_inputs in inputs]  # type: ignore[operator]
+        expected = [names["fly"](flight_inputs, settings) for flight_inputs in inputs]
         assert block.metrics.tolist() == [
             [answer["altitude_min"], answer["load"]] for answer in expected
         ]
@@ -101,9 +96,7 @@ def test_flights_are_those_of_the_function(tmp_path: Path) -> None:
         )
 
 
-def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(tmp_path, capfd):
     source = (
         DIVE + "\nwell = fly\n\ndef fly(inputs, settings):\n    print('a flight')\n    delay = "
         "inputs['delay']\n"
@@ -135,9 +128,7 @@ def test_what_goes_wrong_costs_one_flight_and_none_is_flown_twice(
             assert block.reasons[row] in errors
 
 
-def test_a_history_that_is_none_costs_its_flight(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_history_that_is_none_costs_its_flight(tmp_path, capfd):
     source = (
         DIVE_HISTORY.replace("< 200.0", "< -1e9")
         + "\nwhole = fly\n\ndef fly(inputs, settings):\n    found = whole(inputs, settings)\n"
@@ -163,7 +154,7 @@ def test_a_history_that_is_none_costs_its_flight(
     assert "'history'" in capfd.readouterr().err
 
 
-def test_declared_files_are_read_and_modules_imported(tmp_path: Path) -> None:
+def test_declared_files_are_read_and_modules_imported(tmp_path):
     source = DIVE.replace("import json", "import model\nimport json").replace(
         "return found", "return found | model.own()"
     )
@@ -194,7 +185,7 @@ for line in sys.stdin:
 """
 
 
-def test_a_file_that_is_missing_at_the_start_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_missing_at_the_start_is_named(tmp_path):
     path = dive_campaign(tmp_path)
     (tmp_path / "drag.txt").write_text("0.02")
     (tmp_path / "dive.py").write_text(f"open('drag.txt')\n{DIVE}")
@@ -202,9 +193,7 @@ def test_a_file_that_is_missing_at_the_start_is_named(tmp_path: Path) -> None:
         list(read_campaign(path).simulator.try_out())
 
 
-def test_each_process_works_in_a_folder_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_process_works_in_a_folder_of_its_own(tmp_path, monkeypatch):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(scratch))
@@ -216,7 +205,7 @@ def test_each_process_works_in_a_folder_of_its_own(
     campaign = ready(dive_campaign(own, simulator=simulator))
     before = sorted(own.rglob("*"))
 
-    def fly(first: int) -> None:
+    def fly(first):
         delays = np.arange(first, first + 20, dtype=float)
         assert simulate(campaign, "v1", rows_of(delays)).metrics[:, 0].tolist() == delays.tolist()
 
@@ -228,9 +217,7 @@ def test_each_process_works_in_a_folder_of_its_own(
     assert (own / "case.in").read_text() == "as it was" and sorted(own.rglob("*")) == before
 
 
-def test_a_working_folder_holds_copies_with_their_modes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_working_folder_holds_copies_with_their_modes(tmp_path, monkeypatch):
     monkeypatch.setattr(working_folder, "_LARGEST_COPY", 1000)
     shutil.copy("/bin/true", tmp_path / "program")
     for name, text, mode in (("run.sh", "#!/bin/sh\n", 0o755), ("data.txt", "1", 0o444)):
@@ -239,7 +226,7 @@ def test_a_working_folder_holds_copies_with_their_modes(
     (tmp_path / "large.bin").write_bytes(bytes(1001))
     files = ["program", "run.sh", "data.txt", "large.bin", "made/"]
     path = dive_campaign(tmp_path, simulator={"python": "dive.py", "files": files})
-    plan: Any = ready(path).systems["v1"].plan
+    plan = ready(path).systems["v1"].plan
     folder = working_folder.make_working_folder(plan)
     links = sorted(path.name for path in folder.iterdir() if path.is_symlink())
     assert links == ["large.bin", "program"]
@@ -250,7 +237,7 @@ def test_a_working_folder_holds_copies_with_their_modes(
     assert not folder.exists()
 
 
-def test_a_word_that_leads_out_of_the_folder_is_rejected(tmp_path: Path) -> None:
+def test_a_word_that_leads_out_of_the_folder_is_rejected(tmp_path):
     (tmp_path / "sim.py").touch()
     path = dive_campaign(tmp_path / "own", simulator={"command": ["python3", "../sim.py"]})
     with pytest.raises(InputErrors, match=r"'folder: \.\.'"):
@@ -258,7 +245,7 @@ def test_a_word_that_leads_out_of_the_folder_is_rejected(tmp_path: Path) -> None
     path = dive_campaign(
         tmp_path / "own", simulator={"command": ["python3", "own/dive.py"], "folder": ".."}
     )
-    assert dict(ready(path).systems["v1"].plan.files).keys() == {"own/dive.py"}  # type: ignore[union-attr]
+    assert dict(ready(path).systems["v1"].plan.files).keys() == {"own/dive.py"}
 
 
 SWALLOWS = (
@@ -277,9 +264,7 @@ def fly(inputs, settings):
 )
 
 
-def test_what_a_flight_starts_reads_no_request_and_writes_no_answer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_flight_starts_reads_no_request_and_writes_no_answer(tmp_path, monkeypatch):
     monkeypatch.setattr(user_flights, "_AHEAD", np.inf)
     path = dive_campaign(tmp_path, SWALLOWS)
     delays = np.linspace(1.0, 2.0, 30).tolist()
@@ -306,14 +291,14 @@ for line in sys.stdin:
 
 
 def test_a_program_speaks_lines_and_what_is_no_answer_costs_its_flight_and_shifts_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, monkeypatch, capfd
+):
     monkeypatch.setattr(process, "_ENDING", 0.1)
     (tmp_path / "program.py").write_text(PROGRAM)
     path = dive_campaign(
         tmp_path, simulator={"command": [sys.executable, "./program.py"], "time_limit": "20 s"}
     )
-    assert dict(ready(path).systems["v1"].plan.files).keys() == {"program.py"}  # type: ignore[union-attr]
+    assert dict(ready(path).systems["v1"].plan.files).keys() == {"program.py"}
     delays = [1.0, 2.0, 1.1, 1.2, 3.0, 1.3, 4.0, 1.4, 5.0, *[1.5] * 200]
     expected = [delay if delay < 2.0 else np.nan for delay in delays]
     assert fly_delays(path, delays).metrics[:, 0].tolist() == pytest.approx(expected, nan_ok=True)
@@ -351,13 +336,7 @@ for line in sys.stdin:
 
 @pytest.mark.parametrize("echoes", [False, True])
 @pytest.mark.parametrize("mode", ["error", "twice", "late", "thread", "few"])
-def test_no_flight_has_the_numbers_of_another(
-    tmp_path: Path,
-    mode: str,
-    echoes: bool,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_no_flight_has_the_numbers_of_another(tmp_path, mode, echoes, monkeypatch, capfd):
     monkeypatch.setattr(user_flights, "_told", set())
     text = UNEVEN.replace("MODE", repr(mode)).replace("ECHOES", repr(echoes))
     (tmp_path / "uneven.py").write_text(text)
@@ -369,7 +348,7 @@ def test_no_flight_has_the_numbers_of_another(
     }
     campaign = replace(campaign, systems=systems)
     delays = np.arange(60.0)
-    events: Counter[str] = Counter()
+    events = Counter()
     for block in np.split(delays, 2):
         flown = simulate(campaign, "v1", rows_of(block))
         events.update(flown.events)
@@ -380,9 +359,7 @@ def test_no_flight_has_the_numbers_of_another(
     assert ("twice" in capfd.readouterr().err) or mode == "thread"
 
 
-def test_a_process_is_replaced_after_so_many_flights_and_says_what_it_wrote(
-    tmp_path: Path,
-) -> None:
+def test_a_process_is_replaced_after_so_many_flights_and_says_what_it_wrote(tmp_path):
     text = "import json, os, sys\nfor line in sys.stdin:\n    given = json.loads(line)['inputs']\n"
     text += "    print('flying', file=sys.stderr)\n"
     text += "    print(json.dumps({'altitude_min': os.getpid(), 'load': 1.0}), flush=True)\n"
@@ -395,14 +372,12 @@ def test_a_process_is_replaced_after_so_many_flights_and_says_what_it_wrote(
     assert block.standard_error.count("flying") == 7
 
 
-def test_a_program_may_take_its_time_to_start_and_has_to_flush(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_program_may_take_its_time_to_start_and_has_to_flush(tmp_path, monkeypatch, capfd):
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     text = "import json, sys, time\ntime.sleep(1.0)\nfor line in sys.stdin:\n"
     text += '    print(\'{"altitude_min": 1.0, "load": 1.0}\', flush=FLUSH)\n'
     (tmp_path / "slow.py").write_text(text.replace("FLUSH", "True"))
-    simulator: dict[str, Any] = {"command": [sys.executable, "slow.py"], "time_limit": "300 ms"}
+    simulator = {"command": [sys.executable, "slow.py"], "time_limit": "300 ms"}
     assert (fly_delays(dive_campaign(tmp_path, simulator=simulator), [1.0]).outcome == 0).all()
     end_processes()
     (tmp_path / "slow.py").write_text(text.replace("FLUSH", "False"))
@@ -412,9 +387,7 @@ def test_a_program_may_take_its_time_to_start_and_has_to_flush(
     assert "flush" in capfd.readouterr().err
 
 
-def test_output_without_line_ends_is_lost_at_the_time_limit(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_output_without_line_ends_is_lost_at_the_time_limit(tmp_path, capfd):
     """The start limit does not apply, because the program has written."""
     (tmp_path / "dots.py").write_text("while True:\n    print('.' * 999, end='')\n")
     simulator = {"command": [sys.executable, "dots.py", "x" * 300], "time_limit": "200 ms"}
@@ -423,9 +396,7 @@ def test_output_without_line_ends_is_lost_at_the_time_limit(
     assert "within 0.2 s" in capfd.readouterr().err
 
 
-def test_a_program_without_answers_is_lost_with_its_last_error(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_program_without_answers_is_lost_with_its_last_error(tmp_path, capfd):
     """Regression: a shell continues after a missing program, which was not reported."""
     (tmp_path / "loop.sh").write_text("#!/bin/sh\nwhile read -r line; do ./shot </dev/null; done\n")
     (tmp_path / "shot").write_text("#!/bin/sh\n")
@@ -441,10 +412,8 @@ def test_a_program_without_answers_is_lost_with_its_last_error(
 
 
 @pytest.mark.parametrize("code", [errno.EMFILE, errno.EAGAIN])
-def test_a_machine_that_starts_no_process_costs_no_flight(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
-) -> None:
-    def fail(*_: Any, **__: Any) -> None:
+def test_a_machine_that_starts_no_process_costs_no_flight(tmp_path, monkeypatch, code):
+    def fail(*_, **__):
         raise OSError(code, os.strerror(code))
 
     end_processes()
@@ -453,7 +422,7 @@ def test_a_machine_that_starts_no_process_costs_no_flight(
         fly_delays(dive_campaign(tmp_path), [1.0])
 
 
-def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path: Path) -> None:
+def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path):
     campaign = ready(dive_campaign(tmp_path))
     end_processes()
     (tmp_path / "dive.py").write_text(DIVE + "\n")

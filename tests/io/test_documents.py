@@ -1,7 +1,6 @@
 """Content of documents, and source locations of errors."""
 
 import pickle
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 from pydantic import Field, model_validator
 
 from abhv_mc.io.documents import (
-    Document,
     File,
     StrictModel,
     read_document,
@@ -44,13 +42,13 @@ class Campaign(StrictModel):
     )
 
     @model_validator(mode="after")
-    def _check(self) -> "Campaign":
+    def _check(self):
         if self.name == "same":
             raise Refusal("'same'", "another", ("name",))
         return self
 
 
-def document(folder: Path, text: str | bytes) -> Document:
+def document(folder, text):
     path = folder / "x.yaml"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     return read_document(path)
@@ -59,7 +57,7 @@ def document(folder: Path, text: str | bytes) -> Document:
 GOOD = "name: a\nruns: 3\n"
 
 
-def test_values_and_places(tmp_path: Path) -> None:
+def test_values_and_places(tmp_path):
     read = document(
         tmp_path, "a: 1\nb:\n  - x: 2.5\n    y: [true, null, ~, 'no']\n  - no\n  - 2014-01-31\n"
     )
@@ -103,9 +101,7 @@ def test_values_and_places(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_refused_text(
-    tmp_path: Path, text: str | bytes, location: tuple[int, ...], problem: str
-) -> None:
+def test_refused_text(tmp_path, text, location, problem):
     with pytest.raises(InputError) as caught:
         document(tmp_path, text)
     error = caught.value
@@ -116,12 +112,12 @@ def test_refused_text(
 @pytest.mark.parametrize(
     ("word", "key"), [("std", "sigma"), ("min", "low"), ("Gaussian", "normal")]
 )
-def test_words_of_other_programs_suggest_the_key(word: str, key: str) -> None:
+def test_words_of_other_programs_suggest_the_key(word, key):
     assert one_of(["sigma", "low", "high", "normal"], word).endswith(f" '{key}'?)")
     assert "?" not in one_of(["alpha", "beta"], word)
 
 
-def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path):
     """Regression: a sweep over np.linspace in a notebook raised a RepresenterError."""
     data = {
         "a": np.float64(0.1),
@@ -136,7 +132,7 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
     assert read_document(tmp_path / "x.yaml").data == {"a": 0.1, "b": [3, True, "c"], "d": 2.5}
 
 
-def test_refused_paths(tmp_path: Path) -> None:
+def test_refused_paths(tmp_path):
     for path, problem in (
         (tmp_path / "missing.yaml", r"missing\.yaml: "),
         (tmp_path, "folder"),
@@ -182,9 +178,7 @@ def test_refused_paths(tmp_path: Path) -> None:
         ("- 1\n", (1, 1), "list", "a mapping"),
     ],
 )
-def test_refused_values(
-    tmp_path: Path, text: str, location: tuple[int, int], problem: str, expected: str
-) -> None:
+def test_refused_values(tmp_path, text, location, problem, expected):
     with pytest.raises(InputErrors) as caught:
         validate(document(tmp_path, text), Campaign)
     (error,) = caught.value.errors
@@ -193,7 +187,7 @@ def test_refused_values(
     assert expected in error.expected
 
 
-def test_errors_travel_between_processes() -> None:
+def test_errors_travel_between_processes():
     error = InputError("x.yaml", "a", "b", 3)
     assert str(pickle.loads(pickle.dumps(error))) == "x.yaml:3: a; expected b"  # noqa: S301
     both = pickle.loads(pickle.dumps(InputErrors([error, error])))  # noqa: S301
@@ -217,9 +211,7 @@ PLAIN = st.recursive(
 @given(
     data=st.dictionaries(SHOWN, PLAIN, max_size=5), comment=st.text(alphabet="abc \n#", max_size=20)
 )
-def test_what_is_written_reads_back(
-    tmp_path_factory: pytest.TempPathFactory, data: dict, comment: str
-) -> None:
+def test_what_is_written_reads_back(tmp_path_factory, data, comment):
     path = tmp_path_factory.getbasetemp() / "written.yaml"
     write_document(path, data, comment)
     assert read_document(path).data == data

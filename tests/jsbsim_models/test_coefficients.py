@@ -1,7 +1,6 @@
 """Comparison of coefficients and mass of public models with JSBSim."""
 
 import runpy
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +16,7 @@ PSF = 4.4482216152605 / FOOT**2
 
 
 @pytest.mark.parametrize("name", ["X15", "f16", "Shuttle", "x24b"])
-def test_coefficients_and_mass_are_those_of_jsbsim(name: str, tmp_path: Path) -> None:
+def test_coefficients_and_mass_are_those_of_jsbsim(name, tmp_path):
     imported = import_jsbsim(model(name), tmp_path)
     vehicle = read_document(tmp_path / "vehicle.yaml").data
     function = runpy.run_path(str(tmp_path / "aerodynamics.py"))["coefficients"]

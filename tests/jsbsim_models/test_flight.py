@@ -1,8 +1,6 @@
 """Comparison of a flight of 30 s with JSBSim, extrapolated from two time steps."""
 
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,14 +18,14 @@ DURATION, RADIUS = 30.0, 6.378e6
 AILERON, RUDDER = math.radians(0.5), math.radians(-0.5)
 
 
-def position(peer: Any) -> np.ndarray:
+def position(peer):
     """Return altitude, north and east, m."""
     latitude = peer["position/lat-geod-rad"]
     east = peer["position/long-gc-rad"] * RADIUS * math.cos(latitude)
     return np.array([peer["position/geod-alt-ft"] * FOOT, latitude * RADIUS, east])
 
 
-def fly_peer(name: str, start: tuple[float, float], elevator: float, step: float) -> Any:
+def fly_peer(name, start, elevator, step):
     """Return the state at the start and the position at the end."""
     peer = load(name)
     peer.set_dt(step)
@@ -56,9 +54,7 @@ def fly_peer(name: str, start: tuple[float, float], elevator: float, step: float
         ("x24b", (5e4, 1500.0), -2.0),
     ],
 )
-def test_a_flight_equals_that_of_jsbsim(
-    name: str, start: tuple[float, float], elevator: float, tmp_path: Path
-) -> None:
+def test_a_flight_equals_that_of_jsbsim(name, start, elevator, tmp_path):
     import_jsbsim(model(name), tmp_path)
     vehicle = load_vehicle(tmp_path / "vehicle.yaml")
     angle = math.radians(elevator)

@@ -2,9 +2,7 @@
 
 import re
 import runpy
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ unit="M"><x>4</x><y>0</y><z>1</z></location></mass_balance>
 <aerodynamics>{}</aerodynamics></fdm_config>"""
 
 
-def written(folder: Path, aerodynamics: str) -> Any:
+def written(folder, aerodynamics):
     """Return the coefficients of a small model at a point, and the result of its import."""
     path = folder / "small.xml"
     path.write_text(SMALL.format(aerodynamics), encoding="utf-8")
@@ -50,7 +48,7 @@ def written(folder: Path, aerodynamics: str) -> Any:
     return names["coefficients"](air, controls, rates, settings), imported
 
 
-def lift(element: str) -> str:
+def lift(element):
     return (
         '<axis name="LIFT"><function name="aero/CL"><product><property>aero/qbar-psf</property>'
         f"<property>metrics/Sw-sqft</property>{element}</product></function></axis>"
@@ -79,12 +77,12 @@ def lift(element: str) -> str:
         ("<property>fcs/elevator-pos-norm</property>", -0.3 / np.radians(30)),
     ],
 )
-def test_elements_have_the_right_values(element: str, value: float, tmp_path: Path) -> None:
+def test_elements_have_the_right_values(element, value, tmp_path):
     ours, _ = written(tmp_path, lift(element))
     assert pytest.approx(value, rel=1e-12) == ours.CL
 
 
-def test_blocks_of_three_axis_tables_may_have_different_breakpoints(tmp_path: Path) -> None:
+def test_blocks_of_three_axis_tables_may_have_different_breakpoints(tmp_path):
     table = """<table><independentVar lookup="row">velocities/mach</independentVar>
     <independentVar lookup="column">aero/alpha-rad</independentVar>
     <independentVar lookup="table">gear/gear-pos-norm</independentVar>
@@ -106,7 +104,7 @@ def test_blocks_of_three_axis_tables_may_have_different_breakpoints(tmp_path: Pa
     assert ours.CL == 0.75 * 4.5 + 0.25 * 1.0
 
 
-def test_a_function_that_is_not_a_product_is_divided(tmp_path: Path) -> None:
+def test_a_function_that_is_not_a_product_is_divided(tmp_path):
     ours, _ = written(
         tmp_path,
         '<function name="aero/q"><p>aero/qbar-psf</p></function><axis name="PITCH">'
@@ -117,7 +115,7 @@ def test_a_function_that_is_not_a_product_is_divided(tmp_path: Path) -> None:
     assert ours.CL == 2.0
 
 
-def test_parts_that_are_left_out_are_listed(tmp_path: Path) -> None:
+def test_parts_that_are_left_out_are_listed(tmp_path):
     rate = "<property>aero/alphadot-rad_sec</property><value>3</value>"
     _, imported = written(tmp_path, "<alphalimits/>" + lift(rate))
     named = (r"\bSkid$", r"^engine .*\brocket\b.*\bnozzle$", r"\bangle of attack$")
@@ -129,7 +127,7 @@ def test_parts_that_are_left_out_are_listed(tmp_path: Path) -> None:
     assert all(f"# - {note}\n" in text for note in imported.left_out)
 
 
-def test_the_command_lists_left_out_parts_and_rejects_other_files(tmp_path: Path) -> None:
+def test_the_command_lists_left_out_parts_and_rejects_other_files(tmp_path):
     path = tmp_path / "small.xml"
     path.write_text(SMALL.format(lift("<p>fcs/flap-pos-deg</p>")), encoding="utf-8")
     command = ["import", "jsbsim", path, "-o", tmp_path / "made"]
@@ -140,7 +138,7 @@ def test_the_command_lists_left_out_parts_and_rejects_other_files(tmp_path: Path
     assert "'vehicle'" in str(invoke(*command).exception)
 
 
-def test_the_angle_of_attack_is_limited_where_the_lift_falls(tmp_path: Path) -> None:
+def test_the_angle_of_attack_is_limited_where_the_lift_falls(tmp_path):
     table = """<table><independentVar>aero/alpha-deg</independentVar>
     <tableData>-90 0\n-10 -0.8\n15 1.4\n90 0</tableData></table>"""
     written(tmp_path, lift(table))
@@ -148,7 +146,7 @@ def test_the_angle_of_attack_is_limited_where_the_lift_falls(tmp_path: Path) -> 
     assert limits["angle_of_attack"] == ["-10 deg", "15 deg"]
 
 
-def test_mass_and_positions_are_converted_to_body_axes(tmp_path: Path) -> None:
+def test_mass_and_positions_are_converted_to_body_axes(tmp_path):
     written(tmp_path, lift("<value>1</value>"))
     point = read_document(tmp_path / "vehicle.yaml").data["mass"]["points"][0]
     values = {name: parse_any(text) for name, text in point.items()}
@@ -171,9 +169,7 @@ def test_mass_and_positions_are_converted_to_body_axes(tmp_path: Path) -> None:
          + lift("<p>a</p>"), "itself"),
     ],
 )  # fmt: skip
-def test_unsupported_content_is_rejected_with_its_line(
-    aerodynamics: str, message: str, tmp_path: Path
-) -> None:
+def test_unsupported_content_is_rejected_with_its_line(aerodynamics, message, tmp_path):
     with pytest.raises(InputError, match=rf"small.xml:\d+.*{message}"):
         written(tmp_path, aerodynamics)
     assert not (tmp_path / "vehicle.yaml").exists()

@@ -50,7 +50,7 @@ def fly_when_let(plan, parameters, every=None):
 class Dask:
     """Cluster on this machine."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self._file, self.processes = folder / "scheduler.json", []
         # One dead worker, instead of four, already splits a block; this makes the tests faster.
         self.held = folder / "held"

@@ -35,7 +35,7 @@ GHAMES = dict.fromkeys(box.FREE, 1.0) | {
 }
 
 
-def test_factors_of_one_are_ghame() -> None:
+def test_factors_of_one_are_ghame():
     """Drag is excepted because it is a polar."""
     ours = box.make_vehicle(GHAMES).tables.data.copy()
     drag = box.cells_of("drag_basic")
@@ -43,7 +43,7 @@ def test_factors_of_one_are_ghame() -> None:
     np.testing.assert_allclose(ours, box.BASE.tables.data, rtol=1e-6, atol=1e-12)
 
 
-def test_drag_is_a_polar() -> None:
+def test_drag_is_a_polar():
     """The induced drag at a node of the Mach number is k |CL tan(alpha - alpha_0)|."""
     values = VALUES | {"drag_tilt": 1.5}
     alphas = np.deg2rad([-3.0, 0.0, 3.0, 6.0, 9.0])
@@ -59,7 +59,7 @@ def test_drag_is_a_polar() -> None:
     np.testing.assert_allclose(difference, values["drag_zero_lift"], rtol=1e-9)
 
 
-def test_ends_of_an_axis() -> None:
+def test_ends_of_an_axis():
     rudder = next(axis for axis in flights.AXES if axis.figure == 9)
     assert flights.look(rudder, {"rudder_deg": np.array([-0.35, 0.25])}).misses == (0.0, 0.0)
     mirrored = flights.look(rudder, {"rudder_deg": np.array([-0.25, 0.47])})
@@ -73,7 +73,7 @@ def test_ends_of_an_axis() -> None:
     assert sum(2 for axis in flights.AXES if axis.counts) == 20
 
 
-def test_quick_gains_equal_those_of_the_package() -> None:
+def test_quick_gains_equal_those_of_the_package():
     vehicle, mission = box.make_vehicle(VALUES), box.make_mission(VALUES)
     trim_tables = make_mission_trim_tables(mission, vehicle)
     exact, _ = solve_reference(mission, vehicle, trim_tables, flights.TICK, flights.TICKS)
@@ -83,7 +83,7 @@ def test_quick_gains_equal_those_of_the_package() -> None:
     np.testing.assert_allclose(quick[:, compared], exact[:, compared], rtol=1e-4, atol=2e-4)
     gains = flights.make_quick_lqr_gains(mission, quick, vehicle, trim_tables)
     controller = flights.CONTROLLERS["lqr"]
-    theirs = make_lqr_gains(controller, mission, exact, vehicle, trim_tables)  # type: ignore[arg-type]
+    theirs = make_lqr_gains(controller, mission, exact, vehicle, trim_tables)
     for tick in (0, 1000, 6000):
         np.testing.assert_allclose(
             # The package's trim tables have no node at the steady Mach number: secants differ.
@@ -103,7 +103,7 @@ def test_quick_gains_equal_those_of_the_package() -> None:
 @pytest.mark.parametrize(
     ("amplitude", "cycles", "swings"), [(1.0, 4, 8), (0.2, 9, 0), (0.26, 3, 6)]
 )
-def test_only_large_swings_are_counted(amplitude: float, cycles: int, swings: int) -> None:
+def test_only_large_swings_are_counted(amplitude, cycles, swings):
     """Chatter and drift do not count."""
     times = np.linspace(0.0, 1.0, 2001)
     wave = amplitude * np.sin(2.0 * np.pi * cycles * times)
@@ -113,7 +113,7 @@ def test_only_large_swings_are_counted(amplitude: float, cycles: int, swings: in
     assert tuning_flights.count_swings(0.4 * times.astype(np.float32)) == 0
 
 
-def test_corners_and_draws_are_those_of_the_paper() -> None:
+def test_corners_and_draws_are_those_of_the_paper():
     columns = [PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag")]
     corners = corner_parameters()[:, columns]
     assert corners[0].tolist() == [1.0, 1.0, 1.0]
@@ -122,7 +122,7 @@ def test_corners_and_draws_are_those_of_the_paper() -> None:
     np.testing.assert_allclose(np.abs(drawn - 1.0).max(axis=0), (0.10, 0.10, 0.15), rtol=0.01)
 
 
-def test_a_front_has_the_pareto_optimal_designs_within_limits() -> None:
+def test_a_front_has_the_pareto_optimal_designs_within_limits():
     usage = np.tile(np.array([[0.5], [0.6], [0.7], [0.8], [0.4]]), 6)
     limits = np.full((5, fronts.LIMITS), -0.1)
     limits[4, 1] = 0.1  # violated
@@ -140,7 +140,7 @@ ENSEMBLE = json.loads((ROOT / "studies/paper_vehicle.json").read_text(encoding="
 
 
 @pytest.mark.parametrize("name", [member["name"] for member in ENSEMBLE])
-def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name: str) -> None:
+def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name):
     member = next(entry for entry in ENSEMBLE if entry["name"] == name)
     candidate = flights.fly_candidate(member["values"])
     assert candidate.ends_in == member["ends_in"] >= search.ENDS
@@ -153,7 +153,7 @@ def test_members_of_the_ensemble_reproduce_the_figures_and_keep_their_sides(name
 
 
 @pytest.mark.thorough
-def test_the_stored_searches_give_the_stored_members() -> None:
+def test_the_stored_searches_give_the_stored_members():
     members = ensemble.choose_members(ensemble.read_starts())
     described = [ensemble.describe(name.split()[0], x.values) for name, x in members.items()]
     for member, stored in zip(described, ENSEMBLE, strict=True):
@@ -166,7 +166,7 @@ def test_the_stored_searches_give_the_stored_members() -> None:
 JUDGED = json.loads((ROOT / "studies/paper_vehicle_claim.json").read_text(encoding="utf-8"))
 
 
-def test_the_shipped_vehicle_keeps_the_limits_of_its_class_and_of_its_box() -> None:
+def test_the_shipped_vehicle_keeps_the_limits_of_its_class_and_of_its_box():
     """The stored traits, from which members are selected, are those of the files."""
     vehicle = load_vehicle(ROOT / "configs/vehicle/abhv.yaml")
     traits = sides.measure(vehicle, *sides.find_trim(vehicle)), envelope.measure_envelope(vehicle)
@@ -177,7 +177,7 @@ def test_the_shipped_vehicle_keeps_the_limits_of_its_class_and_of_its_box() -> N
         assert not any(side.excess(measured[name], 0.0) for name, side in limits.items())
 
 
-def test_members_are_selected_by_strict_counts_insets_and_limits() -> None:
+def test_members_are_selected_by_strict_counts_insets_and_limits():
     assert ensemble.select_members(JUDGED) == ["abhv"]
     ends = [dict(end) for end in JUDGED["abhv"]["ends"]]
     assert flights.strict_ends(ends) >= ensemble.STRICT and flights.in_insets(ends)
@@ -192,7 +192,7 @@ def test_members_are_selected_by_strict_counts_insets_and_limits() -> None:
     assert ensemble.broken_limits(unstable) == ([], ["lcdp"])
 
 
-def test_the_pages_on_the_paper_are_those_of_the_stored_results() -> None:
+def test_the_pages_on_the_paper_are_those_of_the_stored_results():
     stored = json.loads(ensemble.STORED.read_text(encoding="utf-8"))
     pages = ROOT / "docs/explanation"
     south = {"tlc": 5.011, "lqr": 5.045}  # km, of the nominal flights
@@ -203,6 +203,6 @@ def test_the_pages_on_the_paper_are_those_of_the_stored_results() -> None:
 
 
 @pytest.mark.parametrize("script", ["paper_vehicle.py --smoke", "paper_vehicle_sides.py --smoke"])
-def test_a_script_runs(script: str) -> None:
+def test_a_script_runs(script):
     name, *options = script.split()
     subprocess.run([sys.executable, str(ROOT / "studies" / name), *options], check=True)

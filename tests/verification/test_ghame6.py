@@ -58,7 +58,7 @@ def test_a_recording_that_is_none_is_refused(tmp_path, text, line, message):
     assert refused.value.line == line
 
 
-def test_published_point() -> None:
+def test_published_point():
     # EPSG guidance note 7-2 (geographic/geocentric conversions): WGS-84
     # 53 deg 48' 33.820" N, 2 deg 07' 46.380" E,
     # 73.0 m is X = 3771793.968, Y = 140253.342, Z = 5124304.349 m

@@ -1,17 +1,15 @@
 """Invariants of a flight without forces: energy, angular momentum, unit quaternion."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 from verification.shown import check
 
-from abhv_mc.array_types import Floats
 from abhv_mc.flights.timing import Timing
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, Vehicle
-from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
+from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle.vehicle_code import evaluate_fixed, make_variables
 from benchmarks.verification.check_rows import Row
@@ -22,7 +20,7 @@ STEP, TICKS = 0.01, 6000
 _RATES = tuple(np.radians((10.0, 20.0, 30.0)))
 
 
-def test_invariants() -> None:
+def test_invariants():
     """Simulate a GHAME tumbling through the vacuum for 60 s.
 
     Its inertia matrix is full.
@@ -50,7 +48,7 @@ def test_invariants() -> None:
     )
 
 
-def fly_in_vacuum(vehicle: Vehicle, step: float, ticks: int) -> Floats:
+def fly_in_vacuum(vehicle, step, ticks):
     """States ``[tick, state]`` without air or engine, from 20 km, 1400 m/s, tumbling."""
     start = make_start(
         20e3, (600.0, 1200.0, -300.0), 1.0, _RATES, vehicle.constants.mass_start, latitude=0.5
@@ -61,9 +59,7 @@ def fly_in_vacuum(vehicle: Vehicle, step: float, ticks: int) -> Floats:
     return replay(plan, parameters)
 
 
-def ecef_from_geodetic(
-    earth: Earth, latitude: ArrayLike, longitude: ArrayLike, altitude: ArrayLike
-) -> Floats:
+def ecef_from_geodetic(earth, latitude, longitude, altitude):
     """Position ``[..., 3]``, m, in E of a geodetic latitude, longitude and altitude."""
     latitude, longitude, altitude = np.broadcast_arrays(latitude, longitude, altitude)
     sin_lat, cos_lat = np.sin(latitude), np.cos(latitude)
@@ -74,7 +70,7 @@ def ecef_from_geodetic(
     return np.stack([rho * np.cos(longitude), rho * np.sin(longitude), z], axis=-1)
 
 
-def to_inertial(states: Floats, times: Floats) -> tuple[Floats, Floats, Floats]:
+def to_inertial(states, times):
     """Return inertial position, velocity ``[time, 3]`` and body axes ``[time, 3, 3]``.
 
     The axes are inertial from body; the Earth is WGS-84.
@@ -90,7 +86,7 @@ def to_inertial(states: Floats, times: Floats) -> tuple[Floats, Floats, Floats]:
     return turn.apply(position), turn.apply(velocity + carried), turn.as_matrix() @ earth_from_body
 
 
-def orbital_energy(position: Floats, velocity: Floats) -> Floats:
+def orbital_energy(position, velocity):
     """Return the energy in the central and J2 field, J/kg.
 
     It is the sum of kinetic and potential energy, from inertial motion ``[time, 3]``.
@@ -105,14 +101,14 @@ def orbital_energy(position: Floats, velocity: Floats) -> Floats:
     return np.asarray(0.5 * np.einsum("ti,ti->t", velocity, velocity) + potential)
 
 
-def _inertia(vehicle: Vehicle) -> Floats:
+def _inertia(vehicle):
     """Inertia matrix at the start."""
     fixed = evaluate_fixed(vehicle, make_variables(vehicle, mass=vehicle.constants.mass_start))
     xx, yy, zz, xz = (float(fixed[f"inertia_{name}"][0]) for name in ("xx", "yy", "zz", "13"))
     return np.array([[xx, 0.0, xz], [0.0, yy, 0.0], [xz, 0.0, zz]])
 
 
-def _drift(values: Floats) -> float:
+def _drift(values):
     """Largest change since the start, relative to the start."""
     change = np.atleast_2d((values - values[0]).T)
     return float(np.linalg.norm(change, axis=0).max() / np.linalg.norm(values[0]))

@@ -11,8 +11,6 @@ from dataclasses import replace
 import numpy as np
 from verification.nominals import (
     SPHERE,
-    Design,
-    Nominal,
     attitude_jacobian,
     draw_nominals,
     inertia_of,
@@ -22,7 +20,6 @@ from verification.nominals import (
 )
 from verification.shown import check
 
-from abhv_mc.array_types import Floats
 from abhv_mc.flights.timing import Timing
 from abhv_mc_vehicle.control.design.design_model import body_rate_rates
 from abhv_mc_vehicle.control.design.tlc_design import make_tlc_gains, pd_spectrum
@@ -38,8 +35,8 @@ from abhv_mc_vehicle.kernel.laws.tlc_loops import (
     moment_inverse,
     rate_gains,
 )
-from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, BuildUp, Vehicle
-from abhv_mc_vehicle.kernel.world.earth import WGS84, Earth
+from abhv_mc_vehicle.kernel.plant.vehicle import VARIABLES, BuildUp
+from abhv_mc_vehicle.kernel.world.earth import WGS84
 from abhv_mc_vehicle.stability import path_coordinates as path
 from abhv_mc_vehicle.stability.probe import ask_plant, begin
 from benchmarks.verification.check_rows import Row
@@ -69,7 +66,7 @@ _STEPS = (
 )
 
 
-def closed_loop(A: Floats, B: Floats, K: Floats) -> Floats:
+def closed_loop(A, B, K):
     """``A - B K`` on (integral, state) of each channel."""
     n = len(A)
     augmented_A, augmented_B = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, B.shape[1]))
@@ -79,7 +76,7 @@ def closed_loop(A: Floats, B: Floats, K: Floats) -> Floats:
     return augmented_A - augmented_B @ K
 
 
-def off(J: Floats, K: Floats, spectrum: Spectrum) -> float:
+def off(J, K, spectrum):
     """Return the largest difference of ``A - B K`` from A_c of (10).
 
     It is relative to the largest term of the sum.
@@ -92,7 +89,7 @@ def off(J: Floats, K: Floats, spectrum: Spectrum) -> float:
     return float(np.abs(closed_loop(A, B, K) - expected).max() / scale)
 
 
-def outer_gains(design: Design, nominal: Nominal) -> Floats:
+def outer_gains(design, nominal):
     """The gains that the product's own design gives altitude and velocity at a nominal."""
     row = dict(zip(REFERENCE, design.reference[0].tolist(), strict=True))
     row |= {name: nominal.values[name] for name in REFERENCE if name in nominal.values}
@@ -105,7 +102,7 @@ def outer_gains(design: Design, nominal: Nominal) -> Floats:
     )[0]
 
 
-def loops_off(design: Design, nominal: Nominal) -> dict[str, float]:
+def loops_off(design, nominal):
     """Return the deviations of each sub-loop, and of the moment inverted by (3)."""
     tlc, rates, matrix = design.tlc, nominal.rates, inertia_of(design, nominal)
     inertia = Inertia(matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[0, 2])
@@ -142,7 +139,7 @@ def loops_off(design: Design, nominal: Nominal) -> dict[str, float]:
     }
 
 
-def test_the_loops_are_exact() -> None:
+def test_the_loops_are_exact():
     design = make_design()
     results = [loops_off(design, nominal) for nominal in draw_nominals(design, NOMINALS)]
     case, against = f"TLC, {NOMINALS} nominals", "A_c of (10), complex step"
@@ -153,7 +150,7 @@ def test_the_loops_are_exact() -> None:
     check([*rows[:-1], replace(rows[-1], unit="rad/s2", tolerance=1e-12)])
 
 
-def test_the_differentiator() -> None:
+def test_the_differentiator():
     """The pseudo-differentiator's response to sampled sines against (21), ``wd s / (s + wd)``."""
     tick, worst = 0.01, 0.0
     for bandwidth in (0.3, 1.5):
@@ -185,7 +182,7 @@ def test_the_differentiator() -> None:
     )
 
 
-def without_damping(vehicle: Vehicle) -> Vehicle:
+def without_damping(vehicle):
     """Return the vehicle without body-rate terms in its tables."""
     terms = vehicle.build_up
     rates = [VARIABLES.index(name) for name in ("roll_rate_hat", "pitch_rate_hat", "yaw_rate_hat")]
@@ -193,7 +190,7 @@ def without_damping(vehicle: Vehicle) -> Vehicle:
     return vehicle._replace(build_up=BuildUp(*(column[is_unrelated] for column in terms)))
 
 
-def plant_off(design: Design, nominal: Nominal, vehicle: Vehicle, earth: Earth) -> list[float]:
+def plant_off(design, nominal, vehicle, earth):
     """Return the largest differences between the plant's matrices and the design's.
 
     Entries of A and of attitude [A B] in each of LOOPS, 1/s with speeds over the nominal.
@@ -212,7 +209,7 @@ def plant_off(design: Design, nominal: Nominal, vehicle: Vehicle, earth: Earth) 
     return [float(np.abs(block).max()) for block in (velocity, attitude, rates)]
 
 
-def plant_jacobian(nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:
+def plant_jacobian(nominal, vehicle, earth):
     """[9, 10]: rates of _COORDINATES over these and the elevator at a nominal."""
     values = nominal.values | dict(
         zip(("roll_rate", "pitch_rate", "yaw_rate"), nominal.rates, strict=True)
@@ -233,7 +230,7 @@ def plant_jacobian(nominal: Nominal, vehicle: Vehicle, earth: Earth) -> Floats:
     return ((upward - downward) / (2.0 * _STEPS.sum(axis=1)[:, np.newaxis])).T
 
 
-def trim_slope(vehicle: Vehicle, nominal: Nominal) -> float:
+def trim_slope(vehicle, nominal):
     """Slope of the trimmed elevator over speed."""
     speed = nominal.values["speed"] + np.array([1e-2, -1e-2])
     arguments = (
@@ -243,7 +240,7 @@ def trim_slope(vehicle: Vehicle, nominal: Nominal) -> float:
     return float(elevator[0] - elevator[1]) / 2e-2
 
 
-def test_without_damping_on_a_still_sphere_the_plant_is_the_design_model() -> None:
+def test_without_damping_on_a_still_sphere_the_plant_is_the_design_model():
     """Compare differences of the compiled plant with complex steps of the design model.
 
     The differences are accurate to some 1e-11.

@@ -130,7 +130,7 @@ def test_other_files_are_left_alone(tmp_path, given):
         ("13p4", (0.0, 2000.0), 120.0),  # 2000 ft to the right
     ],
 )
-def test_course_and_track_reach_their_steps(case, gain, duration) -> None:
+def test_course_and_track_reach_their_steps(case, gain, duration):
     motion = make_motion(fly_aircraft(case, duration))
     velocity = motion.velocity_ned
     course = np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0]))
@@ -142,7 +142,7 @@ def test_course_and_track_reach_their_steps(case, gain, duration) -> None:
     assert np.ptp(motion.altitude) < 3.0
 
 
-def write_published(folder, case: str, name: str, simulator: str, times, turn) -> None:
+def write_published(folder, case, name, simulator, times, turn):
     """The program's own flight in a published file's columns, angles turned to where they begin."""
     altitude, velocity, longitude, latitude, euler, rates = _flown(
         at_times(1.0 / RATE, fly_aircraft(case, float(times[-1])), times)
@@ -168,7 +168,7 @@ def write_published(folder, case: str, name: str, simulator: str, times, turn) -
         pytest.param("16", "CircleEquatorDateLine", 56.0, marks=pytest.mark.thorough),
     ],
 )
-def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, case, name, end) -> None:
+def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, case, name, end):
     """Compare at the data's own times.
 
     Angles may wrap elsewhere: a difference of 360 deg counts as none.
@@ -186,7 +186,7 @@ def test_files_named_as_the_publishers_are_found_and_compared(tmp_path, case, na
     assert max(row.difference for row in rows) < 1e-9
 
 
-def test_one_simulator_alone_is_compared_and_not_judged(tmp_path, given) -> None:
+def test_one_simulator_alone_is_compared_and_not_judged(tmp_path, given):
     folder = given / "Atmos_11_TrimCheckSubsonicF16"
     (tmp_path / "case").mkdir()
     with gzip.open(next(folder.glob("*sim_04*")), "rt") as file:
@@ -198,13 +198,13 @@ def test_one_simulator_alone_is_compared_and_not_judged(tmp_path, given) -> None
     assert {row["tolerance"] for row in rows_record(rows)["rows"]} == {None}
 
 
-def test_the_papers_numbers() -> None:
+def test_the_papers_numbers():
     scaled = verify_paper(1e-4)
     assert not any(row.ok for row in scaled)
     check([replace(row, tolerance=1e4 * row.tolerance) for row in scaled])
 
 
-def test_a_row_that_is_no_number_is_not_ok() -> None:
+def test_a_row_that_is_no_number_is_not_ok():
     good, bad = Row("a", "b", "c", "m", 1.0, 1.0), Row("a", "b", "d", "m", float("nan"), 1.0)
     assert good.ok and not bad.ok and not all_ok([])
     record = json_data(rows_record([good, bad]))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from verification.shown import check
 
-from abhv_mc.array_types import Floats
 from abhv_mc.flights.timing import Timing
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
@@ -32,7 +31,7 @@ _GROUPS = {
 }
 
 
-def errors() -> dict[str, Floats]:
+def errors():
     """Largest error over a flight of a tumbling, damped brick at each of STEPS, by group of states.
 
     The brick flies fast enough to stay off zero air speed and within one layer of the atmosphere;
@@ -44,7 +43,7 @@ def errors() -> dict[str, Floats]:
         4000.0, (60.0, 40.0, -30.0), 0.4, rates, vehicle.constants.mass_start, latitude=0.5
     )
 
-    def fly(step: float) -> Floats:
+    def fly(step):
         ticks = round(DURATION / step)
         plan = make_replay_plan(
             vehicle, WGS84, start, np.zeros((ticks + 1, 4)), Timing(step, 1, ticks)
@@ -59,7 +58,7 @@ def errors() -> dict[str, Floats]:
     }
 
 
-def test_order() -> None:
+def test_order():
     """Least-squares slopes of the errors over the steps, both as logarithms, against 4."""
     errors_by_step = errors()
     slopes = {
@@ -84,7 +83,7 @@ def test_order() -> None:
 
 
 @pytest.mark.thorough
-def test_half_the_default_step_moves_every_metric_by_less_than_one_percent_of_its_spread() -> None:
+def test_half_the_default_step_moves_every_metric_by_less_than_one_percent_of_its_spread():
     """Return TLC's S manoeuvre under the paper's dispersions (Zhu and Shen 2014).
 
     Section 7: uniform distributions, half widths.

@@ -13,20 +13,18 @@ differ.
 
 import json
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pytest
 from verification.shown import check
 
-from abhv_mc.array_types import Floats
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.control.controller_file import TlcController, read_controller
 from abhv_mc_vehicle.control.mission import read_mission
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.prepare import make_plan
-from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, VARIABLES, BuildUp, Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, VARIABLES, BuildUp
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from benchmarks.verification.check_rows import Row
 
@@ -70,18 +68,16 @@ CASES = (
 )
 
 
-def without_sideslip_terms(vehicle: Vehicle) -> Vehicle:
+def without_sideslip_terms(vehicle):
     """Return the vehicle without sideslip terms."""
     terms = vehicle.build_up
     is_unrelated = terms.variable != VARIABLES.index("sideslip")
     return vehicle._replace(build_up=BuildUp(*(column[is_unrelated] for column in terms)))
 
 
-def slowed(loop: str) -> TlcController:
+def slowed(loop):
     """Table 1 with this loop slowed to SLOWED and all loops outside it practically off."""
-    data: dict[str, Any] = read_controller(shipped_configs() / "control" / "tlc.yaml").model_dump(
-        mode="json"
-    )
+    data = read_controller(shipped_configs() / "control" / "tlc.yaml").model_dump(mode="json")
     for outer in LOOPS[LOOPS.index(loop) :]:
         bandwidth = SLOWED[outer] if outer == loop else _OFF
         channels = [data[outer]] if outer == "altitude" else data[outer].values()
@@ -90,9 +86,7 @@ def slowed(loop: str) -> TlcController:
     return TlcController.model_validate_json(json.dumps(data))
 
 
-def response(
-    vehicle: Vehicle, controller: TlcController, duration: float, case: Case
-) -> tuple[Floats, Floats]:
+def response(vehicle, controller, duration, case):
     """Return times ``[time]`` (s) and the error's share of its initial value ``[time]``.
 
     The flight is level.
@@ -107,14 +101,14 @@ def response(
     return block.times, (history[1] - history[0]) * case.unit / case.size
 
 
-def promised(damping: float, bandwidth: float, times: Floats) -> Floats:
+def promised(damping, bandwidth, times):
     """Return the response [time] that the gains promise for an initial error of 1."""
     l1, l2 = np.roots([1.0, 2.0 * damping * bandwidth, bandwidth**2])
     return np.asarray((l1 * np.exp(l1 * times) - l2 * np.exp(l2 * times)) / (l1 - l2))
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_the_response_is_the_promised_one(case: Case) -> None:
+def test_the_response_is_the_promised_one(case):
     """Largest difference from what is promised, as a share of the initial error."""
     ghame_x = load_vehicle(shipped_configs() / "vehicle" / "ghame_x.yaml")
     damping, bandwidth = DAMPING[case.loop], SLOWED[case.loop]

@@ -1,7 +1,6 @@
 """Distributions of campaign files against scipy, mixtures, and partial probabilities."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -225,14 +224,12 @@ _ENTRY = (
         ({"dispersions": _ENTRY.replace("20 %", "120 %")}, "120 %"),
     ],
 )
-def test_where_it_has_no_meaning_it_is_refused_with_its_place(
-    tmp_path: Path, entries: dict[str, str], message: str
-):
+def test_where_it_has_no_meaning_it_is_refused_with_its_place(tmp_path, entries, message):
     with pytest.raises(InputError, match=rf":\d+:\d+: .*{message}"):
         read_campaign(write_campaign(tmp_path / "c", **{"dispersions": _ENTRY} | entries))
 
 
-def test_failures_of_the_vehicles_own_effectors_are_named_after_them(tmp_path: Path):
+def test_failures_of_the_vehicles_own_effectors_are_named_after_them(tmp_path):
     entry = "{failure.right_elevon.stuck_time: {distribution: uniform, low: 1 s, high: 2 s}}"
     unknown = "{control.left_elevon_effectiveness: {low: -10 %, high: 10 %}}"
     cone = str(shipped_configs() / "vehicle/winged_cone.yaml")

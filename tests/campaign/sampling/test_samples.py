@@ -1,7 +1,5 @@
 """Rows of samples: files, seeds of noise, and derived inputs."""
 
-from pathlib import Path
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -38,9 +36,7 @@ def test_seeds_are_columns_behind_the_dispersions(tmp_path):
     np.testing.assert_array_equal(source.draw(100, 200), values[100:200])
 
 
-def test_dispersed_seeds_stay_and_samples_of_files_and_derived_noise_get_seeds(
-    tmp_path,
-):
+def test_dispersed_seeds_stay_and_samples_of_files_and_derived_noise_get_seeds(tmp_path):
     own = WIND[:-1] + ", wind.turbulence_seed: {distribution: uniform, low: 0, high: 0.5}}"
     source = samples(tmp_path, dispersions=own)
     assert sorted(source.names) == sorted(COLUMNS) and source.draw(0, 300)[:, 2].max() < 0.5
@@ -73,15 +69,13 @@ _BOTH = (
 )
 
 
-def drawn(folder: Path, **entries: str):
+def drawn(folder, **entries):
     campaign = read_campaign(write_campaign(folder, **entries))
     values = campaign.make_samples().draw(0, campaign.runs)
     return campaign, values, campaign.rows(values)
 
 
-def test_what_is_dispersed_may_stand_on_its_own_right_side_and_correlates_as_it_must(
-    tmp_path: Path,
-):
+def test_what_is_dispersed_may_stand_on_its_own_right_side_and_correlates_as_it_must(tmp_path):
     """Drag is lift's share and its own scatter: r = 0.5 s_l / sqrt(0.25 s_l^2 + s_d^2)."""
     formula = "{aero.drag: aero.drag + 0.5 * (aero.lift - 1)}"
     campaign, values, rows = drawn(tmp_path, dispersions=_BOTH, derived=formula, runs="20000")
@@ -94,7 +88,7 @@ def test_what_is_dispersed_may_stand_on_its_own_right_side_and_correlates_as_it_
     assert np.array_equal(make_space(campaign).rows(values), rows)
 
 
-def test_functions_and_infinite_values(tmp_path: Path):
+def test_functions_and_infinite_values(tmp_path):
     text = "max(sin(initial.heading), -0.5, cos(0) - 2) / sqrt(4) + abs(-0.25) - 0.25"
     derived = compile_derived("initial.bank", text, OURS)
     rows = np.zeros((3, 1 + max(PARAMETER_INDEX.values())))
@@ -130,7 +124,7 @@ def test_functions_and_infinite_values(tmp_path: Path):
         ("{wind.turbulence_seed: aero.lift}", " seed"),
     ],
 )
-def test_derived_inputs_refused(tmp_path: Path, entry: str, message: str):
+def test_derived_inputs_refused(tmp_path, entry, message):
     with pytest.raises((InputError, Refusal), match=message):
         read_campaign(write_campaign(tmp_path, derived=entry))
 

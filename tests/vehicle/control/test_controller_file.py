@@ -13,7 +13,7 @@ CONFIGS = Path(__file__).parents[3] / "configs" / "control"
 TLC = (CONFIGS / "tlc.yaml").read_text()
 
 
-def test_the_shipped_weights_are_the_papers() -> None:
+def test_the_shipped_weights_are_the_papers():
     """Zhu and Shen 2014, section 7."""
     lqr = read_controller(CONFIGS / "lqr.yaml")
     assert isinstance(lqr, LqrController)
@@ -26,13 +26,13 @@ def test_the_shipped_weights_are_the_papers() -> None:
 
 
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
-def test_a_controller_survives_writing_and_reading(name: str, tmp_path: Path) -> None:
+def test_a_controller_survives_writing_and_reading(name, tmp_path):
     controller = read_controller(CONFIGS / f"{name}.yaml")
     write_document(tmp_path / "again.yaml", controller.model_dump(mode="json"))
     assert read_controller(tmp_path / "again.yaml") == controller
 
 
-def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: Path) -> None:
+def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path):
     assert read_controller(CONFIGS / "tlc.yaml").warnings() == []
     path, bank = tmp_path / "tlc.yaml", "bank: {{damping: 3.4, bandwidth: {}}}"
     schedule = (
@@ -64,9 +64,7 @@ def test_the_papers_gains_give_no_warning_and_a_fast_outer_loop_does(tmp_path: P
         ("0.2 rad/s}\n\n", "{over_time: [{time: 0 s, bandwidth: 1 rad/s}]}}\n\n", 15, "at least 2"),
     ],
 )
-def test_errors_give_their_location(
-    tmp_path: Path, old: str, new: str, line: int | None, fragment: str
-) -> None:
+def test_errors_give_their_location(tmp_path, old, new, line, fragment):
     path = tmp_path / "tlc.yaml"
     assert old in TLC
     path.write_text(TLC.replace(old, new, 1))

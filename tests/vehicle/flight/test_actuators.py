@@ -150,7 +150,7 @@ def positions(plan, ticks, parameters):
     return np.array(rows)
 
 
-def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(sixteen) -> None:
+def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(sixteen):
     low, high, fastest = np.radians([LOW, HIGH, 0.8 * FASTEST])
     position, rate = (
         np.clip(MIX[:, 2] * sixteen.initial_state[s.ELEVATOR], low, high),
@@ -172,7 +172,7 @@ def test_sixteen_effectors_move_by_their_own_limits_rates_and_lags(sixteen) -> N
     assert np.abs(simulated - np.array(expected)[ticks - 1]).max() < 2e-4
 
 
-def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen) -> None:
+def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen):
     cases = (
         {},
         {"stuck_time": 0.1},
@@ -190,14 +190,14 @@ def test_an_effector_sticks_is_slow_and_loses_effectiveness(sixteen) -> None:
     assert deflection[:, 3] == pytest.approx(0.4 * deflection[:, 0], rel=1e-12)
 
 
-def test_a_law_in_plain_python_commands_the_same(tmp_path, sixteen) -> None:
+def test_a_law_in_plain_python_commands_the_same(tmp_path, sixteen):
     plain = make_plan(tmp_path, how="(compiled=False)")
     assert np.array_equal(
         *(positions(plan, [20], nominal_parameters()) for plan in (plain, sixteen))
     )
 
 
-def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_path) -> None:
+def test_an_effectors_command_that_is_no_number_ends_the_flight_by_its_name(tmp_path):
     commands = '"flap_2": 0.1, "flap_4": 1e300 * 1e300 - 1e300 * 1e300 if time > 0.1 else step'
     plan = make_plan(tmp_path, commands, "(compiled=False)")
     block = fly(plan, nominal_parameters(1))
@@ -281,7 +281,7 @@ def integrate_actuator(kind, zone, play, commands, start, bandwidth=40.0, fastes
     return np.array(surface_positions)
 
 
-def test_each_kind_of_actuator_with_dead_zone_and_backlash_follows_its_equation(tmp_path) -> None:
+def test_each_kind_of_actuator_with_dead_zone_and_backlash_follows_its_equation(tmp_path):
     effectors, assignments, expected, ticks = {}, [], [], 60
     for kind, dynamics in KINDS.items():
         for slack in SLACKS:

@@ -81,26 +81,24 @@ SLOSH_KEYS = """dynamics:
 LAW = "lqr"
 
 
-def write_vehicle(
-    folder: Path, function: str = MODE, keys: str = MODE_KEYS, limits: str = ""
-) -> Path:
+def write_vehicle(folder, function=MODE, keys=MODE_KEYS, limits=""):
     """Write the shipped vehicle with custom dynamics and return its path."""
     (folder / "own.py").write_text(function, encoding="utf-8")
     start = "limits: # a flight terminates outside these\n"
     return change_vehicle(folder, (start, keys + start + limits), name="abhv")
 
 
-def plan_of(vehicle: Path, seconds: float = 10.0, mission: str = "s_manoeuvre"):
+def plan_of(vehicle, seconds=10.0, mission="s_manoeuvre"):
     return short_plan(round(seconds * 100), LAW, mission, vehicle)
 
 
-def at_step(plan, step: float):
+def at_step(plan, step):
     """Return the plan with another integrator step at the same control rate."""
     steps = round(plan.timing.tick / step)
     return replace(plan, timing=Timing(plan.timing.tick / steps, steps, plan.timing.ticks))
 
 
-def at_rate(plan, rate: float):
+def at_rate(plan, rate):
     """Return the plan at a higher control rate, with reference and gains held between its ticks."""
     factor = round(rate * plan.timing.tick)
     rows = {
@@ -113,12 +111,12 @@ def at_rate(plan, rate: float):
     return replace(plan, timing=timing, **rows)
 
 
-def states_of(plan, ticks: int, **initial: float):
+def states_of(plan, ticks, **initial):
     saved = fly_until(plan, parameters_of(plan, **initial), ticks)
     return saved.rows[0, s.CUSTOM_STATE : s.CUSTOM_STATE + plan.vehicle.foreign.states]
 
 
-def parameters_of(plan, **initial: float):
+def parameters_of(plan, **initial):
     """Return a nominal row with settings and initial values of custom states."""
     code = plan.vehicle_code
     names = [*(setting.name for setting in code.settings), *(start.name for start in code.starts)]
@@ -330,7 +328,7 @@ def test_a_state_without_equilibrium_needs_a_start(tmp_path):
 
 
 def test_a_step_too_long_for_the_states_is_rejected(tmp_path):
-    def keys(frequency: float) -> str:
+    def keys(frequency):
         return MODE_KEYS.replace("frequency: 20", f"frequency: {frequency}")
 
     plan = make_flight_plan("level", str(write_vehicle(tmp_path, keys=keys(60.0))), LAW)

@@ -55,14 +55,14 @@ def campaign_of(folder, effectors, controllers=None, **entries):
         ('**{"left": 0.1}', "different effectors"),  # no names
     ],
 )
-def test_unknown_effectors_are_rejected(tmp_path, commands: str, fragment: str) -> None:
+def test_unknown_effectors_are_rejected(tmp_path, commands, fragment):
     law = write_own_law(tmp_path, commands, compiled=True)
     with pytest.raises(InputError, match=fragment):
         short_plan(5, law, "level", {"base": "ghame_x", "effectors": DRIVEN})
 
 
 @pytest.mark.parametrize("law", ["tlc", "lqr"])
-def test_laws_limit_their_commands_to_what_the_effectors_can_do(law: str) -> None:
+def test_laws_limit_their_commands_to_what_the_effectors_can_do(law):
     """Check the saturation of elevons.
 
     The bank step needs 20 deg of aileron; elevons of 1 and -1.5 deg leave 1 deg to either side.
@@ -79,9 +79,7 @@ def test_laws_limit_their_commands_to_what_the_effectors_can_do(law: str) -> Non
     assert np.abs(aileron).max() == pytest.approx(1.0, rel=1e-5)
 
 
-def test_failures_of_axes_are_rejected_if_effectors_have_actuators(
-    tmp_path,
-) -> None:
+def test_failures_of_axes_are_rejected_if_effectors_have_actuators(tmp_path):
     weak = {"control.right_effectiveness": {"distribution": "uniform", "half_width": "20 %"}}
     assert campaign_of(tmp_path, DRIVEN, dispersions=weak).names == (
         "control.effector_1_effectiveness",
@@ -93,7 +91,7 @@ def test_failures_of_axes_are_rejected_if_effectors_have_actuators(
         campaign_of(tmp_path, DRIVEN, dispersions=failing).simulator.make_plans(["tlc"])
 
 
-def test_all_laws_of_a_campaign_share_the_actuators_and_their_usage_metrics(tmp_path) -> None:
+def test_all_laws_of_a_campaign_share_the_actuators_and_their_usage_metrics(tmp_path):
     entries = {
         "requirements": [{"metric": "left_max_deg", "below": 30, "probability": 0.5}],
         "keep": {"histories": {"channels": ["right_command_deg", "altitude_m", "left_deg"]}},
@@ -129,7 +127,7 @@ ELEVONS = [(side, limit) for side in (-1, 1) for limit in (0, 1)]
         (ELEVONS, (20, 2)),  # elevons 20 and 2
     ],
 )
-def test_less_effectiveness_is_that_share_of_the_roll_rate(tmp_path, effectors, limits) -> None:
+def test_less_effectiveness_is_that_share_of_the_roll_rate(tmp_path, effectors, limits):
     """At every limit, by axes and by effectors: of the axes, and of all effectors one by one."""
     aerodynamics = make_document("vehicle", "ghame_x").data["aerodynamics"]
     for terms in aerodynamics.values():  # the effectors turn it, and about the x axis alone

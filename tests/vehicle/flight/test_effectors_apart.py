@@ -285,7 +285,7 @@ def plan(tmp_path_factory):
     return make_flight_plan("level", folder / "plank.yaml", law)
 
 
-def test_the_flights_are_those_of_an_independent_integration(plan) -> None:
+def test_the_flights_are_those_of_an_independent_integration(plan):
     ticks = 500
     plan = cut(plan, ticks)
     block = fly(plan, rows_of(*CASES), ticks, keep_states=True)
@@ -303,7 +303,7 @@ def test_the_flights_are_those_of_an_independent_integration(plan) -> None:
     assert np.degrees(np.abs(axes - ours[s.AILERON : s.ELEVATOR + 1])).max() < 2e-3
 
 
-def test_a_law_of_effectors_has_the_usage_of_the_axes_that_they_make(plan) -> None:
+def test_a_law_of_effectors_has_the_usage_of_the_axes_that_they_make(plan):
     plan = cut(plan, 300)
     block = fly(plan, rows_of({}), 1)
     channels = {

@@ -29,15 +29,15 @@ def plan():
     return short_plan(1500)
 
 
-def _fly(plan, *cases: dict[str, float], every: int = 1):
+def _fly(plan, *cases, every=1):
     return fly(plan, rows_of(*cases), every, keep_states=True)
 
 
-def _channel(block, flight: int, name: str):
+def _channel(block, flight, name):
     return block.history[flight, :, CHANNEL_INDEX[name]].astype(np.float64)
 
 
-def _same(block, first: int, second: int) -> bool:
+def _same(block, first, second):
     skip = METRIC_INDEX["engine_failed_s"]
     metrics = np.delete(block.metrics, skip, axis=1)
     return np.array_equal(metrics[first], metrics[second]) and np.array_equal(
@@ -50,7 +50,7 @@ def test_a_failure_after_the_end_changes_no_bit(plan):
 
 
 @pytest.mark.parametrize("time", [5.0, 5.004])
-def test_it_acts_from_the_first_control_tick_at_or_after_its_time(plan, time: float):
+def test_it_acts_from_the_first_control_tick_at_or_after_its_time(plan, time):
     block = _fly(
         plan, {}, {"failure.elevator.loss_time": time, "failure.elevator.effectiveness": 0.5}
     )
@@ -89,9 +89,7 @@ _EQUAL = [
 
 
 @pytest.mark.parametrize(("failed", "equivalent"), _EQUAL, ids=lambda case: next(iter(case)))
-def test_a_failure_from_the_start_equals_the_parameter_for_the_flight(
-    plan, failed: dict[str, float], equivalent: dict[str, float]
-):
+def test_a_failure_from_the_start_equals_the_parameter_for_the_flight(plan, failed, equivalent):
     block = _fly(plan, failed, equivalent, {})
     assert _same(block, 0, 1)
     assert not _same(block, 0, 2)

@@ -5,8 +5,6 @@ Each ends the flight at the expected time.
 
 import math
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,21 +15,21 @@ from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
-from abhv_mc_vehicle.flight.plan import EndBounds, FlightPlan
+from abhv_mc_vehicle.flight.plan import EndBounds
 from abhv_mc_vehicle.kernel.plant.vehicle import LoadBounds
 from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan, write_inputs
 
 
 @pytest.fixture(scope="module")
-def plan() -> FlightPlan:
+def plan():
     return make_flight_plan("s_manoeuvre", "ghame_x")
 
 
-def _limited(plan: FlightPlan, **bounds: float) -> FlightPlan:
+def _limited(plan, **bounds):
     return replace(plan, limits=plan.limits._replace(loads=LoadBounds(**bounds)))
 
 
-def _ended(plan: FlightPlan):
+def _ended(plan):
     block = fly(plan, nominal_parameters(), record_every=1)
     last = round(block.end_time[0] / plan.timing.tick)
     return block, Outcome(int(block.outcome[0])), last
@@ -65,9 +63,7 @@ def test_a_vehicle_limits_altitude_mach_and_single_surfaces(limits, outcome, war
         ("bank", Outcome.BANK_LIMIT, "bank_deg", math.pi / 180.0),
     ],
 )
-def test_a_channel_ends_the_flight_at_the_first_tick_beyond(
-    plan: FlightPlan, name: str, outcome: Outcome, channel: str, scale: float
-) -> None:
+def test_a_channel_ends_the_flight_at_the_first_tick_beyond(plan, name, outcome, channel, scale):
     size = np.abs(
         fly(plan, nominal_parameters(), 1).history[0, :, CHANNEL_INDEX[channel]].astype(np.float64)
     )
@@ -77,7 +73,7 @@ def test_a_channel_ends_the_flight_at_the_first_tick_beyond(
     assert last == np.argmax(size > limit) > 0
 
 
-def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
+def test_the_heat_flux_is_sutton_and_graves(plan):
     constants = plan.vehicle.constants._replace(nose_radius=0.02)
     nosed = replace(plan, vehicle=plan.vehicle._replace(constants=constants))
     flux = 1.7415e-4 * math.sqrt(0.0880349 / 0.02) * 1400.0**3  # 20 km
@@ -86,7 +82,7 @@ def test_the_heat_flux_is_sutton_and_graves(plan: FlightPlan) -> None:
     assert (above, below, last) == (Outcome.OK, Outcome.HEAT_FLUX_LIMIT, 0)
 
 
-def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
+def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit():
     lqr = make_flight_plan(
         "s_manoeuvre", "ghame_x", controller="lqr"
     )  # cycles by more than 10 deg of angle of attack
@@ -100,9 +96,7 @@ def test_an_oscillation_ends_it_where_the_ripple_exceeds_the_limit() -> None:
     ("name", "value"),
     [("wind.turbulence", "1 m/s"), ("wind.gust_down", "1 m/s"), ("sensor.bank_noise", "0.1 deg")],
 )
-def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(
-    name: str, value: str, tmp_path: Path
-) -> None:
+def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(name, value, tmp_path):
     mission = {"base": "level", "limits": {"oscillation": {"sideslip": "5 deg"}}}
     content = {
         "name": "swings",
@@ -120,14 +114,14 @@ def test_an_oscillation_in_gusts_turbulence_or_noise_has_no_limit(
         campaign.simulator.make_plans(["tlc"])
 
 
-def _loads(vehicle: dict[str, Any], mission: dict[str, Any]) -> LoadBounds:
+def _loads(vehicle, mission):
     changes = {f"limits.{name}": value for name, value in vehicle.items()}
     return make_flight_plan(
         {"base": "level", "limits": mission}, {"base": "ghame_x", **changes}
     ).limits.loads
 
 
-def test_the_tighter_limit_of_vehicle_and_mission_holds() -> None:
+def test_the_tighter_limit_of_vehicle_and_mission_holds():
     vehicle = {"dynamic_pressure": "95 kPa", "load_factor": 4, "oscillation": "2 deg"}
     loads = _loads(vehicle, {"load_factor": 5, "bank": "80 deg", "oscillation": {"bank": "1 deg"}})
     assert loads == LoadBounds(95e3, 4.0, math.inf, *np.radians([80.0, 1.0, 2.0, 2.0]).tolist())
@@ -139,7 +133,7 @@ def test_the_tighter_limit_of_vehicle_and_mission_holds() -> None:
             _loads({}, limits)
 
 
-def test_the_speed_is_limited_by_the_mission_or_to_twice_its_reference(plan: FlightPlan) -> None:
+def test_the_speed_is_limited_by_the_mission_or_to_twice_its_reference(plan):
     assert plan.limits.speed_max == pytest.approx(2.0 * 1400.0)
     mission = {"base": "s_manoeuvre", "limits": {"speed": "1.45 km/s"}}
     assert make_flight_plan(mission, "ghame_x").limits.speed_max == 1450.0
@@ -150,7 +144,7 @@ def test_the_speed_is_limited_by_the_mission_or_to_twice_its_reference(plan: Fli
     assert last == np.flatnonzero(speed > limit)[0]
 
 
-def test_a_mission_ends_by_condition_and_has_been_flown() -> None:
+def test_a_mission_ends_by_condition_and_has_been_flown():
     plan = make_flight_plan({"base": "climb", "end": {"altitude_above": "20.5 km"}}, "ghame_x")
     assert plan.limits.end == EndBounds(altitude=(-math.inf, 20500.0))
     block, ended, last = _ended(plan)
@@ -160,13 +154,13 @@ def test_a_mission_ends_by_condition_and_has_been_flown() -> None:
     assert np.isnan(altitude[last + 1 :]).all()
 
 
-def test_a_limit_outranks_the_end(plan: FlightPlan) -> None:
+def test_a_limit_outranks_the_end(plan):
     both = _limited(plan, load_factor=0.5)
     both = replace(both, limits=both.limits._replace(end=EndBounds(altitude=(-math.inf, 100.0))))
     assert _ended(both)[1] is Outcome.LOAD_FACTOR_LIMIT
 
 
-def test_it_starts_in_a_bank_in_steady_turning_flight() -> None:
+def test_it_starts_in_a_bank_in_steady_turning_flight():
     plan = make_flight_plan({"base": "level", "start.bank": "40 deg"}, "ghame_x")
     block = fly(plan, nominal_parameters(), record_every=1)
     history = block.history[0].astype(np.float64)
@@ -181,7 +175,7 @@ def test_it_starts_in_a_bank_in_steady_turning_flight() -> None:
     assert abs(np.diff(history[:2, CHANNEL_INDEX["angle_of_attack_deg"]])[0]) < 0.002
 
 
-def test_it_starts_in_a_climb_and_keeps_it() -> None:
+def test_it_starts_in_a_climb_and_keeps_it():
     plan = make_flight_plan(
         {"base": "level", "start.flight_path_angle": "2 deg", "duration": "20 s"}, "ghame_x"
     )

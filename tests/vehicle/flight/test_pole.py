@@ -10,7 +10,6 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.timing import Timing
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
-from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
@@ -20,7 +19,7 @@ from benchmarks.verification.nesc_cases import ELLIPSOID
 CONFIGS = shipped_configs()
 
 
-def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
+def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates():
     """Pass the pole at 0.8 km, where meridian and course turn by a right angle within seconds."""
     velocity = (700.0, 700.0, -1000.0)  # ft/s
     expected = np.array(fly_sphere(World(), 0.0, velocity, latitude=89.99))[:, 1:7]
@@ -48,7 +47,7 @@ def test_a_body_flies_past_the_pole_as_in_cartesian_coordinates() -> None:
     assert np.abs(motion.velocity_ned / FT - expected[:, 3:6]).max() < 1e-3
 
 
-def plan_from(heading: float, latitude: float, longitude: float = 0.0) -> FlightPlan:
+def plan_from(heading, latitude, longitude=0.0):
     """Return the plan of 20 s of level flight; angles in degrees."""
     angles = {"heading": heading, "latitude": latitude, "longitude": longitude}
     start = {f"start.{name}": f"{value} deg" for name, value in angles.items()}
@@ -56,7 +55,7 @@ def plan_from(heading: float, latitude: float, longitude: float = 0.0) -> Flight
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_flight_over_the_pole_ends_at_the_pole_limit(sign: int) -> None:
+def test_a_flight_over_the_pole_ends_at_the_pole_limit(sign):
     plan = plan_from(0.0 if sign > 0 else 180.0, sign * 89.9)
     block = fly(plan, nominal_parameters(), 100, keep_states=True)
     assert block.outcome.tolist() == [Outcome.POLE_LIMIT]
@@ -64,11 +63,11 @@ def test_a_flight_over_the_pole_ends_at_the_pole_limit(sign: int) -> None:
     assert np.isfinite(block.states[0, : int(block.end_time[0]) + 1]).all()
 
 
-def test_a_mission_starts_up_to_89_99_deg() -> None:
+def test_a_mission_starts_up_to_89_99_deg():
     assert plan_from(0.0, 89.99).initial_state[s.LATITUDE] == math.radians(89.99)
 
 
-def test_the_date_line_changes_longitude_alone() -> None:
+def test_the_date_line_changes_longitude_alone():
     greenwich, date_line = (plan_from(90.0, 10.0, longitude) for longitude in (0.0, 179.9))
     states = [
         fly(plan, nominal_parameters(), 100, keep_states=True).states[0]

@@ -24,7 +24,7 @@ from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 TICK = 0.01  # s
 
 
-def farthest_points(stretch) -> list[int]:
+def farthest_points(stretch):
     """Return the tick of the farthest point on each side of the mean since the start.
 
     A side ends when the signal has gone half as far on the other side.
@@ -44,7 +44,7 @@ def farthest_points(stretch) -> list[int]:
     return points
 
 
-def expected_ripple(error, settled) -> tuple[float, list[float]]:
+def expected_ripple(error, settled):
     """Return the size of the largest cycle and the frequency of each cycle of that size."""
     starts = np.flatnonzero(settled & ~np.concatenate([[False], settled[:-1]]))
     stops = np.flatnonzero(settled & ~np.concatenate([settled[1:], [False]])) + 1
@@ -59,7 +59,7 @@ def expected_ripple(error, settled) -> tuple[float, list[float]]:
     return largest, [frequency for size, frequency in cycles if size >= (1.0 - 1e-12) * largest]
 
 
-def follow(error, settled) -> tuple[float, float]:
+def follow(error, settled):
     Z, seen = np.zeros((N_RIPPLE_ROWS + 1, 1)), 0
     begin_stretch(Z, 1, 0)
     for tick, (value, calm) in enumerate(zip(error.tolist(), settled.tolist(), strict=True)):
@@ -74,7 +74,7 @@ def follow(error, settled) -> tuple[float, float]:
     return Z[LARGEST, 0], Z[FREQUENCY, 0]
 
 
-def zigzag(generator) -> np.ndarray:
+def zigzag(generator):
     """Straight lines between turning points, each swing a tenth to ten times the one before."""
     swings = [generator.uniform(0.5, 2.0)]
     for factor in 10.0 ** generator.uniform(-1.0, 1.0, 14):
@@ -86,7 +86,7 @@ def zigzag(generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_ripple_follows_its_definition_on_random_signals(seed: int) -> None:
+def test_ripple_follows_its_definition_on_random_signals(seed):
     generator = np.random.default_rng(seed)
     signals = (
         zigzag(generator),
@@ -110,7 +110,7 @@ ALWAYS = np.ones(TIME.size, dtype=bool)
 
 
 @pytest.mark.parametrize("mean", [0.0, 5.0, -10.0])
-def test_a_cycle_has_its_size_from_side_to_side_and_its_frequency(mean: float) -> None:
+def test_a_cycle_has_its_size_from_side_to_side_and_its_frequency(mean):
     wave = mean + 5.0 * np.sin(0.8 * TIME)
     assert follow(wave, ALWAYS) == pytest.approx((10.0, 0.8 / (2.0 * np.pi)), rel=5e-3)
     noisy = wave + np.random.default_rng(1).uniform(-0.1, 0.1, TIME.size)
@@ -118,7 +118,7 @@ def test_a_cycle_has_its_size_from_side_to_side_and_its_frequency(mean: float) -
 
 
 @pytest.mark.parametrize("name", ["tlc", "lqr"])
-def test_the_metrics_are_those_of_the_recorded_flight(name: str) -> None:
+def test_the_metrics_are_those_of_the_recorded_flight(name):
     plan = make_flight_plan("s_manoeuvre", "ghame_x", controller=name)
     parameters = nominal_parameters(3)
     parameters[:, PARAMETER_INDEX["atmosphere.density"]] = 1.0, 0.92, 1.07

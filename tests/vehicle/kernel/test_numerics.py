@@ -34,9 +34,7 @@ COMPONENTS = st.floats(-1e3, 1e3)
 
 
 @given(ANGLES, PITCHES, ANGLES, COMPONENTS, COMPONENTS, COMPONENTS)
-def test_rotations_agree_with_scipy(
-    yaw: float, pitch: float, roll: float, x: float, y: float, z: float
-) -> None:
+def test_rotations_agree_with_scipy(yaw, pitch, roll, x, y, z):
     q = quaternion.from_euler(yaw, pitch, roll)
     ned = quaternion.rotate_to_ned(*q, x, y, z)
     assert ned == pytest.approx(
@@ -47,9 +45,7 @@ def test_rotations_agree_with_scipy(
 
 
 @given(ANGLES, PITCHES, ANGLES, st.tuples(*[st.floats(-2.0, 2.0)] * 3))
-def test_rate_is_the_derivative_of_turning_about_body_axes(
-    yaw: float, pitch: float, roll: float, rate: tuple[float, float, float]
-) -> None:
+def test_rate_is_the_derivative_of_turning_about_body_axes(yaw, pitch, roll, rate):
     q = np.array(quaternion.from_euler(yaw, pitch, roll))
     step = 1e-4
     attitude = Rotation.from_quat(q, scalar_first=True)
@@ -64,24 +60,22 @@ def test_rate_is_the_derivative_of_turning_about_body_axes(
 
 
 @numba.njit
-def cubic(x: float, a: float, b: float) -> float:
+def cubic(x, a, b):
     return (x - a) * ((x - b) * (x - b) + 0.1)
 
 
 @numba.njit
-def flat(x: float, a: float, b: float) -> float:
+def flat(x, a, b):
     return (x - a) ** 9 * (1.0 + b * b)
 
 
 @numba.njit
-def kinked(x: float, a: float, b: float) -> float:
+def kinked(x, a, b):
     return (x - a) * (1.0 + abs(b)) if x > a else 0.01 * (x - a)
 
 
 @pytest.mark.parametrize("function", [cubic, flat, kinked])
-def test_same_root_as_scipy_in_as_many_iterations(
-    function: numba.core.dispatcher.Dispatcher,
-) -> None:
+def test_same_root_as_scipy_in_as_many_iterations(function):
     generator = np.random.default_rng(11)
     for a, b, low, high in generator.uniform((-2, -2, -9, 3), (2, 2, -3, 9), (600, 4)).tolist():
         tolerance = 1e-10
@@ -104,7 +98,7 @@ def test_same_root_as_scipy_in_as_many_iterations(
 
 
 @numba.njit
-def holed(x: float, a: float, b: float) -> float:
+def holed(x, a, b):
     return math.nan if abs(x) < 0.3 else x
 
 
@@ -119,13 +113,11 @@ def holed(x: float, a: float, b: float) -> float:
         (holed, -1.0, 0.1, (-1.0, 0, NO_SIGN_CHANGE)),
     ],
 )
-def test_an_end_that_needs_no_search(
-    function: numba.core.dispatcher.Dispatcher, low, high, expected
-) -> None:
+def test_an_end_that_needs_no_search(function, low, high, expected):
     assert brent(function, (1.0, 0.0), low, high, 1e-9, 100) == expected
 
 
-def test_a_failed_search_returns_its_status() -> None:
+def test_a_failed_search_returns_its_status():
     assert brent(flat, (0.123, 0.0), -5.0, 7.0, 1e-12, 6)[1:] == (6, OUT_OF_ITERATIONS)
     assert brent(holed, (0.0, 0.0), -1.0, 1.0, 1e-9, 100)[2] == NOT_A_NUMBER
 
@@ -139,11 +131,11 @@ def _stream(state, n):
     return out
 
 
-def _words(seed: float) -> np.ndarray:
+def _words(seed):
     return np.array([seed_word(seed, float(i), M1 if i < 3 else M2) for i in range(6)])
 
 
-def test_the_published_sequence_and_the_recurrence_in_integers() -> None:
+def test_the_published_sequence_and_the_recurrence_in_integers():
     """First numbers for the seed 12345 in all six words, from the documentation of RngStreams."""
     published = [
         0.12701112204657714,
@@ -164,14 +156,14 @@ def test_the_published_sequence_and_the_recurrence_in_integers() -> None:
 
 
 @pytest.mark.parametrize("seed", [0.0, 0.25, 0.5, 1.0 - 2**-53])
-def test_a_seed_gives_uniform_numbers(seed: float) -> None:
+def test_a_seed_gives_uniform_numbers(seed):
     numbers = _stream(_words(seed), 20_000)[8:]
     assert numbers.min() > 0.0 and numbers.max() < 1.0
     assert stats.kstest(numbers, "uniform").pvalue > 1e-3
     assert abs(np.corrcoef(numbers[:-1], numbers[1:])[0, 1]) < 0.03
 
 
-def test_seeds_do_not_share_streams() -> None:
+def test_seeds_do_not_share_streams():
     """States are valid, and first numbers are uniform and uncorrelated over neighbouring seeds."""
     seeds = np.random.default_rng(1).random(4000)
     states = np.array([_words(seed) for seed in seeds])
@@ -185,7 +177,7 @@ def test_seeds_do_not_share_streams() -> None:
     assert stats.kstest(close, "uniform").pvalue > 1e-3
 
 
-def test_normal_pair() -> None:
+def test_normal_pair():
     pairs = np.array([normal_pair(a, b) for a, b in _stream(_words(0.3), 16_000).reshape(-1, 2)])
     assert stats.kstest(pairs[:, 0], "norm").pvalue > 1e-3
     assert stats.kstest(pairs[:, 1], "norm").pvalue > 1e-3

@@ -46,7 +46,7 @@ TABLE = [
 ]
 
 
-def test_published_table() -> None:
+def test_published_table():
     for altitude, temperature, pressure, density, sound in TABLE:
         got_density, got_pressure, got_temperature, got_sound = atmosphere(float(altitude))
         assert got_temperature == pytest.approx(temperature, abs=0.0006), altitude
@@ -57,7 +57,7 @@ def test_published_table() -> None:
         assert got_sound == pytest.approx(sound, abs=0.006), altitude
 
 
-def test_layer_constants_follow_from_the_defining_ones() -> None:
+def test_layer_constants_follow_from_the_defining_ones():
     mpmath.mp.dps = 40
     hydrostatic = mpmath.mpf("9.80665") * mpmath.mpf("28.9644") / mpmath.mpf("8314.32")  # K/m
     lapse = [mpmath.mpf(text) / 1000 for text in ("-6.5", "0", "1", "2.8", "0", "-2.8", "-2", "0")]
@@ -78,7 +78,7 @@ def test_layer_constants_follow_from_the_defining_ones() -> None:
 
 
 @given(st.floats(-10e3, 300e3))
-def test_gas_law_and_hydrostatic_balance_hold_everywhere(altitude: float) -> None:
+def test_gas_law_and_hydrostatic_balance_hold_everywhere(altitude):
     density, pressure, temperature, sound = atmosphere(altitude)
     assert pressure == pytest.approx(density * GAS_CONSTANT * temperature, rel=1e-14)
     assert sound == pytest.approx(math.sqrt(1.4 * pressure / density), rel=1e-14)
@@ -89,11 +89,11 @@ def test_gas_law_and_hydrostatic_balance_hold_everywhere(altitude: float) -> Non
     assert slope == pytest.approx(-density * gravity, rel=1e-5)
 
 
-def test_not_a_number_passes_through() -> None:
+def test_not_a_number_passes_through():
     assert all(math.isnan(value) for value in atmosphere(math.nan))
 
 
-def test_surroundings_equal_the_scalar_functions_bit_for_bit() -> None:
+def test_surroundings_equal_the_scalar_functions_bit_for_bit():
     altitude, latitude = np.linspace(-1e3, 120e3, 90), np.linspace(-1.5, 1.5, 90)
     sine, cosine = np.sin(latitude), np.cos(latitude)
     surroundings = np.stack(find_surroundings(WGS84, altitude, sine, cosine), axis=1)
@@ -106,7 +106,7 @@ def test_surroundings_equal_the_scalar_functions_bit_for_bit() -> None:
         assert standard_air(height) == (density, sound)
 
 
-def test_wgs84_radii_of_curvature() -> None:
+def test_wgs84_radii_of_curvature():
     # NIMA TR8350.2 (3rd ed.): semi-minor axis 6356752.3142 m, polar radius of curvature
     # 6399593.6258 m
     meridian, prime_vertical = radii(WGS84, 0.0)
@@ -115,7 +115,7 @@ def test_wgs84_radii_of_curvature() -> None:
     assert radii(WGS84, 1.0) == pytest.approx((6399593.6258, 6399593.6258), abs=1e-4)
 
 
-def test_wgs84_gravity_is_normal_gravity_but_for_the_higher_zonals() -> None:
+def test_wgs84_gravity_is_normal_gravity_but_for_the_higher_zonals():
     # NIMA TR8350.2: normal gravity 9.7803253359 m/s2 at the equator, 9.8321849378 m/s2 at the
     # poles. J4 alone accounts for the difference: 5 GM/a2 (a/r)^6 J4 P4 with J4 = -2.37e-6.
     zonal_4 = -2.37091222e-6
@@ -129,7 +129,7 @@ def test_wgs84_gravity_is_normal_gravity_but_for_the_higher_zonals() -> None:
 
 
 @pytest.mark.parametrize("latitude", [-1.2, 0.3, 0.8, 1.5])
-def test_gravity_is_the_gradient_of_the_potential(latitude: float) -> None:
+def test_gravity_is_the_gradient_of_the_potential(latitude):
     """The potential includes attraction and rotation."""
     mpmath.mp.dps = 40
     altitude = 20000.0
@@ -137,7 +137,7 @@ def test_gravity_is_the_gradient_of_the_potential(latitude: float) -> None:
     _, n = radii(WGS84, math.sin(latitude))
     e2 = WGS84.flattening * (2 - WGS84.flattening)
 
-    def potential(north: mpmath.mpf, up: mpmath.mpf) -> mpmath.mpf:
+    def potential(north, up):
         rho = (n + altitude) * cosine - north * sine + up * cosine
         z = (n * (1 - e2) + altitude) * sine + north * cosine + up * sine
         r = mpmath.sqrt(rho**2 + z**2)
@@ -154,7 +154,7 @@ def test_gravity_is_the_gradient_of_the_potential(latitude: float) -> None:
     assert down == pytest.approx(-float(mpmath.diff(lambda s: potential(0, s), 0)), abs=1e-13)
 
 
-def test_attraction_of_the_nasa_check_cases() -> None:
+def test_attraction_of_the_nasa_check_cases():
     # NASA/TM-2015-218675, atmospheric case 9, simulator 4 at 0 s: local gravitation 32.1988102141
     # ft/s2 on the equator, the centrifugal part not in it
     fixed_earth = WGS84._replace(rotation_rate=0.0)
@@ -164,7 +164,7 @@ def test_attraction_of_the_nasa_check_cases() -> None:
 
 
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 2.0])
-def test_the_meridional_factor_scales_the_north_component_of_j2(factor: float) -> None:
+def test_the_meridional_factor_scales_the_north_component_of_j2(factor):
     # On a non-rotating sphere geodetic and geocentric axes coincide, so only J2 has a north
     # component.
     earth = Earth(6378137.0, 0.0, 3.986004418e14, 1.08262982e-3, 0.0)
@@ -190,7 +190,7 @@ def _simulate(noise, a, dt):
     return out
 
 
-def test_turbulence_has_drydens_spectra_and_unit_variance() -> None:
+def test_turbulence_has_drydens_spectra_and_unit_variance():
     """Compare with the spectra of MIL-F-8785C, 3.7.1.2.
 
     One-sided, well below the sampling rate; averaged in bands, within 10 %.
@@ -207,7 +207,7 @@ def test_turbulence_has_drydens_spectra_and_unit_variance() -> None:
         assert power[band].mean(axis=0) == pytest.approx(expected, rel=0.1)
 
 
-def test_turbulence_has_its_variance_from_the_start_and_at_any_step() -> None:
+def test_turbulence_has_its_variance_from_the_start_and_at_any_step():
     draws = np.random.default_rng(3).standard_normal((20_000, 2)).tolist()
     starts = [
         dryden_second_output(*dryden_second(0.0, 0.0, A, DT, *noise, True), A) for noise in draws
@@ -218,7 +218,7 @@ def test_turbulence_has_its_variance_from_the_start_and_at_any_step() -> None:
         assert _simulate(noise, A, dt).std(axis=0) == pytest.approx([1.0, 1.0], rel=0.12)
 
 
-def test_one_minus_cosine() -> None:
+def test_one_minus_cosine():
     assert [
         one_minus_cosine(x, 1000.0) for x in (-50.0, 0.0, 500.0, 1000.0, 5000.0)
     ] == pytest.approx([0.0, 0.0, 0.5, 1.0, 1.0], abs=1e-12)

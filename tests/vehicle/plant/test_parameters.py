@@ -7,7 +7,7 @@ from abhv_mc_vehicle.plant.parameters import OURS, PARAMETERS
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 
 
-def test_every_parameter_accepts_a_value_in_its_unit() -> None:
+def test_every_parameter_accepts_a_value_in_its_unit():
     """Regression: the unit K was unknown, so the air's temperature could not be dispersed."""
     for parameter in PARAMETERS:
         assert dimension_of(parameter.unit).unit == parameter.unit, parameter.name

@@ -43,7 +43,7 @@ def write(tmp_path):
 
 
 @pytest.mark.parametrize("law", [LEVEL, AXES], ids=["effectors", "axes"])
-def test_the_closed_loop_is_that_of_full_flights(write, law) -> None:
+def test_the_closed_loop_is_that_of_full_flights(write, law):
     assert_predicted(
         cut(prepare(*write(law), "own"), 200), rows_of({"actuator.bandwidth": 0.9}), 100, 40, 10
     )
@@ -59,7 +59,7 @@ def trimmed(files, **case):
     return linearize(plan, trims.points), trims.points
 
 
-def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write) -> None:
+def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write):
     linear, points = trimmed(write(AXES))
     stability = analyse(linear, 400, apart=True)
     assert stability.stable[0] and linear.apart is not None
@@ -92,7 +92,7 @@ def test_a_law_of_axes_counts_their_loops_and_shows_those_of_effectors(write) ->
     )  # the mix
 
 
-def test_a_law_of_effectors_counts_theirs_and_rests_where_it_puts_them(write) -> None:
+def test_a_law_of_effectors_counts_theirs_and_rests_where_it_puts_them(write):
     linear, points = trimmed(write(LEVEL))
     stability = analyse(linear, 400, apart=True)
     assert stability.inputs == (*EFFECTORS, "equivalence_ratio") and stability.apart is None
@@ -102,7 +102,7 @@ def test_a_law_of_effectors_counts_theirs_and_rests_where_it_puts_them(write) ->
     assert points.controls[0, 2] == pytest.approx(flap, abs=1e-8)
 
 
-def test_a_stuck_effector_has_no_loop(write) -> None:
+def test_a_stuck_effector_has_no_loop(write):
     files = write(AXES)
     plan = cut(prepare(*files, "own"), 200)
     rows = rows_of({"failure.effector_2.stuck_time": 0.5, "failure.effector_2.stuck_at": 0.03})

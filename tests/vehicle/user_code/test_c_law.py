@@ -4,7 +4,6 @@ import ctypes
 import re
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -239,7 +238,7 @@ def test_a_setting_has_the_unit_that_its_file_declares(tmp_path, value, units, m
     assert read_controller(tmp_path / "law.yaml").numbers == [pytest.approx(np.radians(70.0))]
 
 
-def build(folder: Path, text: str, layout, name: str, *flags: str) -> None:
+def build(folder, text, layout, name, *flags):
     """Build the library as a user's own Makefile would."""
     (folder / "abhv_law.h").write_text(make_header())
     (folder / "abhv_settings.h").write_text(make_settings_header(layout))

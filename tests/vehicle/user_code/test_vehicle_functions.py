@@ -1,7 +1,5 @@
 """A vehicle given as functions has the results of the same vehicle given as tables."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from short_flights import rows_of
@@ -36,14 +34,12 @@ _NAMES = {
 }
 
 
-def write_ghame_x(
-    folder: Path, frame: str = "stability", point: tuple[float, float] = (0.0, 0.0)
-) -> Path:
+def write_ghame_x(folder, frame="stability", point=(0.0, 0.0)):
     """Write ``ghame_x`` with coefficients and thrust as Python functions."""
     file = read_vehicle_file(CONFIGS / "vehicle" / "ghame_x.yaml")
     content = file.content
     lines = ["from abhv_mc.extend import Coefficients, Thrust, sincos, table", ""]
-    nodes: dict[str, set[float]] = {
+    nodes = {
         "mach": set(),
         "angle_of_attack": set(),
         "equivalence_ratio": set(),
@@ -116,7 +112,7 @@ propulsion:
     return path
 
 
-def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path) -> None:
+def test_coefficients_and_trims_are_those_of_the_tables(tmp_path):
     tables, functions = (
         load_vehicle(CONFIGS / "vehicle" / "ghame_x.yaml"),
         load_vehicle(write_ghame_x(tmp_path, "body", (0.3, -0.2))),
@@ -143,7 +139,7 @@ def test_coefficients_and_trims_are_those_of_the_tables(tmp_path: Path) -> None:
         assert b.fuel_flow == pytest.approx(a.fuel_flow, rel=1e-10)
 
 
-def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
+def test_dispersed_flights_are_those_of_the_tables(tmp_path):
     cases = {
         "aero.lift": 1.1,
         "aero.rolling_moment.roll_rate": 0.7,
@@ -167,7 +163,7 @@ def test_dispersed_flights_are_those_of_the_tables(tmp_path: Path) -> None:
     assert np.nanmax(np.abs(altitude[0] - altitude[0][0])) > 1.0  # the dispersions are felt
 
 
-def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> None:
+def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path):
     path = write_ghame_x(tmp_path)
     own = tmp_path / "own.py"
     text = own.read_text(encoding="utf-8")
@@ -192,9 +188,7 @@ def test_a_function_that_does_not_fit_is_said_with_its_line(tmp_path: Path) -> N
     ("lift", "flow", "quantity"),
     [("air.mach * INF * 0.0", "0.0", "coefficient"), ("0.0", "INF", "force")],
 )
-def test_a_function_that_is_not_finite_is_rejected(
-    tmp_path: Path, lift: str, flow: str, quantity: str
-) -> None:
+def test_a_function_that_is_not_finite_is_rejected(tmp_path, lift, flow, quantity):
     path = write_ghame_x(tmp_path)
     functions = f"""
 from abhv_mc.extend import Coefficients, Thrust
@@ -210,7 +204,7 @@ def thrust(air, throttle):
 
 
 @pytest.mark.thorough
-def test_margins_are_those_of_the_tables(tmp_path: Path) -> None:
+def test_margins_are_those_of_the_tables(tmp_path):
     plans = [
         make_flight_plan("s_manoeuvre", vehicle, "lqr_retuned_ghame_x")
         for vehicle in ("ghame_x", str(write_ghame_x(tmp_path)))

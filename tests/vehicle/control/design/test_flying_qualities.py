@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc_vehicle.control.design.flying_qualities import FlyingQualities, find_flying_qualities
+from abhv_mc_vehicle.control.design.flying_qualities import find_flying_qualities
 from abhv_mc_vehicle.kernel.world.earth import WGS84
-from abhv_mc_vehicle.plant.trim import FlightPoint, TrimPoint, trim
+from abhv_mc_vehicle.plant.trim import FlightPoint, trim
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
@@ -22,14 +22,14 @@ POINT = FlightPoint(20e3, 1400.0, latitude=math.radians(29.3))
 STEP = 1e-6
 
 
-def qualities_of(name: str) -> tuple[FlyingQualities, TrimPoint]:
+def qualities_of(name):
     vehicle = load_vehicle(VEHICLES / f"{name}.yaml")
     balanced = trim(vehicle, EARTH, POINT)
     mass = vehicle.constants.mass_start
     return find_flying_qualities(vehicle, EARTH, POINT, balanced, mass), balanced
 
 
-def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
+def test_ghame_has_the_modes_of_the_textbook_formulas():
     """Compare with Etkin and Reid, Dynamics of Flight.
 
     Derivatives are central differences; the thrust acts through the centre of gravity.
@@ -46,7 +46,7 @@ def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
         "mass": c.mass_start,
     }
 
-    def derivative(name: str) -> dict[str, float]:
+    def derivative(name):
         high, low = (
             evaluate_coefficients(
                 vehicle, make_variables(vehicle, **base | {name: base.get(name, 0.0) + step})
@@ -63,7 +63,7 @@ def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
     pressure_area = trim_point.dynamic_pressure * c.area
     momentum = c.mass_start * speed
 
-    def thrust(angle: float) -> float:
+    def thrust(angle):
         rows = evaluate_fixed(vehicle, make_variables(vehicle, **base | {"angle_of_attack": angle}))
         return trim_point.thrust * float(
             rows["capture_area_ratio"][0] / fixed["capture_area_ratio"][0]
@@ -119,7 +119,7 @@ def test_ghame_has_the_modes_of_the_textbook_formulas() -> None:
     assert qualities.elevator_power == pytest.approx(power, rel=1e-6)
 
 
-def test_an_unstable_vehicle_has_a_time_to_double_and_no_short_period() -> None:
+def test_an_unstable_vehicle_has_a_time_to_double_and_no_short_period():
     """The winged cone has its centre of gravity behind the neutral point at Mach 4.7."""
     qualities, _ = qualities_of("winged_cone")
     assert qualities.static_margin < 0.0

@@ -1,9 +1,7 @@
 """Manoeuvres, single or in phases: rates are derivatives, final values are those of the file."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +17,12 @@ STEP = 0.005
 TIMES = np.arange(0.0, 60.0 + STEP / 2.0, STEP)
 
 
-def make_mission(manoeuvre: dict[str, Any], **entries: Any) -> Mission:
+def make_mission(manoeuvre, **entries):
     data = {"name": "test", "start": START, "manoeuvre": manoeuvre} | entries
     return validate(Document(Path("test.yaml"), data, {(): (1, 1)}, {}), Mission)
 
 
-def recorded(folder: Path) -> dict[str, Any]:
+def recorded(folder):
     """Write a smooth climbing turn through north as a recorded manoeuvre.
 
     Its heading wraps.
@@ -41,7 +39,7 @@ def recorded(folder: Path) -> dict[str, Any]:
     return {"kind": "recorded", "file": str(path)}
 
 
-MANOEUVRES: dict[str, dict[str, Any]] = {
+MANOEUVRES = {
     "level": {"kind": "level"},
     "climb": {
         "kind": "climb",
@@ -79,7 +77,7 @@ MANOEUVRES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("kind", MANOEUVRES)
-def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
+def test_rates_are_derivatives(kind, tmp_path):
     manoeuvre = recorded(tmp_path) if kind == "recorded" else MANOEUVRES[kind]
     start = START | {"flight_path_angle": "-0.5 deg"} if kind == "phases" else START
     mission = make_mission(
@@ -102,7 +100,7 @@ def test_rates_are_derivatives(kind: str, tmp_path: Path) -> None:
     )
 
 
-def test_manoeuvres_end_at_their_final_values() -> None:
+def test_manoeuvres_end_at_their_final_values():
     at_end = {
         kind: make_profile(make_mission(MANOEUVRES[kind]), TIMES)
         for kind in ("climb", "pull_up", "turn", "waypoints")
@@ -123,9 +121,7 @@ def test_manoeuvres_end_at_their_final_values() -> None:
     ("length", "bank_time", "sharpness"),
     [(53.4, 1.8, 1.8), (50.0, 0.0, 2.4), (55.0, 0.7, 1.0), (40.0, 20.0, 1.0)],
 )
-def test_an_s_with_ramps_by_an_independent_integration(
-    length: float, bank_time: float, sharpness: float
-) -> None:
+def test_an_s_with_ramps_by_an_independent_integration(length, bank_time, sharpness):
     """Compare speed and acceleration with scipy's quadrature of the formula; the offset remains."""
     s = {
         "kind": "s_manoeuvre",
@@ -138,7 +134,7 @@ def test_an_s_with_ramps_by_an_independent_integration(
         [0.0, 3.0, *3.0 + length * np.array([0.01, 0.2, 0.45, 0.5, 0.7, 0.97]), 3.0 + length, 59.9]
     )
 
-    def growth(t: float) -> float:
+    def growth(t):
         """Return the relative acceleration.
 
         The step of order 5 is the integral of 30 x^2 (1 - x)^2.
@@ -150,7 +146,7 @@ def test_an_s_with_ramps_by_an_independent_integration(
         c = np.cos(np.pi * t / length)
         return float(np.sign(c) * abs(c) ** sharpness * share)
 
-    def integral(weight: Callable[[float], float], end: float) -> float:
+    def integral(weight, end):
         breaks = [t for t in (bank_time, 0.5 * length, length - bank_time) if 0.0 < t < end]
         return float(
             quad(lambda t: weight(t) * growth(t), 0.0, end, points=breaks or None, limit=200)[0]
@@ -175,7 +171,7 @@ def test_an_s_with_ramps_by_an_independent_integration(
     assert sideways == pytest.approx(5000.0, rel=1e-5)
 
 
-def test_final_values_of_a_phase_are_kept() -> None:
+def test_final_values_of_a_phase_are_kept():
     mission = make_mission(MANOEUVRES["phases"], start_time="5 s")
     profile = make_profile(mission, np.array([0.0, 25.0, 30.0, 40.0, 50.0]))
     assert profile.altitude == pytest.approx([20e3, *4 * [20.2e3]])
@@ -209,7 +205,7 @@ def test_final_values_of_a_phase_are_kept() -> None:
         ("manoeuvre: {kind: level}\nlimits: {altitude: [30 km, 40 km]}", "20000 m"),
     ],
 )
-def test_an_invalid_mission_is_rejected(tmp_path: Path, text: str, pattern: str) -> None:
+def test_an_invalid_mission_is_rejected(tmp_path, text, pattern):
     path = tmp_path / "mission.yaml"
     path.write_text(
         f"name: test\nstart: {{altitude: 20 km, speed: 1400 m/s, heading: 90 deg, latitude: "
@@ -240,9 +236,7 @@ WINDS, DENSITIES = "altitude_m,wind_north_mps,wind_east_mps\n", "altitude_m,dens
         ("trajectory", ("60.0,", "59.5,"), "from 0 to 60 s"),
     ],
 )
-def test_errors_of_tables_give_their_location(
-    tmp_path: Path, key: str, text: Any, fragment: str
-) -> None:
+def test_errors_of_tables_give_their_location(tmp_path, key, text, fragment):
     file = Path(recorded(tmp_path)["file"])
     manoeuvre, table = {"kind": "level"}, {}
     if key == "trajectory":

@@ -9,16 +9,15 @@ from scipy.integrate import solve_ivp
 
 from abhv_mc_vehicle.control.design.design_model import Environment, guidance_rates
 from abhv_mc_vehicle.control.design.reference import make_start_trim, solve_reference
-from abhv_mc_vehicle.control.mission import Climb, Level, Mission
+from abhv_mc_vehicle.control.mission import Climb, Level
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
-from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
 
 Floats = NDArray[np.float64]
 CONFIGS = Path(__file__).parents[4] / "configs"
 Columns = dict[str, Floats]
 
 
-def test_the_s_of_the_paper(column: Columns) -> None:
+def test_the_s_of_the_paper(column):
     """Compare with Zhu and Shen 2014, section 7.
 
     Heading 90 to 83.6 deg and back, 5 km north, initial bank 46 deg.
@@ -44,7 +43,7 @@ def test_the_s_of_the_paper(column: Columns) -> None:
     np.testing.assert_array_equal(column["speed"], 1400.0)
 
 
-def test_a_tick_at_a_step_has_the_value_after_it(column: Columns) -> None:
+def test_a_tick_at_a_step_has_the_value_after_it(column):
     bank = column["bank"]
     jumps = np.flatnonzero(np.abs(np.diff(bank)) > np.deg2rad(5.0))
     np.testing.assert_array_equal(jumps, [4999])  # the one at t = 0 is before the first tick
@@ -52,9 +51,7 @@ def test_a_tick_at_a_step_has_the_value_after_it(column: Columns) -> None:
     np.testing.assert_array_equal(unsettled, [*range(500), *range(5000, 5500)])
 
 
-def test_ramps_and_five_seconds_after_them_are_not_settled(
-    mission: Mission, vehicle: Vehicle, trim_tables: Tables
-) -> None:
+def test_ramps_and_five_seconds_after_them_are_not_settled(mission, vehicle, trim_tables):
     ramped = mission.manoeuvre.model_copy(update={"bank_time": 2.0})
     changed = mission.model_copy(update={"manoeuvre": ramped, "start_time": 1.0})
     reference, _ = solve_reference(changed, vehicle, trim_tables, 0.1, 600)
@@ -64,9 +61,7 @@ def test_ramps_and_five_seconds_after_them_are_not_settled(
     )  # 1 to 8 s, 49 to 56 s
 
 
-def test_cross_track_is_positive_to_the_left(
-    mission: Mission, vehicle: Vehicle, trim_tables: Tables
-) -> None:
+def test_cross_track_is_positive_to_the_left(mission, vehicle, trim_tables):
     """The displacement of the reference along the track vector is y at any heading."""
     for heading in (0.3, 4.0):
         turned = mission.model_copy(
@@ -82,9 +77,7 @@ def test_cross_track_is_positive_to_the_left(
 
 
 @pytest.mark.parametrize("kind", ["s_manoeuvre", "climb"])
-def test_nominal_controls_follow_the_reference(
-    mission: Mission, vehicle: Vehicle, trim_tables: Tables, kind: str
-) -> None:
+def test_nominal_controls_follow_the_reference(mission, vehicle, trim_tables, kind):
     """In open loop the design model (1) with nominal controls stays on the reference for 20 s."""
     if kind == "climb":
         climb = Climb(kind="climb", altitude_change="1 km", length="40 s", speed_change="20 m/s")
@@ -95,8 +88,8 @@ def test_nominal_controls_follow_the_reference(
     t = value["time"]
     horizon = 20.0  # the phugoid and the unstable V-h drift stay small for so long
 
-    def rates(time: float, state: Floats) -> Floats:
-        def at(name: str) -> float:
+    def rates(time, state):
+        def at(name):
             return float(np.interp(time, t, value[name]))
 
         environment = Environment(
@@ -124,9 +117,7 @@ def test_nominal_controls_follow_the_reference(
     assert speed == pytest.approx(value["speed"][end], abs=0.02)
 
 
-def test_start_trim_is_the_trim_of_the_reference_without_bank(
-    mission: Mission, vehicle: Vehicle, trim_tables: Tables
-) -> None:
+def test_start_trim_is_the_trim_of_the_reference_without_bank(mission, vehicle, trim_tables):
     level = mission.model_copy(update={"manoeuvre": Level(kind="level")})
     reference, _ = solve_reference(level, vehicle, trim_tables, 0.01, 10)
     value = dict(zip(REFERENCE, reference[0], strict=True))
@@ -139,7 +130,7 @@ def test_start_trim_is_the_trim_of_the_reference_without_bank(
     assert start.equivalence_ratio == pytest.approx(value["equivalence_ratio"], abs=1e-3)
 
 
-def test_mass_and_latitude_along_the_s(column: Columns) -> None:
+def test_mass_and_latitude_along_the_s(column):
     mass = column["mass"]
     assert (np.diff(mass) < 0.0).all()
     assert mass[0] == pytest.approx(1371.66, abs=0.01)

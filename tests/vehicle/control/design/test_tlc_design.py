@@ -12,22 +12,19 @@ from numpy.typing import NDArray
 from abhv_mc_vehicle.control.controller_file import Channel, TlcController, read_controller
 from abhv_mc_vehicle.control.design.tlc_design import make_tlc_gains, make_tlc_settings, pd_spectrum
 from abhv_mc_vehicle.kernel.laws.columns import TLC_ATTITUDE, TLC_GAINS, TLC_RATE, TLC_SETTINGS
-from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
 
 Floats = NDArray[np.float64]
 CONFIGS = Path(__file__).parents[4] / "configs"
 
 
 @pytest.fixture(scope="module")
-def controller() -> TlcController:
+def controller():
     controller_file = read_controller(CONFIGS / "control" / "tlc.yaml")
     assert isinstance(controller_file, TlcController)
     return controller_file
 
 
-def test_gains_of_the_inner_loops_are_table_1(
-    controller: TlcController, vehicle: Vehicle, trim_tables: Tables, reference: Floats
-) -> None:
+def test_gains_of_the_inner_loops_are_table_1(controller, vehicle, trim_tables, reference):
     """Zhu and Shen 2014, table 1: 3.4 and 0.3; 3.4 and 1.2, 1.2, 1.5."""
     gains = make_tlc_gains(controller, reference, vehicle, trim_tables)
     assert gains.shape == (len(reference), len(TLC_GAINS))
@@ -44,14 +41,12 @@ def test_gains_of_the_inner_loops_are_table_1(
     assert np.rad2deg(settings["bank_max"]) == pytest.approx(70.0)
 
 
-def scheduled(
-    damping: float, over: str, key: str, unit: str, points: tuple[tuple[float, float], ...]
-) -> Channel:
+def scheduled(damping, over, key, unit, points):
     entries = [{key: f"{x} {unit}", "bandwidth": f"{wn} rad/s"} for x, wn in points]
     return Channel(damping=damping, bandwidth={over: entries})
 
 
-def test_a_bandwidth_over_time_enters_with_its_rate() -> None:
+def test_a_bandwidth_over_time_enters_with_its_rate():
     channel = scheduled(2.0, "over_time", "time", "s", ((10.0, 0.2), (20.0, 0.4), (40.0, 0.1)))
     times = np.arange(0.0, 60.0, 0.01)
     a1, a2 = pd_spectrum(channel, times, np.ones(times.size))
@@ -67,13 +62,13 @@ def test_a_bandwidth_over_time_enters_with_its_rate() -> None:
         assert a2[k] == pytest.approx(4.0 * wn - rate / wn)
 
 
-def test_with_its_rate_a_varying_bandwidth_only_stretches_time() -> None:
+def test_with_its_rate_a_varying_bandwidth_only_stretches_time():
     """``x'' = -a2 x' - a1 x`` has the solution of constant bandwidth in the time int wn dt."""
     from scipy.integrate import solve_ivp
 
     channel = scheduled(1.5, "over_time", "time", "s", ((0.0, 0.5), (20.0, 2.0)))
 
-    def rates(t: float, x: Floats) -> list[float]:
+    def rates(t, x):
         a1, a2 = pd_spectrum(channel, np.array([t]), np.ones(1))
         return [x[1], float(-a1[0] * x[0] - a2[0] * x[1])]
 
@@ -84,7 +79,7 @@ def test_with_its_rate_a_varying_bandwidth_only_stretches_time() -> None:
     assert final == pytest.approx(float(shares @ np.exp(roots * stretched)), rel=1e-6)
 
 
-def test_a_bandwidth_over_dynamic_pressure_follows_the_reference() -> None:
+def test_a_bandwidth_over_dynamic_pressure_follows_the_reference():
     channel = scheduled(
         1.0, "over_dynamic_pressure", "dynamic_pressure", "Pa", ((50e3, 0.1), (100e3, 0.3))
     )

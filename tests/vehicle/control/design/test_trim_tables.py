@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc.array_types import Floats
 from abhv_mc_vehicle.control.design.design_cache import cache_results
 from abhv_mc_vehicle.control.design.design_model import Environment
 from abhv_mc_vehicle.control.design.reference import (
@@ -14,9 +13,8 @@ from abhv_mc_vehicle.control.design.reference import (
     solve_reference,
 )
 from abhv_mc_vehicle.control.design.trim_tables import LONGEST, make_trim_tables, trim_elevator
-from abhv_mc_vehicle.control.mission import Mission
 from abhv_mc_vehicle.kernel.laws.trim_lookup import TRIM_ROWS
-from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK
 from abhv_mc_vehicle.kernel.world.atmosphere import atmosphere
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle.vehicle_code import (
@@ -32,7 +30,7 @@ VEHICLES = Path(__file__).parents[4] / "configs" / "vehicle"
 
 
 @pytest.mark.parametrize("name", ["ghame", "ghame_x", "ghame_x_coupled", "winged_cone"])
-def test_interpolation_errors_are_small(name: str) -> None:
+def test_interpolation_errors_are_small(name):
     """Compare with an exact trim at random points between the nodes."""
     vehicle = load_vehicle(VEHICLES / f"{name}.yaml")
     tables = make_trim_tables(vehicle, ALTITUDE, (1300.0, 1500.0))
@@ -81,7 +79,7 @@ def test_interpolation_errors_are_small(name: str) -> None:
     assert (np.abs(row["thrust"][good] - thrust) < 0.0015 * thrust / eta[good]).all()
 
 
-def test_elevators_of_nodes_do_not_depend_on_the_limit(vehicle: Vehicle) -> None:
+def test_elevators_of_nodes_do_not_depend_on_the_limit(vehicle):
     """Check that the line through the limits is exact for GHAME.
 
     Its pitching moment is linear in the elevator.
@@ -95,9 +93,7 @@ def test_elevators_of_nodes_do_not_depend_on_the_limit(vehicle: Vehicle) -> None
     np.testing.assert_allclose(limited, free, rtol=0.0, atol=1e-11)
 
 
-def test_an_elevator_next_to_its_limit_is_compared_after_interpolation(
-    vehicle: Vehicle, mission: Mission, column: dict[str, Floats]
-) -> None:
+def test_an_elevator_next_to_its_limit_is_compared_after_interpolation(vehicle, mission, column):
     """Check the effect of the elevator limit.
 
     A limit above the reference's elevator has none; a lower one clips it and sets the status.
@@ -122,9 +118,7 @@ def test_an_elevator_next_to_its_limit_is_compared_after_interpolation(
         ((1180.0, 1475.5), (4.03, 4.9)),
     ],
 )
-def test_steady_mach_numbers_are_in_the_middle_half_of_a_cell(
-    vehicle: Vehicle, speeds: tuple[float, float], steady: tuple[float, ...]
-) -> None:
+def test_steady_mach_numbers_are_in_the_middle_half_of_a_cell(vehicle, speeds, steady):
     tables = make_trim_tables(vehicle, ALTITUDE, speeds, np.array(steady))
     grid = tables.grid[: tables.axis_length[0]]
     assert np.diff(grid).max() <= LONGEST["mach"] + 1e-9 and np.diff(grid).min() > 0.01

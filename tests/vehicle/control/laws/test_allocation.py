@@ -7,15 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abhv_mc.array_types import Floats
-from abhv_mc_vehicle.control.design.design_model import Environment, Wrench, slope, wrench_at
+from abhv_mc_vehicle.control.design.design_model import Environment, slope, wrench_at
 from abhv_mc_vehicle.kernel.flight.interface import UserCode
 from abhv_mc_vehicle.kernel.jit import kernel
 from abhv_mc_vehicle.kernel.laws.allocation import moment_slope, nominal_moment, side_force_slope
 from abhv_mc_vehicle.kernel.laws.tlc import N_ROWS, SLOPES, nominal_vehicle
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.aerodynamics import INPUTS, N_INPUTS, make_cells
-from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.vehicle.file import pack_vehicle, read_vehicle_file
 from abhv_mc_vehicle.vehicle.vehicle_code import make_variables
@@ -61,7 +60,7 @@ def compute(vehicle, effectiveness, cells, width, variables, density, speed, mom
         side[lane] = Z[_SIDE_BY_SIDESLIP, lane]
 
 
-def draw_points(vehicle: Vehicle, mach: tuple[float, float]) -> dict[str, Floats]:
+def draw_points(vehicle, mach):
     """Draw points inside of cells."""
     generator = np.random.default_rng(7)
     spread = {
@@ -78,7 +77,7 @@ def draw_points(vehicle: Vehicle, mach: tuple[float, float]) -> dict[str, Floats
     }
 
 
-def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections) -> Wrench:
+def wrench_of(vehicle, point, sideslip, deflections):
     speed = point["mach"] * AIR.sound_speed
     half_span, half_chord = (
         vehicle.constants.span / (2.0 * speed),
@@ -96,7 +95,7 @@ def wrench_of(vehicle: Vehicle, point: dict[str, Floats], sideslip, deflections)
     )
 
 
-def load(name: str, *, off_axis: bool) -> Vehicle:
+def load(name, *, off_axis):
     """Load a shipped vehicle.
 
     ``off_axis`` moves its centre of gravity and sets drag in wind axes.
@@ -110,7 +109,7 @@ def load(name: str, *, off_axis: bool) -> Vehicle:
     return vehicle._replace(constants=vehicle.constants._replace(drag_in_wind_axes=1.0))
 
 
-def look_at(vehicle: Vehicle, point: dict[str, Floats]) -> tuple[Floats, Floats, Floats]:
+def look_at(vehicle, point):
     """Return moments, their slopes and the slope of CY by :func:`compute`."""
     moments, slopes, side = np.empty((3, N)), np.empty((3, 3, N)), np.empty(N)
     effectiveness, cells = make_effectiveness(vehicle), make_cells(_CAPACITY)
@@ -121,9 +120,7 @@ def look_at(vehicle: Vehicle, point: dict[str, Floats]) -> tuple[Floats, Floats,
 
 @pytest.mark.parametrize("off_axis", [False, True])
 @pytest.mark.parametrize("name", ["ghame_x_coupled", "winged_cone"])
-def test_moment_effectiveness_and_side_force_slope_are_the_design_models(
-    name: str, off_axis: bool
-) -> None:
+def test_moment_effectiveness_and_side_force_slope_are_the_design_models(name, off_axis):
     vehicle = load(name, off_axis=off_axis)
     point = draw_points(vehicle, (4.1, 14.5))
     moments, slopes, _ = look_at(vehicle, point)
