@@ -141,11 +141,19 @@ def _fork_server():
     forkserver.ensure_running()
 
 
+def _is_thorough(path: Path) -> bool:
+    return path.relative_to(Path(__file__).parent).as_posix().startswith(_THOROUGH)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out thorough files whose tests are deselected, because their imports take seconds."""
+    return (config.option.markexpr == "not thorough" and _is_thorough(collection_path)) or None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark thorough tests, and sort those first that compile for minutes while others wait."""
     for item in items:
-        name = item.path.relative_to(Path(__file__).parent).as_posix()
-        if name.startswith(_THOROUGH):
+        if _is_thorough(item.path):
             item.add_marker(pytest.mark.thorough)
     items.sort(key=lambda item: item.path.name not in ("test_public_numba.py", "test_wheel.py"))
 

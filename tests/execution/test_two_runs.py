@@ -45,6 +45,12 @@ def expect_rejected(start):
     return call
 
 
+@pytest.fixture(autouse=True)
+def no_patience(monkeypatch):
+    """Reject at once: the first process holds its lock until the second is rejected."""
+    monkeypatch.setattr("abhv_mc.folder.lock._PATIENCE", 0.0)
+
+
 @pytest.fixture
 def campaign(tmp_path):
     return write_campaign(tmp_path / "inputs", runs="64", keep=KEEP)
