@@ -1,7 +1,9 @@
 """Changed requirements: stored flights are judged again and not run again."""
 
 import json
+import shutil
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -96,23 +98,34 @@ ALONE = {
 SET_KEYS = {"family": {"risk": 0.05}, "under_test": ["two"]}
 
 
+@pytest.fixture(scope="module")
+def run_once(tmp_path_factory):
+    """Return a function that runs 60 flights with requirements, once for each text."""
+
+    def fly(requirements):
+        root = tmp_path_factory.mktemp("base")
+        path = write_campaign(root / "f", requirements=requirements, keep=KEEP, runs="60")
+        return run(path, root / "out").folder
+
+    return cache(fly)
+
+
 @pytest.mark.parametrize("key", [*ALONE, *SET_KEYS])
 @pytest.mark.parametrize("named", [{}, {"id": "GC-1"}])
-def test_each_changed_key_is_named_on_the_first_screen(tmp_path, key, named):
+def test_each_changed_key_is_named_on_the_first_screen(run_once, tmp_path, key, named):
     """Regression: a changed metric, and changed controllers, left no trace."""
     entry = {**BASE, **named}
     changed = {**entry, key: ALONE[key]} if key in ALONE else entry
-    campaign = write_campaign(tmp_path / "f", requirements=json.dumps([entry]), keep=KEEP)
-    out = run(campaign, tmp_path / "out").folder
+    out = shutil.copytree(run_once(json.dumps([entry])), tmp_path / "out")
     content = {"requirements": [changed], **{k: v for k, v in SET_KEYS.items() if k == key}}
     judged = Models(read_flown(out, content))
     entries = {name: json.dumps(value) for name, value in content.items()}
-    run(write_campaign(tmp_path / "g", **entries, keep=KEEP), out, IDLE)
+    run(write_campaign(tmp_path / "g", **entries, keep=KEEP, runs="60"), out, IDLE)
     for models in (judged, Models(read_flown(out))):
         (change,) = models.results.requirement_changes
         assert change.key == key and change.old != change.new
         lines = [record.line for record in summarize(models).records]
-        assert f"Changed after results: 300 flights known: {change}" in lines
+        assert f"Changed after results: 60 flights known: {change}" in lines
         assert set(change.requirement.split()) <= {*map(str, entry.values()), "all", "requirements"}
         is_later = key not in ("below", "id", "family")
         verdict = models[VERDICTS].requirements[0].controllers["two"]
