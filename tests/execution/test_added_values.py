@@ -1,10 +1,10 @@
 """Metrics and histories that are added to stored flights, which are run again."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_simulators import write_study
 
 from abhv_mc.execution import runner
 from abhv_mc.execution.runner import run_campaign
@@ -21,21 +21,18 @@ def fly(inputs, settings):
 
 
 def write_campaign(folder, *metrics, limit=3.0, simulator=SIMULATOR):
-    folder.mkdir(exist_ok=True)
-    (folder / "sim.py").write_text(f"METRICS = {('miss', *metrics)}\n{simulator}")
-    content = {
-        "name": "study",
-        "simulator": {"python": "sim.py"},
-        "systems": {"first": {"bias": 0.0}, "second": {"bias": 0.5}},
-        "inputs": {"a": {}},
-        "dispersions": {"a": {"distribution": "normal", "sigma": 1.0}},
-        "metrics": {name: {} for name in ("miss", *metrics)},
-        "requirements": [{"metric": "miss", "below": limit, "probability": 0.9}],
-        "outcomes": {"lost": "Lost.", "hit": "Hit."},
-        "runs": 60,
-    }
-    path = folder / "study.yaml"
-    path.write_text(json.dumps(content))
+    names = ("miss", *metrics)
+    path = write_study(
+        folder,
+        f"METRICS = {names}\n{simulator}",
+        systems={"first": {"bias": 0.0}, "second": {"bias": 0.5}},
+        inputs={"a": {}},
+        dispersions={"a": {"distribution": "normal", "sigma": 1.0}},
+        metrics={name: {} for name in names},
+        requirements=[{"metric": "miss", "below": limit, "probability": 0.9}],
+        outcomes={"lost": "Lost.", "hit": "Hit."},
+        runs=60,
+    )
     return Request(path, folder / "out")
 
 

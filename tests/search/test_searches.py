@@ -13,6 +13,7 @@ from fake_flight import (
     prepare,
     write_campaign,
 )
+from own_simulators import write_study
 from scipy import stats
 from search.known_flights import LIMIT, LINE, METRIC, fly_line, write_line
 from search.methods.known_probabilities import paraboloid
@@ -285,28 +286,23 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
 
 def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_path, own_list):
     source = (
-        "def fly(inputs, settings):\n    return {'miss': inputs['a'] + 0.5 * inputs['b'] * "
-        "inputs['b']}\n"
+        "def fly(inputs, settings):\n"
+        "    return {'total': inputs['a'] + 0.5 * inputs['b'] * inputs['b']}\n"
     )
-    (tmp_path / "paraboloid.py").write_text(source)
-    content = {
-        "name": "paraboloid",
-        "simulator": {"python": "paraboloid.py"},
-        "inputs": {"a": {}, "b": {}},
-        "dispersions": {name: {"distribution": "normal", "sigma": 1.0} for name in ("a", "b")},
-        "metrics": {"miss": {}},
-        "requirements": [{"metric": "miss", "below": 7.0, "probability": 0.999}],
-        "runs": 100,
-        "seed": 3,
-    }
-    path = tmp_path / "paraboloid.yaml"
-    path.write_text(json.dumps(content))
-    worst = find_worst(WorstRequest(path, tmp_path / "worst", "miss", flights=400)).numbers()
+    path = write_study(
+        tmp_path,
+        source,
+        inputs={"a": {}, "b": {}},
+        dispersions={name: {"distribution": "normal", "sigma": 1.0} for name in "ab"},
+        requirements=[{"metric": "total", "below": 7.0, "probability": 0.999}],
+        seed=3,
+    )
+    worst = find_worst(WorstRequest(path, tmp_path / "worst", "total", flights=400)).numbers()
     assert worst["value"] == pytest.approx(3.0 + 0.5 * 9.0)
     assert worst["parameters"]["a"] == pytest.approx(3.0) and abs(
         worst["parameters"]["b"]
     ) == pytest.approx(3.0)
-    result = find_rare(RareRequest(path, tmp_path / "rare", "miss", flights=8000)).estimate
+    result = find_rare(RareRequest(path, tmp_path / "rare", "total", flights=8000)).estimate
     assert (
         result.refusal is None and result.low <= paraboloid(2, 7.0, 0.5).probability <= result.high
     )
@@ -314,22 +310,11 @@ def test_searches_of_a_users_simulator_find_what_is_known_of_its_function(tmp_pa
 
 def test_a_search_warns_of_what_the_first_flights_show(tmp_path, own_list, capsys):
     source = (
-        "import random\ndef fly(inputs, settings):\n    return {'miss': inputs['a'] + "
-        "random.random()}\n"
+        "import random\ndef fly(inputs, settings):\n"
+        "    return {'total': inputs['a'] + random.random()}\n"
     )
-    (tmp_path / "noise.py").write_text(source)
-    content = {
-        "name": "noise",
-        "simulator": {"python": "noise.py"},
-        "inputs": {"a": {}},
-        "dispersions": {"a": {"distribution": "normal", "sigma": 1.0}},
-        "metrics": {"miss": {}},
-        "requirements": [{"metric": "miss", "below": 7.0, "probability": 0.99}],
-        "runs": 100,
-    }
-    path = tmp_path / "noise.yaml"
-    path.write_text(json.dumps(content))
-    find_worst(WorstRequest(path, tmp_path / "worst", "miss", flights=160, workers=1))
+    path = write_study(tmp_path, source)
+    find_worst(WorstRequest(path, tmp_path / "worst", "total", flights=160, workers=1))
     prefix = "not repeatable: "
     assert f"warning: {prefix}" in capsys.readouterr().err
     manifest = json.loads((tmp_path / "worst" / "manifest.json").read_text())
