@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from abhv_mc.io import foreign_table
 from abhv_mc.io.atomic_write import atomic_write
 from abhv_mc.io.foreign_table import read_foreign_table, read_head, read_numbers
 from abhv_mc.io.messages import InputError
@@ -156,6 +157,25 @@ def test_a_mistake_is_said_with_its_place(tmp_path, text, location, problem):
     with pytest.raises(InputError, match=problem) as caught:
         read(tmp_path, text).numbers([0, 1])
     assert (caught.value.line, caught.value.column) == location
+
+
+@pytest.mark.parametrize(
+    "lines", ["7,x", '"7","x"', '7, "x"', "", "# note", '7,"x\ny"', "7,µ", "7,x\r", "7,x\v"]
+)
+def test_lines_of_a_large_file_are_read_and_located_as_those_of_a_small_one(
+    tmp_path, monkeypatch, lines
+):
+    monkeypatch.setattr(foreign_table, "_BLOCK", 500)
+    body = f"{lines}\n" + "1,a\n" * 300 + "bad,b"
+    tables = [read(tmp_path, 'n,"w"\n' + "0,z\n" * rows + body) for rows in (2, 1200)]
+    small, large = ([table.words(i)[-302:] for i in (0, 1)] for table in tables)
+    assert large == small
+    located = []
+    for table in tables:
+        with pytest.raises(InputError, match="'bad'") as caught:
+            table.numbers([0])
+        located.append((caught.value.line - len(table), caught.value.column))
+    assert located[0] == located[1]
 
 
 @pytest.mark.parametrize("rows", [1, 1500])

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 
 from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.campaign.file.experiment import Experiment
@@ -119,7 +120,7 @@ def read_flight_tables(paths: Sequence[Path], campaign: Experiment) -> FlightTab
     return FlightTable(
         path=inputs.table.path,
         samples=samples[0],
-        lines=np.array([inputs.table.lines[row] for row in first[_LINE]]),
+        lines=np.array(inputs.table.lines)[first[_LINE]],
         factors=np.array([inputs.factors.get(name, 1.0) for name in nominal]),
         blocks=tuple(
             block
@@ -159,24 +160,26 @@ def _read_rows(path: Path, campaign: Experiment) -> _Rows:
 
     dimensional = [positions[name] for name in factors if units[name] != "-"]
     numbers = table.numbers([*positions.values()], False, dimensional, fits)
-    frame = pd.DataFrame(numbers * list(factors.values()), columns=list(factors))
+    pa.default_memory_pool().release_unused()
+    numbers *= list(factors.values())
+    frame = pd.DataFrame(numbers, columns=list(factors), copy=False)
     if model.columns.get("flight") == _BY_ROW and "flight" not in columns:
         frame["flight"] = np.arange(len(frame), dtype=np.float64)
     rows = _Rows(table, columns, factors, frame.assign(**{_ROW: np.arange(len(frame))}))
     for name, choices in labels.items():
-        default = np.full(len(table), choices[0], object)
-        texts = np.array(table.words(columns[name].position)) if name in columns else default
-        for row in np.flatnonzero(~np.isin(texts, choices))[:1]:
+        default = [choices[0]] * len(table)
+        texts = table.words(columns[name].position) if name in columns else default
+        rows.frame.insert(0, name, pd.Series(texts, dtype=object))  # shares equal strings
+        for row in np.flatnonzero(~rows.frame[name].isin(choices))[:1]:
             head = table.heads[columns[name].position]
             raise rows.error(
                 row, name, f"unknown {head} '{texts[row]}'", one_of(choices, texts[row])
             )
-        rows.frame.insert(0, name, texts)
     for name in (*campaign.inputs, "flight"):
         for row in np.flatnonzero(~np.isfinite(frame.get(name, np.empty(0))))[:1]:
             raise rows.error(row, name, f"'{name}' is not a finite number", "a number in each cell")
-    keys = [name for name in ("system", "flight") if name in rows.frame]
-    for row in np.flatnonzero("flight" in keys and rows.frame.duplicated(keys))[:1]:
+    is_sorted = "flight" not in frame or (np.diff(frame.flight) > 0.0).all()
+    for row in np.flatnonzero(not is_sorted and rows.frame.duplicated(["system", "flight"]))[:1]:
         problem = f"flight {frame.flight[row]:g} of '{rows.frame.system[row]}' appears twice"
         raise rows.error(row, "flight", problem, "each flight only once")
     return rows
@@ -316,12 +319,12 @@ def _blocks(
     system: str, own: "pd.DataFrame", samples: Floats, campaign: Experiment, measured: list[str]
 ) -> Iterator[FlightRows]:
     """Yield the flights of a system in blocks."""
-    outcome, metrics = own.outcome.to_numpy(object), own[measured].to_numpy(copy=True)
+    end = own.get("end_time", np.full(len(own), np.nan))
+    values = np.column_stack([*(own[name] for name in measured), end])
+    outcome, metrics, end = own.outcome.to_numpy(copy=True), values[:, :-1], values[:, -1]
     outcome[(outcome == _OK) & ~np.isfinite(metrics).all(axis=1)] = _NOT_COMPUTED
     metrics[outcome == _NOT_COMPUTED] = np.nan
-    end = np.array(own.get("end_time", np.full(len(own), np.nan)))
     end[np.isnan(end) & (outcome != _OK) & (outcome != _NOT_COMPUTED)] = 0.0
-    values, names = np.column_stack([metrics, end]), (*measured, END_TIME.name)
     for first in range(0, len(own), _ROWS):
         block = slice(first, first + _ROWS)
         yield FlightRows(
@@ -331,5 +334,5 @@ def _blocks(
             samples=samples[block],
             outcome=tuple(outcome[block].tolist()),
             values=values[block],
-            columns=names,
+            columns=(*measured, END_TIME.name),
         )

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.campaign.file.check import read_campaign
@@ -56,6 +57,7 @@ def import_tables(
             "a campaign with 'inputs' and without a simulator",
         )
     table = read_flight_tables(tables, campaign)
+    pa.default_memory_pool().release_unused()
     samples, blocks, name = table.samples, list(table.blocks), tables[-1].name
     campaign = read_campaign(campaign_file, runs=len(samples))
     reasons = check_draws(table.path, campaign, samples, table.factors, table.lines)

@@ -4,22 +4,25 @@ The reader keeps the source location of each cell for error messages. All tables
 samples, missions, vehicles and gains are read with the same rules for units in column headings.
 """
 
-import contextlib
+import codecs
 import csv
 import gzip
 import io
 import json
 import math
 import re
+import sys
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Mask
+from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.io.input_files import read_input
 from abhv_mc.io.messages import InputError, Refusal, counted, describe, quoted
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
@@ -59,6 +62,9 @@ _SUFFIXES = {
 _CORNER = "\\"  # separator of the names of a matrix's two axes
 _BLANKS = " "  # separator that represents any number of blanks or tabs
 _FEW = 1000  # maximum number of rows that are parsed in Python
+_BLOCK = 2**22  # approximate size of a block of lines that Arrow parses, bytes
+# quotes, comments, blank lines and line ends that Arrow would read differently
+_IRREGULAR = re.compile(rb' "|\n[#%!/ \t\n\r]|\n---|\r[^\n]|\x0b|\x0c|\x1c|\x1d|\x1e')
 _LONGEST_LIST = 20  # maximum length of a JSON list whose items become columns
 
 
@@ -78,11 +84,11 @@ class ForeignTable:
     # units in the row below the headings; empty strings if there is no such row
     units: tuple[str, ...]
     data: "pa.Table"  # columns in the order of the headings
-    lines: Sequence[int]  # [row] number (from 1) of the line in the file, or of the row in Parquet
+    # [row] number (from 1) of the line in the file, or of the row in Parquet
+    lines: "Sequence[int] | Ints"
     head_line: int = 1
-    texts: Sequence[str] = ()  # [row] original line of the file
     head_text: str = ""  # original line of the headings
-    separator: str = ","
+    separator: str = ""  # empty if the file does not consist of lines of cells
     comma: str = ""  # declared meaning of commas in numbers: DECIMAL, THOUSANDS or none
     is_cut: bool = False  # whether the last line has no end
     # [row] index of the cell that contains the value, if the file is a matrix
@@ -100,16 +106,24 @@ class ForeignTable:
         if self.value_cells and column != len(self.heads) - 1:
             column = None
         located, start = self.position(row, column or 0)
-        has_column = column is not None and (self.head_text if row is None else self.texts)
+        has_column = column is not None and self.separator
         return InputError(self.path, problem, expected, located, start if has_column else None)
 
     def position(self, row: int | None, column: int) -> tuple[int, int]:
         """Return the line and column (from 1) of a cell, or of a heading if ``row`` is None."""
-        line = self.head_line if row is None else self.lines[row]
-        text = self.head_text if row is None else self.texts[row] if self.texts else ""
+        line = self.head_line if row is None else int(self.lines[row])
         if row is not None and self.value_cells:
             column = self.value_cells[row]
-        return line, 1 + (_cell_starts(text, self.separator)[column] if text else column)
+        if not self.separator:
+            return line, 1 + column
+        text = self.head_text if row is None else "".join(self._texts[line - 1 : line])
+        starts = _cell_starts(text, self.separator)
+        return line, 1 + starts[min(column, len(starts) - 1)]
+
+    @cached_property
+    def _texts(self) -> list[str]:
+        """Lines of the file, which are read again because they take more memory than the cells."""
+        return _read_content(self.path).decode().splitlines()
 
     def find(
         self, names: Collection[str], heads: Mapping[str, str] | None = None
@@ -175,10 +189,9 @@ class ForeignTable:
         the plausible columns, which decides if commas have two readings. Raise InputError for
         text, for commas with two readings and, if ``finite``, for numbers that are not finite.
         """
-        short = len(self) <= _FEW  # Importing pyarrow.compute takes 0.1 s.
-        cells = [self.data.column(i) if short else _plain(self.data.column(i)) for i in columns]
+        cells = [self.data.column(i) for i in columns]
         if any(map(_has_comma, cells)):
-            cells = list(map(_plain, cells)) if short else cells
+            cells = list(map(_plain, cells))
             meaning = self.comma or self._find_meaning(columns, cells)
             if not meaning and fits:
                 readings = (_without_commas(cells, reading) for reading in (DECIMAL, THOUSANDS))
@@ -233,10 +246,11 @@ class ForeignTable:
         from abhv_mc.io.parquet_columns import column_values
 
         numbers = np.empty((len(self), len(columns)))
-        for i, (column, own) in enumerate(zip(columns, cells, strict=True)):
+        plain = map(_plain, cells) if len(self) > _FEW else cells  # The import takes 0.1 s.
+        for i, (column, own) in enumerate(zip(columns, plain, strict=True)):
             constants = _WORDS if column in dimensional else _WORDS | _TRUTH
             if len(self) > _FEW and not (constants is _WORDS and pa.types.is_boolean(own.type)):
-                with contextlib.suppress(pa.ArrowException, ValueError):
+                with suppress(pa.ArrowException, ValueError):
                     numbers[:, i] = column_values(own.cast(pa.float64(), safe=False))
                     continue
             for row, cell in enumerate(own.to_pylist()):
@@ -262,8 +276,11 @@ class ForeignTable:
 
     def words(self, column: int) -> list[str]:
         """Return a column as strings [row], with empty strings for empty cells."""
-        cells = _plain(self.data.column(column)).to_pylist()
-        return ["" if cell is None else str(cell) for cell in cells]
+        return [
+            "" if cell is None else sys.intern(str(cell))
+            for chunk in _plain(self.data.column(column)).chunks
+            for cell in chunk.to_pylist()
+        ]
 
 
 def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
@@ -280,9 +297,8 @@ def _plain(column: "pa.ChunkedArray") -> "pa.ChunkedArray":
 
 
 def _has_comma(column: "pa.ChunkedArray") -> bool:
-    import pyarrow as pa
-
-    texts = [chunk.buffers()[2] for chunk in column.chunks if pa.types.is_string(column.type)]
+    chunks = column.chunks if "string" in str(column.type) else ()
+    texts = [getattr(chunk, "dictionary", chunk).buffers()[2] for chunk in chunks]
     return any(b"," in text.to_pybytes() for text in texts if text)
 
 
@@ -357,9 +373,7 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
     ``comma`` is the meaning of commas in numbers. Raise InputError if the file cannot be read.
     """
     try:
-        content = read_input(path)
-        if path.suffix == ".gz":
-            content = gzip.decompress(content)
+        content = _read_content(path)
         if path.suffix.lower() in (".parquet", ".pq"):
             import pyarrow as pa
             import pyarrow.parquet as pq
@@ -373,14 +387,16 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
             )
         if path.suffix.lower() in (".xlsx", ".xlsm"):
             table = _read_text(path, _sheet_text(content), has_units)
-            # Errors in a spreadsheet state only the row, because cells have no position in a line
-            # of text.
-            return replace(table, texts=(), head_text="", comma=comma)
-        utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
-        text = content.decode("utf-16" if utf16 else "utf-8-sig")
-        is_json = text.lstrip()[:1] == "{"
-        table = _read_json(path, text) if is_json else _read_text(path, text, has_units)
-        return replace(table, comma=comma, is_cut=text[-1] not in "\r\n")
+            # Errors in a spreadsheet state only the row.
+            return replace(table, separator="", comma=comma)
+        read = _read_json if content.lstrip()[:1] == b"{" else _read_lines
+        table = read(path, content, has_units)
+        return replace(
+            table,
+            comma=comma,
+            is_cut=content[-1:] not in (b"\r", b"\n"),
+            separator=table.separator if path.is_file() else "",  # A pipe is read only once.
+        )
     except (OSError, EOFError, zlib.error, ValueError, ImportError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise InputError(
@@ -388,6 +404,16 @@ def read_foreign_table(path: Path, has_units: bool = True, comma: str = "") -> F
             f"the file cannot be read ({reason.rstrip('.')})",
             "CSV in UTF-8 (in Excel: CSV UTF-8), JSON Lines, Parquet or Excel",
         ) from None
+
+
+def _read_content(path: Path) -> bytes:
+    """Return the bytes of a file, decompressed; text is in UTF-8 without a byte order mark."""
+    content = read_input(path)
+    if path.suffix == ".gz":
+        content = gzip.decompress(content)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        content = content.decode("utf-16").encode()
+    return content.removeprefix(codecs.BOM_UTF8)
 
 
 def _sheet_text(content: bytes) -> str:
@@ -401,10 +427,14 @@ def _sheet_text(content: bytes) -> str:
     return sheet.to_csv(sep="\t", header=False, index=False)
 
 
-def _read_json(path: Path, text: str) -> ForeignTable:
+def _read_json(path: Path, content: bytes, _: bool) -> ForeignTable:
     """Read a file with one JSON object per line; nested values become columns 'position[0]'."""
     rows: list[dict[str, str]] = []
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = [
+        (number, line)
+        for number, line in enumerate(content.decode().splitlines(), 1)
+        if line.strip()
+    ]
     for number, line in lines:
         try:
             rows.append(dict(_leaves("", json.loads(line))))
@@ -417,7 +447,7 @@ def _read_json(path: Path, text: str) -> ForeignTable:
     return ForeignTable(path, heads, ("",) * len(heads), data, [number for number, _ in lines])
 
 
-def _text_table(heads: Sequence[str], columns: Iterable[Sequence[str]]) -> "pa.Table":
+def _text_table(heads: Iterable[str], columns: Iterable[Sequence[str]]) -> "pa.Table":
     import pyarrow as pa
 
     return pa.table([pa.array(column, pa.string()) for column in columns], names=list(heads))
@@ -434,13 +464,46 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
         yield name, "" if value is None else str(value)
 
 
-def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
-    """Read a line of headings, then lines of cells; blank lines and comments are skipped."""
+def _read_lines(path: Path, content: bytes, may_have_units: bool) -> ForeignTable:
+    """Read lines of cells; in a large file, plain rows are read in blocks to save memory."""
+    import pyarrow as pa
+
+    if top := re.match(rb"(?:.*\n){%d}" % _FEW, content):
+        with suppress(InputError, pa.ArrowInvalid):  # All lines are needed for the first error.
+            text, start = top[0].decode(), top.end()
+            table = _read_text(path, text, may_have_units)
+            blocks, is_plain = [table.data], table.separator != _BLANKS
+            while is_plain and start < len(content):
+                stop = content.find(b"\n", start + _BLOCK) + 1 or len(content)
+                block, start = content[start - 1 : stop], stop
+                blocks.append(_parse_cells(block[1:], len(table.heads), table.separator))
+                is_regular = block.isascii() and not _IRREGULAR.search(block)
+                is_plain = is_regular and len(blocks[-1]) == block[1:-1].count(b"\n") + 1
+            if is_plain:
+                data = pa.concat_tables(blocks)
+                added = 1 + len(text.splitlines()) + np.arange(len(data) - len(table))
+                return replace(table, data=data, lines=np.append(table.lines, added))
+    return _read_text(path, content.decode(), may_have_units)
+
+
+def _parse_cells(body: bytes, count: int, separator: str) -> "pa.Table":
+    """Parse lines of ``count`` cells as strings."""
     import pyarrow as pa
     import pyarrow.csv as arrow_csv
 
     from abhv_mc.io.parquet_columns import arrow_memory
 
+    names = list(map(str, range(count)))
+    return arrow_csv.read_csv(
+        pa.BufferReader(arrow_memory(body)),
+        arrow_csv.ReadOptions(column_names=names),
+        arrow_csv.ParseOptions(delimiter=separator, ignore_empty_lines=False),
+        arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+    )
+
+
+def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
+    """Read a line of headings, then lines of cells; blank lines and comments are skipped."""
     lines: dict[int, str] = {}
     comments = []
     start = 0  # first line of a quoted cell that spans several lines
@@ -485,17 +548,12 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
                 f"{counted(len(heads), 'cell')}, as in the heading",
                 number,
             )
-    names, body = [str(i) for i in range(len(heads))], "\n".join(texts)
+    body = "\n".join(texts)
     if '"' in body or separator == _BLANKS:
         rows = (split_line(line, separator) for line in texts)
-        data = _text_table(names, zip(*rows, strict=True))
+        data = _text_table(map(str, range(len(heads))), zip(*rows, strict=True))
     else:
-        data = arrow_csv.read_csv(
-            pa.BufferReader(arrow_memory(body.encode())),
-            arrow_csv.ReadOptions(column_names=names),
-            arrow_csv.ParseOptions(delimiter=separator, ignore_empty_lines=False),
-            arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
-        )
+        data = _parse_cells(body.encode(), len(heads), separator)
     return ForeignTable(
         path=path,
         heads=heads,
@@ -503,7 +561,6 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
         data=data,
         lines=numbers,
         head_line=head_line,
-        texts=texts,
         head_text=head,
         separator=separator,
     )
@@ -520,7 +577,6 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
     heads: list[str] = []
     rows: list[tuple[str, ...]] = []
     numbers: list[int] = []
-    texts: list[str] = []
     value_cells: list[int] = []
     for number, line in lines.items():
         cells = split_line(line.replace("=", separator), separator)
@@ -541,7 +597,6 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
         else:
             rows += [(*outer[1:], cells[0], *own) for own in zip(heads, cells[1:], strict=True)]
             numbers += [number] * len(heads)
-            texts += [line] * len(heads)
             value_cells += range(1, 1 + len(heads))
         if len(outer) not in (0, 2) or len(names) not in (0, 3 + len(outer) // 2):
             expected = (
@@ -557,7 +612,6 @@ def _read_matrix(path: Path, lines: Mapping[int, str], separator: str) -> Foreig
         units=("",) * len(names),
         data=_text_table(names, zip(*rows, strict=True)),
         lines=numbers,
-        texts=texts,
         separator=separator,
         value_cells=value_cells,
     )

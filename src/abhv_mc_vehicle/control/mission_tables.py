@@ -175,7 +175,6 @@ def read_ensemble(
             table,
             data=table.data.take(rows),
             lines=[table.lines[row] for row in rows],
-            texts=[table.texts[row] for row in rows] if table.texts else (),
         )
         wind, density = (_take_air(own, choices, heads) for choices in (WIND, DENSITIES))
         members.append(join_air(wind, density))
