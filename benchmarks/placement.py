@@ -1,4 +1,4 @@
-"""Error rates and power of `place` and `identify`: python benchmarks/placement.py [--smoke]
+"""Error rates and power of comparisons of test flights and of `identify`: python benchmarks/placement.py [--smoke]
 
 All models are cheap functions of arrays, with fixed seeds:
 

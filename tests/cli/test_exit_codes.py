@@ -48,7 +48,7 @@ def test_commands_for_one_controller_ask_which_of_several(abhv_mc, tmp_path):
     for command in (
         ("replay", out, "--flight", 1),
         ("explain", out, "--flight", 1),
-        ("place", tmp_path / "t.csv", out),
+        ("compare", tmp_path / "t.csv", out),
         ("worst", campaign, "--metric", "altitude_error_max_m", "-o", tmp_path / "w"),
         ("rare", campaign, "--requirement", "altitude_error_max_m", "-o", tmp_path / "r"),
         ("tune", campaign, "-o", tmp_path / "t.yaml"),

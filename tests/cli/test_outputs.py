@@ -95,7 +95,6 @@ def test_all_commands_with_numbers_write_json():
             "compare",
             "explain",
             "whatif",
-            "place",
             "identify",
             "runs",
             "query",

@@ -1,4 +1,4 @@
-"""Tests of the commands place and identify with a custom simulator."""
+"""Tests of the commands compare and identify for test flights of a custom simulator."""
 
 import json
 from dataclasses import replace
@@ -9,14 +9,13 @@ from programs import invoke
 
 from abhv_mc.api import Campaign
 from abhv_mc.io.messages import InputError
-from abhv_mc.report.pages.place_page import make_identify_section
 
 
 def test_flights_that_do_not_fit_are_identified_and_then_fit(tmp_path):
     path = glide_campaign(tmp_path)
     flights = [(1.3, 1.0, "A", 0.0), (1.3, 1.0, "A", 2.3), (1.2, 0.95, "B", 0.0)]
     table = write_glide(tmp_path, flights)
-    placed = json.loads(invoke("place", table, path, "--json", "-").stdout)
+    placed = json.loads(invoke("compare", table, path, "--json", "-").stdout)
     assert placed["together_p_value"] <= 0.05 and placed["vehicles"] == 2
     assert placed["by_vehicle"] == ["drag", "lift"]
     offsets = [flight["offset_s"] for flight in placed["flights"]]
@@ -31,12 +30,12 @@ def test_flights_that_do_not_fit_are_identified_and_then_fit(tmp_path):
         for value, error, true in zip(own.values.values(), own.errors.values(), truth, strict=True):
             assert abs(value - true) < 3.0 * error < 0.1
     assert answer.nuisances == ("wind",) and answer.fits and answer.converged
-    stopped = make_identify_section(replace(answer, fits=False, converged=False))
+    stopped = [*replace(answer, fits=False, converged=False).texts()]
     assert "Not converged" in str(stopped) and "fits" not in str(stopped)
     renewed = Campaign.read(tmp_path / "renewed.yaml")
     assert renewed.parameters == ("drag", "lift", "wind")
     assert (tmp_path / "renewed.yaml").read_text("utf-8").startswith("# Dispersions identified")
-    result = invoke("place", table, tmp_path / "renewed.yaml", "-o", tmp_path / "page")
+    result = invoke("compare", table, tmp_path / "renewed.yaml", "-o", tmp_path / "page")
     assert "Not covered  " not in result.stdout and "All test flights" in result.stdout
     assert (tmp_path / "page/figures/placement.png").is_file()
 
@@ -51,8 +50,9 @@ def test_a_model_that_does_not_fit_is_said_not_to_fit(tmp_path):
 @pytest.mark.parametrize(
     ("command", "options", "problem"),
     [
-        ("place", ("--measured", "alpha=-1"), "-1"),
-        ("place", ("--measured", "beta=1"), "'beta'"),
+        ("compare", ("--measured", "alpha=-1"), "-1"),
+        ("compare", ("--measured", "beta=1"), "'beta'"),
+        ("compare", ("--fail-if-worse", "total=5%"), "only for two campaigns"),
         ("identify", ("--parameters", "mass"), "'mass'"),
         ("identify", ("-o", "elsewhere.yaml"), "elsewhere.yaml"),
     ],

@@ -99,7 +99,7 @@ def test_errors_of_the_sensors_are_added(tmp_path):
     true = history[:, [CHANNEL_INDEX[name] for name in programme.names]]
     assert measured.mean(axis=0) == pytest.approx(true * [1.0, 1.5] + [100.0, 0.0], abs=3.0)
     assert measured.std(axis=0)[:, 1] == pytest.approx([20.0] * 3, rel=0.15)
-    assert [*programme.sensor_errors("speed_mps", rows[0])] == ["scale", "noise"]
+    assert [*programme.sensors["speed_mps"]] == ["scale", "noise"]
     assert programme.by_vehicle == ("sensor.altitude_bias", "sensor.speed_scale")
 
 

@@ -83,6 +83,7 @@ _EXAMPLES = {  # examples printed after the options
     "compare": (
         "abhv-mc compare reports/first reports/changed",
         "abhv-mc compare reports/first reports/changed --fail-if-worse altitude_error_max_m=5%",
+        "abhv-mc compare flights.csv study/campaign.yaml --measured altitude_m=5",
     ),
     "runs": ("abhv-mc runs", "abhv-mc runs reports/first", "abhv-mc runs --json -"),
 }
@@ -95,7 +96,7 @@ _PANELS = {  # Names stand for commands that packages add.
     "Search": (searching.worst, searching.rare, "tune"),
     "Results": (
         *(reporting.show, "explore", replaying.explain, reporting.whatif),
-        *(searching.place, searching.identify, querying.query, querying.lists),
+        *(searching.identify, querying.query, querying.lists),
     ),
     "Analyse": ("trim", "margins", "linearize"),
     "Verify": (replaying.verify,),

@@ -6,6 +6,7 @@ A campaign, mission, vehicle or controller is given by a path, or by the name of
 import inspect
 import os
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -227,6 +228,19 @@ Json = Annotated[
     ),
 ]
 
+FLIGHTS = (
+    "test flights: time histories with the column time (s) and columns of channels, or tables with "
+    "a row for each flight: metrics, or the file of its history (history), its vehicle, and "
+    "measured parameters."
+)
+Measured = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=SIGMA",
+        help="Standard deviation of the measurement error of a channel or metric of test flights, "
+        "in its unit; repeatable.",
+    ),
+]
 Requirements = Annotated[
     Path | None,
     typer.Option(
@@ -259,6 +273,22 @@ def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, .
     if not all(names):
         raise InputError(option, f"'{text}' has an empty name", "names separated by commas")
     return names
+
+
+def parse_noise(settings: list[str] | None) -> dict[str, float]:
+    """Parse the noise of each channel. Raise InputError unless all values are positive."""
+    noise = {}
+    for setting in settings or ():
+        channel, _, number = setting.partition("=")
+        try:
+            noise[channel] = float(number)
+        except ValueError:
+            noise[channel] = -1.0
+        if not 0.0 < noise[channel] < inf:
+            raise InputError(
+                "--measured", f"invalid setting '{setting}'", "NAME=SIGMA with a positive number"
+            )
+    return noise
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:

@@ -1,7 +1,8 @@
-"""Commands ``report``, ``show``, ``compare``, ``place``, ``whatif`` and ``runs``."""
+"""Commands ``report``, ``show``, ``compare``, ``whatif`` and ``runs``."""
 
 import shlex
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
@@ -11,9 +12,11 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
+    FLIGHTS,
     Baseline,
     Json,
     Junit,
+    Measured,
     Requirements,
     controllers_option,
     folder_argument,
@@ -21,6 +24,7 @@ from abhv_mc.cli.options import (
     output_file,
     output_folder,
     parse_names,
+    parse_noise,
 )
 from abhv_mc.cli.printing import print_section, print_section_table, say, show_result, text_stream
 from abhv_mc.cli.running import exit_by_verdicts, print_state
@@ -28,6 +32,7 @@ from abhv_mc.execution.progress import Waiting
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.address import read_address
 from abhv_mc.io.messages import InputError, grouped_digits
+from abhv_mc.shipped import find_input
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -157,10 +162,19 @@ def show(
 
 
 def compare(
-    folder_a: Annotated[Path, folder_argument("Results folder of campaign A.", "DIR_A")],
-    folder_b: Annotated[Path, folder_argument("Results folder of campaign B.", "DIR_B")],
+    first: Annotated[
+        list[Path], folder_argument(f"Results folder of campaign A, or {FLIGHTS}", "FIRST")
+    ],
+    second: Annotated[
+        Path,
+        folder_argument("Results folder of campaign B; for test flights, or its file.", "SECOND"),
+    ],
     controllers: Annotated[
-        str | None, controllers_option("Compare controller A of DIR_A with controller B of DIR_B.")
+        str | None,
+        controllers_option(
+            "Compare controller A of campaign A with controller B of campaign B, or test flights "
+            "with controller A."
+        ),
     ] = None,
     fail_if_worse: Annotated[
         list[str] | None,
@@ -178,27 +192,59 @@ def compare(
             help="Exit with code 1 if N or more flights terminate early with B but not with A.",
         ),
     ] = None,
+    measured: Measured = None,
     out: Annotated[Path | None, output(output_folder, "DIR", "Folder for a report page.")] = None,
     requirements: Requirements = None,
     json: Json = None,
 ) -> None:
-    """Compare two campaigns, flight by flight if their samples are the same.
+    """Compare two campaigns, or test flights with a campaign.
 
-    If the samples differ, verdicts, failure rates and quantiles are compared. Without
-    --controllers, each controller of A is compared with the controller of the same name in B.
+    Campaigns with the same samples are compared flight by flight. If the samples differ, verdicts,
+    failure rates and quantiles are compared. Without --controllers, each controller of A is
+    compared with the controller of the same name in B.
 
     --fail-if-worse METRIC=5% accepts B only if it is shown to be at most 5 % worse on more than
     half of the flights. B also fails if its 95 % or 99.73 % quantile is shown to be worse by more
     than 5 %, its worst flight is twice as bad, more flights terminate early, or a requirement is
     missed more often.
+
+    For test flights, the command simulates 199 sets of flights, in which flights of one vehicle
+    share the vehicle's parameters and measured parameters have their measured values. It prints the
+    rank of each metric among the simulated flights, the p-value of each flight, corrected for the
+    number of flights, the channel and time at which a history first leaves the simultaneous 95 %
+    band, and a joint p-value of several flights.
     """
     from abhv_mc.report.numbers.compare import Compared, parse_margins
     from abhv_mc.report.pages.compare_page import compare_folders
+    from abhv_mc.report.pages.page import write_answer
+    from abhv_mc.report.pages.place_page import make_place_answer
+    from abhv_mc.search.place import place_flights
 
+    is_flights = len(first) > 1 or first[0].is_file()
+    if (fail_if_worse or fail_if_loses or requirements) if is_flights else measured:
+        raise InputError(
+            "compare",
+            "options for two campaigns and for test flights are mixed",
+            "--measured only for test flights; --fail-if-worse, --fail-if-loses and --requirements "
+            "only for two campaigns",
+        )
+    if is_flights:
+        campaign = find_input(second, "campaign")
+        placement = place_flights(
+            *(campaign, first, controllers, parse_noise(measured)),
+            announce=lambda text: say(text, file=sys.stderr),
+        )
+        page = make_place_answer(placement, campaign)
+        numbers = vars(placement).copy()
+        del numbers["bands"], numbers["times"]
+        show_result(numbers, json, lambda: print_section(page.section))
+        if out is not None:
+            say(f"report    {write_answer(page, out / 'report.html')}", file=text_stream(json))
+        return
     margins = parse_margins(fail_if_worse or [])
     comparison = compare_folders(
-        folder_a,
-        folder_b,
+        first[0],
+        second,
         parse_names(controllers) or (),
         margins,
         out,

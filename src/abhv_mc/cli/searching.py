@@ -1,7 +1,6 @@
-"""Commands ``worst`` and ``rare``, and ``place`` and ``identify`` for test flights."""
+"""Commands ``worst`` and ``rare``, and ``identify`` for test flights."""
 
 import sys
-from math import inf
 from pathlib import Path
 from typing import Annotated
 
@@ -9,17 +8,18 @@ import typer
 
 from abhv_mc.cli.errors import ExitCode
 from abhv_mc.cli.options import (
+    FLIGHTS,
     CampaignFile,
     Controller,
     Json,
+    Measured,
     output,
     output_file,
-    output_folder,
     parse_names,
+    parse_noise,
     takes_options,
 )
 from abhv_mc.cli.printing import announce_compiling, print_section, say, show_result, text_stream
-from abhv_mc.io.messages import InputError
 from abhv_mc.requests import RareRequest, WorstRequest
 
 
@@ -77,64 +77,10 @@ def rare(request: RareRequest, json: Json = None) -> None:
         raise typer.Exit(ExitCode.FAILED)
 
 
-Flights = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="FLIGHT.csv",
-        help="Test flights: time histories with the column time (s) and columns of channels, "
-        "or tables with a row for each flight: metrics, or the file of its history (history), "
-        "its vehicle, and measured parameters.",
-    ),
-]
-Measured = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=SIGMA",
-        help="Standard deviation of the measurement error of a channel or metric, in its unit; "
-        "repeatable.",
-    ),
-]
-
-
-def place(
-    flights: Flights,
-    campaign: CampaignFile,
-    controller: Controller = None,
-    measured: Measured = None,
-    out: Annotated[Path | None, output(output_folder, "DIR", "Folder for a report page.")] = None,
-    json: Json = None,
-) -> None:
-    """Compare test flights with a campaign, to check whether the dispersed model covers them.
-
-    The command simulates 199 sets of flights, in which flights of one vehicle share the vehicle's
-    parameters and measured parameters have their measured values. It prints the rank of each metric
-    among the simulated flights, the p-value of each flight, corrected for the number of flights,
-    the channel and time at which a history first leaves the simultaneous 95 % band, and a joint
-    p-value of several flights.
-    """
-    from abhv_mc.report.pages.page import write_answer
-    from abhv_mc.report.pages.place_page import make_place_answer
-    from abhv_mc.search.place import place_flights
-
-    placement = place_flights(
-        campaign,
-        flights,
-        controller,
-        _parse_noise(measured or []),
-        announce=lambda text: say(text, file=sys.stderr),
-    )
-    page = make_place_answer(placement, campaign)
-    show_result(
-        {key: value for key, value in vars(placement).items() if key not in ("bands", "times")},
-        json,
-        lambda: print_section(page.section),
-    )
-    if out is not None:
-        say(f"report    {write_answer(page, out / 'report.html')}", file=text_stream(json))
-
-
 def identify(
-    flights: Flights,
+    flights: Annotated[
+        list[Path], typer.Argument(metavar="FLIGHT.csv", help=f"{FLIGHTS}".capitalize())
+    ],
     campaign: CampaignFile,
     parameters: Annotated[
         str | None,
@@ -157,31 +103,14 @@ def identify(
     Parameters that the flights cannot separate are named and not estimated. For several vehicles,
     the spread between vehicles is estimated. The exit code is 1 if the model does not fit.
     """
-    from abhv_mc.report.pages.place_page import make_identify_section
     from abhv_mc.search.identify import identify
+    from abhv_mc.topics.topic import Section, make_records
 
     names = parse_names(parameters, "--parameters") or ()
-    answer = identify(
-        campaign, flights, names, controller, _parse_noise(measured or []), output=out
-    )
-    show_result(answer, json, lambda: print_section(make_identify_section(answer)))
+    answer = identify(campaign, flights, names, controller, parse_noise(measured), output=out)
+    section = Section("Summary", (make_records(answer.texts()),))
+    show_result(answer, json, lambda: print_section(section))
     if out is not None:
         say(f"campaign  {out}", file=text_stream(json))
     if not answer.fits:
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _parse_noise(settings: list[str]) -> dict[str, float]:
-    """Parse the noise of each channel. Raise InputError unless all values are positive."""
-    noise = {}
-    for setting in settings:
-        channel, _, number = setting.partition("=")
-        try:
-            noise[channel] = float(number)
-        except ValueError:
-            noise[channel] = -1.0
-        if not 0.0 < noise[channel] < inf:
-            raise InputError(
-                "--measured", f"invalid setting '{setting}'", "NAME=SIGMA with a positive number"
-            )
-    return noise

@@ -58,17 +58,9 @@ def sample(
 
     The clock of the record is ahead by `offset`.
     """
-    curves, clock = [], record.get(TIME, times) - offset
-    for name in names:
-        values = record.get(name, np.full(clock.size, np.nan))
-        gaps = ~np.isfinite(values)
-        curve = np.full(times.size, np.nan)
-        if not gaps.all():
-            valid = unwrap(values[~gaps], periods.get(name, 0.0))
-            curve = np.interp(times, clock[~gaps], valid, np.nan, np.nan)
-            curve[np.interp(times, clock, gaps) > 0.0] = np.nan
-        curves.append(curve)
-    return np.column_stack(curves)
+    clock = record.get(TIME, times) - offset
+    curves = (unwrap(record.get(name, np.nan * clock), periods.get(name, 0.0)) for name in names)
+    return np.column_stack([np.interp(times, clock, curve, np.nan, np.nan) for curve in curves])
 
 
 def read_records(
@@ -244,20 +236,17 @@ class Programme:
         correlations = space.copula.correlations(count)
         points = points @ np.linalg.cholesky(correlations).T
         rows = center + scale * generator.standard_normal((*points.shape[:2], len(self.columns)))
-        is_drawn = np.ones((len(self.records), count), bool)
         for k, record in enumerate(self.records):
             own = [i for i, name in enumerate(space.names) if name in record.inputs]
-            is_drawn[k, own] = False
             shares = np.array([space.marginals[i].cdf(rows[:, k, i]) for i in own])
             targets = ndtri(clip_probabilities(shares)).reshape(len(own), sets).T
             gain = np.linalg.solve(correlations[np.ix_(own, own)], correlations[own])
             points[:, k] += (targets - points[:, k, own]) @ gain
-        for i, marginal in enumerate(space.marginals):
-            values = marginal.ppf(clip_probabilities(ndtr(points[:, :, i])))
-            rows[:, :, i] = np.where(is_drawn[:, i], values, rows[:, :, i])
+            for i in {*range(count)} - {*own}:
+                probabilities = clip_probabilities(ndtr(points[:, k, i]))
+                rows[:, k, i] = space.marginals[i].ppf(probabilities)
         flat = rows.reshape(-1, len(self.columns))
-        seeded = space.complete(flat[:, :count], self.experiment.seed, 0)
-        flat[:, : seeded.shape[1]] = seeded
+        flat[:, count : len(space.columns)] = space.complete(flat[:, :0], self.experiment.seed, 0)
         return rows
 
     @contextmanager
@@ -278,12 +267,12 @@ class Programme:
                 block = simulate(self.ready, self.controller, rows, every, executor.fly)
                 if every is None:
                     return block.metrics[:, None, index]
-                sampled = np.empty((len(rows), self.times.size, len(index)))
-                for k, history in enumerate(block.history):
-                    for i, name in enumerate(self.names):
-                        curve = unwrap(history[:, index[i]], experiment.periods[name])
-                        sampled[k, :, i] = np.interp(self.times, block.times, curve, np.nan, np.nan)
-                return sampled
+                columns = TIME, *self.names
+                histories = (
+                    dict(zip(columns, (block.times, *history.T[index]), strict=True))
+                    for history in block.history
+                )
+                return np.array([self._sample(history) for history in histories])
 
             def run(rows: Floats, has_noise: bool = False) -> Floats:
                 flat = rows.reshape(-1, rows.shape[-1])
@@ -291,7 +280,8 @@ class Programme:
                 with open_threads(executor.workers) as threads:
                     sampled = np.concatenate(list(threads.map(compute, pieces)))
                 for i, name in enumerate(self.names):
-                    errors = self.sensor_errors(name, flat)
+                    sensor = self.sensors.get(name, {})
+                    errors = {kind: flat[:, [column]] for kind, column in sensor.items()}
                     sampled[:, :, i] *= errors.get("scale", 1.0)
                     sampled[:, :, i] += errors.get("bias", 0.0) / self.units[name]
                     sigma = errors.get("noise", 0.0) / self.units[name] + self.noise.get(name, 0.0)
@@ -301,19 +291,25 @@ class Programme:
 
             yield run
 
-    def sensor_errors(self, name: str, rows: Floats) -> dict[str, Floats]:
-        """Return the scale, bias and noise [flight, 1] of a channel's sensor that are dispersed."""
-        stem = (
-            name if f"sensor.{name}_bias" in self.experiment.parameters else name.rpartition("_")[0]
-        )
-        kinds = ("bias", "noise") if stem.endswith(ERROR) else ("scale", "bias", "noise")
-        if name in self.noise or not self.is_history:
-            return {}
-        return {
-            kind: rows[:, [self.columns.index(column)]]
-            for kind in kinds
-            if (column := f"sensor.{stem.removesuffix(ERROR)}_{kind}") in self.columns
-        }
+    @cached_property
+    def sensors(self) -> dict[str, dict[str, int]]:
+        """Columns of the dispersed scale, bias and noise of the sensor of each channel.
+
+        Channels with declared noise, and metrics, are not included.
+        """
+        sensors = {}
+        for name in self.names if self.is_history else ():
+            stems = name, name.rpartition("_")[0].removesuffix(ERROR)
+            sensors[name] = {
+                kind: self.columns.index(column)
+                for kind in ("scale", "bias", "noise")
+                for stem in stems
+                if (column := f"sensor.{stem}_{kind}") in self.columns
+            }
+        return {name: own for name, own in sensors.items() if own and name not in self.noise}
+
+    def _sample(self, record: Mapping[str, Floats], offset: float = 0.0) -> Floats:
+        return sample(record, self.names, self.times, self.experiment.periods, offset)
 
     def align(self, simulated: Floats) -> Floats:
         """Align records with simulated flights [set, flight, time, name]; return the records.
@@ -322,14 +318,14 @@ class Programme:
         simulated flights. A record is shifted in time if this reduces its deviation by more than
         that of any simulated flight.
         """
-        periods, tests = self.experiment.periods, []
+        tests = []
         for k, record in enumerate(self.records):
             sets = simulated[:, k]
             for span in (0.1, 0.02, 0.0):
-                test = sample(record.values, self.names, self.times, periods, record.offset)
-                for i, name in enumerate(self.names):
+                test = self._sample(record.values, record.offset)
+                for i, period in enumerate(map(self.experiment.periods.get, self.names)):
                     pool = np.vstack([sets[:, :, i], test[None, :, i]])
-                    pool = align_flights(pool, periods.get(name, 0.0), len(sets))
+                    pool = align_flights(pool, period or 0.0, len(sets))
                     sets[:, :, i], test[:, i] = pool[:-1], pool[-1]
                 if not np.isfinite(test + sets).any():
                     expected = "times that overlap with those of the simulated flights"

@@ -1,6 +1,6 @@
 """Identification of dispersions from the records of test flights."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,33 @@ class Identification:
     converged: bool
     simulations: int  # number of simulations of each flight
     dispersions: Mapping[str, Mapping[str, Any]]  # renewed dispersions, as in a campaign file
+
+    def texts(self) -> Iterator[tuple[str, str]]:
+        """Yield the labels and texts of the results."""
+        fit = f"p = {self.p_value:.2g}, rejected below {FIT_RISK:g}"
+        if self.converged:
+            yield "Model fits" if self.fits else "Model does not fit", fit
+        else:
+            yield "Not converged", "the estimates are not the best fit; the fit is not judged"
+        for entry in self.parameters:
+            spread = "unknown" if entry.spread is None else f"{entry.spread:.3g}"
+            mean = f"{entry.mean:.4g} (standard error {entry.mean_error:.2g})"
+            yield f"{entry.name} ({entry.unit})", f"{mean}, spread {spread}"
+            for unit, value in entry.values.items():
+                interval = f"{value:.4g} +- {1.96 * entry.errors[unit]:.2g} (95 %)"
+                yield f"{entry.name}, {unit}", interval
+        for group, correlation in self.inseparable:
+            yield "Not separable", f"{', '.join(group)} (correlation {correlation:.2f})"
+        yield "Nuisances", ", ".join(self.nuisances)
+        yield "Noise (sigma)", _list(self.noise)
+        for flight, residuals in self.residuals.items():
+            offset = f"clock offset {self.offsets[flight]:.3g} s"
+            yield flight, f"residuals (rms, sigmas) {_list(residuals)}, {offset}"
+        yield "Simulations", f"{self.simulations} of each flight"
+
+
+def _list(numbers: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.3g}" for name, value in numbers.items())
 
 
 def identify(
@@ -146,19 +173,7 @@ def identify(
     residuals = result.residuals.reshape(tests.shape)
     counts = np.maximum(np.isfinite(residuals).sum(axis=1), 1)
     residuals = np.sqrt(np.nansum(residuals**2, axis=1) / counts)
-    fits = result.converged and result.p_value >= FIT_RISK
-    if output is not None:
-        lines = [
-            f"Dispersions identified from {', '.join(record.name for record in records)}:",
-            *(
-                f"{own.name}: mean {own.mean:.4g} (standard error {own.mean_error:.2g}), spread "
-                + ("unknown" if own.spread is None else f"{own.spread:.2g}")
-                for own in identified
-            ),
-            f"chi-square: p = {result.p_value:.2g}; fits: {fits}; converged: {result.converged}",
-        ]
-        write_document(output, {**document.entries, "dispersions": renewed}, "\n".join(lines))
-    return Identification(
+    answer = Identification(
         parameters=tuple(identified),
         nuisances=tuple(np.array(columns)[~result.listed].tolist()),
         inseparable=tuple(
@@ -169,11 +184,16 @@ def identify(
             record.name: dict(zip(names, row.tolist(), strict=True))
             for record, row in zip(records, residuals, strict=True)
         },
-        noise=dict(zip(names, result.sigma[: len(names)].tolist(), strict=True)),
+        noise=dict(zip(names, result.sigma.tolist(), strict=False)),
         offsets={record.name: record.offset for record in records},
         p_value=result.p_value,
-        fits=fits,
+        fits=result.converged and result.p_value >= FIT_RISK,
         converged=result.converged,
         simulations=result.simulations,
         dispersions=renewed,
     )
+    if output is not None:
+        lines = (f"{label}: {text}" for label, text in answer.texts())
+        comment = "\n".join(["Dispersions identified from test flights", *lines])
+        write_document(output, {**document.entries, "dispersions": renewed}, comment)
+    return answer

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, inf
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +29,8 @@ class RankedMetric:
     """Metric of a test flight, ranked among the simulated flights under the same conditions."""
 
     metric: str
-    value: float
     rank: int  # rank of the test flight, 1 for the smallest value
+    value: float
     low: float  # 2.5 % quantile of the simulated flights
     median: float
     high: float
@@ -59,15 +59,6 @@ class PlacedFlight:
 
 
 @dataclass(frozen=True)
-class ChannelBands:
-    """Simultaneous band of one channel over time that contains the bands of all flights."""
-
-    low: Floats
-    high: Floats
-    flights: Floats  # [flight, time] histories of the test flights
-
-
-@dataclass(frozen=True)
 class Placement:
     """Comparison of test flights with the simulated flights of one controller."""
 
@@ -83,7 +74,9 @@ class Placement:
     flights: tuple[PlacedFlight, ...]
     together_p_value: float | None  # joint p-value of several test flights
     times: Floats  # times of the bands, s
-    bands: Mapping[str, ChannelBands]
+    # by channel, the edges [time] of a simultaneous band that contains the bands of all flights,
+    # and the test flights [flight, time]
+    bands: Mapping[str, tuple[Floats, Floats, Floats]]
 
 
 def place_flights(
@@ -115,14 +108,18 @@ def place_flights(
     bands = []
     scores, labels, values = np.zeros(pool.shape[:2]), list(names), pool[:, :, 0]
     if programme.is_history:
-        values = summarize(pool.reshape(-1, *pool.shape[2:])).reshape(*pool.shape[:2], -1)
+        values = summarize(pool)
         labels = [f"{name}, {summary}" for summary in _SUMMARIES for name in names]
         bands = [simultaneous_band(pool[:-1, k]) for k in range(len(tests))]
         deviations = [band.deviations(pool[-1, k]).max() for k, band in enumerate(bands)]
         scores = np.vstack([np.transpose([band.scores for band in bands]), deviations])
     result = judge_set(values, scores)
-    rank = ceil(CONFIDENCE * (sets + 1))
-    factor = float(np.sort(np.append(scores[:-1].max(axis=1), np.inf))[rank - 1])
+    factor = np.sort(np.append(scores[:-1].max(axis=1), inf))[ceil(CONFIDENCE * (sets + 1)) - 1]
+    has_values = np.isfinite(values[:-1]).any(axis=0) & np.isfinite(values[-1])
+    simulated, own = np.where(has_values, values, 0.0)[:-1], values[-1]
+    ranks = (simulated < own).sum(axis=0) + 1
+    ends = np.nanquantile(simulated, [0.025, 0.5, 0.975], axis=0)
+    numbers = np.stack([own, *ends, result.columns], axis=2)
     flights = []
     for k, record in enumerate(programme.records):
         leaves = covers = None
@@ -131,18 +128,15 @@ def place_flights(
             covers = float(valid[0]), float(valid[-1])
             for time, channel in np.argwhere(bands[k].deviations(tests[k]) > factor)[:1]:
                 leaves = Departure(names[channel], float(times[time]))
-        metrics = []
-        for i in np.argsort(result.columns[k], kind="stable").tolist():
-            value, own = float(values[-1, k, i]), values[:-1, k, i]
-            if np.isfinite(value) and np.isfinite(own).any():
-                low, median, high = np.nanquantile(own, [0.025, 0.5, 0.975]).tolist()
-                rank, p_value = int(np.sum(own < value)) + 1, float(result.columns[k, i])
-                metrics.append(RankedMetric(labels[i], value, rank, low, median, high, p_value))
+        order = np.argsort(result.columns[k], kind="stable")
         flights.append(
             PlacedFlight(
                 name=record.name,
                 vehicle=record.vehicle,
-                metrics=tuple(metrics),
+                metrics=tuple(
+                    RankedMetric(labels[i], int(ranks[k, i]), *numbers[k, i].tolist())
+                    for i in order[has_values[k, order]]
+                ),
                 p_value=float(result.flights[k]),
                 leaves=leaves,
                 offset_s=record.offset,
@@ -157,14 +151,14 @@ def place_flights(
         by_vehicle=programme.by_vehicle,
         measured=programme.measured,
         noise=programme.noise,
-        sensed=tuple(name for name in names if programme.sensor_errors(name, rows[0])),
+        sensed=tuple(programme.sensors),
         ignored=programme.ignored,
         spread=tuple(np.array(names)[spread].tolist()),
         flights=tuple(flights),
         together_p_value=result.together if len(tests) > 1 else None,
         times=times,
         bands={
-            name: ChannelBands(
+            name: (
                 np.fmin.reduce(edges[..., i], axis=(0, 1)),
                 np.fmax.reduce(edges[..., i], axis=(0, 1)),
                 tests[:, :, i],
@@ -176,22 +170,22 @@ def place_flights(
 
 
 def summarize(histories: Floats) -> Floats:
-    """Return the largest, smallest, mean and last value of each channel [flight, summary].
+    """Return the largest, smallest, mean and last value of each channel [..., summary].
 
-    The result is NaN for a channel without values.
+    The result is NaN for a channel of `histories` [..., time, channel] without values.
     """
     is_known = np.isfinite(histories)
-    last = histories.shape[1] - 1 - np.argmax(is_known[:, ::-1], axis=1)
-    count = is_known.sum(axis=1)
+    last = histories.shape[-2] - 1 - np.argmax(is_known[..., ::-1, :], axis=-2, keepdims=True)
     with np.errstate(invalid="ignore"):
-        mean = np.nansum(histories, axis=1) / count
-    return np.hstack(
+        mean = np.nansum(histories, axis=-2) / is_known.sum(axis=-2)
+    return np.concatenate(
         [
-            np.fmax.reduce(histories, axis=1),
-            np.fmin.reduce(histories, axis=1),
+            np.fmax.reduce(histories, axis=-2),
+            np.fmin.reduce(histories, axis=-2),
             mean,
-            np.take_along_axis(histories, last[:, None], axis=1)[:, 0],
-        ]
+            np.take_along_axis(histories, last, axis=-2)[..., 0, :],
+        ],
+        axis=-1,
     )
 
 

@@ -5,7 +5,7 @@ deviation. Nuisance parameters keep a standard normal prior; listed parameters h
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,8 @@ _MOST_STEPS = 24
 _DAMPING, _CHANGE = 1e-3, 10.0  # first damping; its factor after each step
 _CONVERGED = 0.2  # change, in standard errors, below which the iteration ends
 _FLAT = 1e-6  # precision of the prior of listed parameters, which keeps matrices regular
-# Parameters are not separable if the smallest eigenvalue of their scaled information is below
-# _SEPARABLE (a correlation of 0.98), or if a standard error exceeds _LARGEST_ERROR.
-_SEPARABLE, _LARGEST_ERROR = 0.02, 10.0
-_MEMBER = 0.3  # smallest component of a parameter of a group that is not separable
+# correlation beyond which parameters, and standard error beyond which a parameter, is not separable
+_SEPARABLE, _LARGEST_ERROR = 0.98, 10.0
 
 Simulate = Callable[[Floats], Floats]
 
@@ -34,17 +32,10 @@ class Estimates(NamedTuple):
     inseparable: tuple[tuple[tuple[int, ...], float], ...]
     residuals: Floats  # [flight, output], in standard deviations of the noise
     sigma: Floats  # [output] standard deviation of the noise
-    chi_square: float
-    freedom: int  # degrees of freedom
+    p_value: float  # probability of a larger chi-square if the model is valid
+    freedom: int  # degrees of freedom of chi-square
     simulations: int  # number of simulations of each flight
     converged: bool
-
-    @property
-    def p_value(self) -> float:
-        """Probability of a larger chi-square if the model is valid."""
-        from scipy.special import chdtrc
-
-        return float(chdtrc(self.freedom, self.chi_square))
 
 
 def estimate(
@@ -64,16 +55,19 @@ def estimate(
     output's channel, which a smooth misfit does not change.
     `shared` [column] parameters have one value for each vehicle, others one for each flight.
     """
+    from scipy.special import chdtrc
+
     count, columns = len(data), len(shared)
-    offsets = np.vstack([np.zeros(columns), _STEP * np.eye(columns), -_STEP * np.eye(columns)])
+    offsets = _STEP * np.vstack([np.zeros(columns), np.eye(columns), -np.eye(columns)])
     points, errors, listed = np.zeros((count, columns)), np.zeros((count, columns)), listed.copy()
-    inseparable = []
-    converged, simulations = False, 0
-    best = dict.fromkeys(np.unique(vehicles).tolist(), np.inf)
-    damping, solutions = dict.fromkeys(best, _DAMPING), {}
-    while True:
+    owners = np.where(shared, vehicles[:, None], np.arange(count)[:, None])
+    unknowns = owners * columns + np.arange(columns)  # [flight, column]
+    first = np.unique(unknowns, return_index=True)[1]
+    inseparable, simulations, change = [], 0, np.inf
+    solutions: dict[int, Any] = dict.fromkeys(vehicles.tolist(), (np.inf,))
+    damping = dict.fromkeys(solutions, _DAMPING)
+    while change >= _CONVERGED and simulations < _MOST_STEPS * len(offsets):
         outputs = simulate(points[:, None] + offsets)
-        simulations += len(offsets)
         residuals = data - outputs[:, 0]
         noise = sigma.copy()
         for channel in np.unique(channels[np.isnan(sigma)]):
@@ -82,38 +76,39 @@ def estimate(
         noise = np.maximum(noise, np.finfo(float).tiny)
         slopes = (outputs[:, 1 : columns + 1] - outputs[:, columns + 1 :]) / (2.0 * _STEP * noise)
         residuals = residuals / noise
-        slopes = np.where(np.isfinite(residuals)[:, None] & np.isfinite(slopes), slopes, 0.0)
-        if simulations == len(offsets):
+        is_valid = np.isfinite(residuals)
+        slopes = np.where(is_valid[:, None] & np.isfinite(slopes), slopes, 0.0)
+        if not simulations:
             inseparable = list(_separate(slopes, listed))
-        change, freedom = 0.0, int(np.isfinite(residuals).sum())
-        chi_square = float(np.nansum(residuals**2))
-        valid = np.nan_to_num(residuals)
-        for rows, index, matrix, vector in _normal_equations(slopes, valid, vehicles, shared):
-            current, precision = np.zeros((2, len(vector)))
-            current[index], precision[index] = points[rows], np.where(listed, _FLAT, 1.0)
-            prior = float(precision @ current**2)
-            loss = float(np.sum(valid[rows] ** 2)) + prior
-            chi_square += prior
-            freedom -= int(np.sum(precision < 1.0))
-            vehicle = int(vehicles[rows[0]])
-            loss += 2.0 * float(np.sum(np.isfinite(residuals[rows]) @ np.log(noise)))
-            if loss < best[vehicle]:
-                best[vehicle] = loss
+        simulations += len(offsets)
+        priors = np.broadcast_to(np.where(listed, _FLAT, 1.0), points.shape)
+        chi_square = np.nansum(residuals**2) + np.sum((priors * points**2).flat[first])
+        freedom = int(is_valid.sum() - np.sum(priors.flat[first] < 1.0))
+        valid, change = np.nan_to_num(residuals), 0.0
+        for vehicle in damping:
+            rows = np.flatnonzero(vehicles == vehicle)
+            own, index = np.unique(unknowns[rows], return_inverse=True)
+            index = index.reshape(len(rows), columns)
+            current, precision, vector = np.zeros((3, own.size))
+            current[index], precision[index] = points[rows], priors[rows]
+            total = np.diag(precision)
+            for row, numbers in zip(rows, index, strict=True):
+                total[np.ix_(numbers, numbers)] += slopes[row] @ slopes[row].T
+                vector[numbers] += slopes[row] @ valid[row]
+            loss = float(np.sum(valid[rows] ** 2) + precision @ current**2)
+            loss += 2.0 * float(np.sum(is_valid[rows] @ np.log(noise)))
+            if loss < solutions[vehicle][0]:
+                solutions[vehicle] = loss, current, total, vector - precision * current
                 damping[vehicle] /= _CHANGE
-                total = matrix + np.diag(precision)
-                solutions[vehicle] = current, total, vector - precision * current
             else:
                 damping[vehicle] *= _CHANGE**2
-            current, total, gradient = solutions[vehicle]
+            _, current, total, gradient = solutions[vehicle]
             covariance = np.linalg.inv(total)
-            own = np.sqrt(np.diag(covariance))
-            change = max(change, float(np.abs(covariance @ gradient / own).max()))
+            deviations = np.sqrt(np.diag(covariance))
+            change = max(change, float(np.abs(covariance @ gradient / deviations).max()))
             damped = total + damping[vehicle] * np.diag(np.diag(total))
             points[rows] = (current + np.linalg.solve(damped, gradient))[index]
-            errors[rows] = own[index]
-        converged = change < _CONVERGED
-        if converged or simulations == _MOST_STEPS * len(offsets):
-            break
+            errors[rows] = deviations[index]
     return Estimates(
         points=points,
         errors=errors,
@@ -121,31 +116,11 @@ def estimate(
         inseparable=tuple(inseparable),
         residuals=residuals,
         sigma=noise,
-        chi_square=chi_square,
+        p_value=float(chdtrc(freedom, chi_square)),
         freedom=freedom,
         simulations=simulations,
-        converged=converged,
+        converged=change < _CONVERGED,
     )
-
-
-_Normal = tuple[Ints, Ints, Floats, Floats]
-
-
-def _normal_equations(
-    slopes: Floats, residuals: Floats, vehicles: Ints, shared: Mask
-) -> Iterator[_Normal]:
-    """Yield flights, unknowns [flight, column], matrix and vector of each vehicle."""
-    for vehicle in np.unique(vehicles):
-        rows = np.flatnonzero(vehicles == vehicle)
-        index = np.zeros((len(rows), len(shared)), np.int64)
-        number, own = int(shared.sum()), len(rows) * int((~shared).sum())
-        index[:, shared] = np.arange(number)
-        index[:, ~shared] = number + np.arange(own).reshape(len(rows), -1)
-        matrix, vector = np.zeros((number + own, number + own)), np.zeros(number + own)
-        for unknowns, row in zip(index, rows, strict=True):
-            matrix[np.ix_(unknowns, unknowns)] += slopes[row] @ slopes[row].T
-            vector[unknowns] += slopes[row] @ residuals[row]
-        yield rows, index, matrix, vector
 
 
 def _separate(slopes: Floats, listed: Mask) -> Iterator[tuple[tuple[int, ...], float]]:
@@ -155,17 +130,14 @@ def _separate(slopes: Floats, listed: Mask) -> Iterator[tuple[tuple[int, ...], f
         columns = np.flatnonzero(listed)
         precision = np.diag(np.where(listed, _FLAT, 1.0))
         covariance = np.linalg.inv(matrix + precision)[np.ix_(columns, columns)]
-        information = np.linalg.inv(covariance)
-        size, errors = np.sqrt(np.diag(information)), np.sqrt(np.diag(covariance))
-        values, vectors = np.linalg.eigh(information / np.outer(size, size))
-        members = np.flatnonzero(np.abs(vectors[:, 0]) > _MEMBER)
-        if values[0] > _SEPARABLE:
-            members = np.flatnonzero(errors > _LARGEST_ERROR)[:1]
-        if not members.size:
+        errors = np.sqrt(np.diag(covariance))
+        correlations = covariance / np.outer(errors, errors)
+        linked = np.abs(correlations) > _SEPARABLE
+        links = linked.sum(axis=0) + (errors > _LARGEST_ERROR)
+        members = np.flatnonzero(linked[links.argmax()])
+        if links.max() < 2:
             return
-        first, last = members[0], members[-1]
-        correlation = covariance[first, last] / (errors[first] * errors[last])
-        yield tuple(columns[members].tolist()), float(correlation)
+        yield tuple(columns[members].tolist()), float(correlations[members[0], members[-1]])
         listed[columns[members]] = False
 
 
@@ -177,17 +149,13 @@ def find_spread(estimates: Floats, errors: Floats) -> tuple[float, float, float]
     """
     from scipy.optimize import minimize_scalar
 
-    def locate(spread: float) -> tuple[Floats, float]:
+    def fit(spread: float) -> tuple[float, float, float, float]:
         weights = 1.0 / (spread**2 + errors**2)
-        return weights, float(weights @ estimates / weights.sum())
-
-    def loss(spread: float) -> float:
-        weights, mean = locate(spread)
+        mean = float(weights @ estimates / weights.sum())
         squares = weights @ (estimates - mean) ** 2
-        return float(np.log(weights.sum()) - np.log(weights).sum() + squares)
+        loss = float(np.log(weights.sum()) - np.log(weights).sum() + squares)
+        return loss, mean, float(weights.sum() ** -0.5), spread
 
     largest = 3.0 * float(np.std(estimates)) + np.finfo(float).tiny
-    spread = float(minimize_scalar(loss, bounds=(0.0, largest), method="bounded").x)
-    spread = min((0.0, spread), key=loss)
-    weights, mean = locate(spread)
-    return mean, float(weights.sum() ** -0.5), spread
+    best = minimize_scalar(lambda spread: fit(spread)[0], bounds=(0.0, largest), method="bounded")
+    return min(fit(0.0), fit(float(best.x)))[1:]

@@ -8,6 +8,7 @@ leave-one-out scores
 "Conformal prediction bands for multivariate functional data", J. Multivariate Anal. 189, 2022).
 """
 
+from collections.abc import Iterator, Sequence
 from math import ceil, inf
 from typing import NamedTuple
 
@@ -140,60 +141,46 @@ class Band(NamedTuple):
 
 def simultaneous_band(histories: Floats, confidence: float = CONFIDENCE) -> Band:
     """Return the band of `histories` [flight, time, channel]; NaN after a flight's end."""
-    flights = len(histories)
-    middle, spread = np.empty(histories.shape[1:]), np.empty((2, *histories.shape[1:]))
+    flights, times, channels = histories.shape
+    middle, spread = np.empty((times, channels)), np.empty((2, times, channels))
     scores = np.zeros(flights)
-    for channel in range(histories.shape[2]):
+    for channel in range(channels):
         values = histories[:, :, channel]
-        quantiles = _Quantiles(values)
-        center, others_center = quantiles.at(0.5)
-        size = _ROUNDING * np.nanmax(np.abs(center), initial=0.0) + np.finfo(float).tiny
-        floor = max(_FLOOR * np.nanmax(quantiles.deviation(), initial=0.0), size)
-        middle[:, channel] = center
-        for side, (sign, share) in enumerate(((-1.0, _TAIL), (1.0, 1.0 - _TAIL))):
-            end, others_end = quantiles.at(share)
-            own = sign * (values - others_center)
-            own /= np.maximum(sign * (others_end - others_center), floor)
-            spread[side, :, channel] = np.maximum(sign * (end - center), floor)
-            scores = np.maximum(scores, np.nan_to_num(own).max(axis=1))
+        ends, others = _quantiles(values, (_TAIL, 0.5, 1.0 - _TAIL))
+        middle[:, channel] = center = ends[1, 0]
+        judged = np.isfinite(center)
+        largest = np.nanstd(values[:, judged], axis=0, ddof=1).max(initial=0.0)
+        size = _ROUNDING * np.abs(center[judged]).max(initial=0.0) + np.finfo(float).tiny
+        widths, own = (
+            np.maximum(np.diff(sides, axis=0), max(_FLOOR * largest, size))
+            for sides in (ends, others)
+        )
+        spread[:, :, channel] = widths[:, 0]
+        deviations = Band(others[1], own, inf, scores).deviations(values)
+        scores = np.maximum(scores, deviations.max(axis=1))
     rank = ceil(confidence * (flights + 1))
     factor = inf if rank > flights else float(np.partition(scores, rank - 1)[rank - 1])
     return Band(middle, spread, factor, scores)
 
 
-class _Quantiles:
-    """Quantiles of columns [flight, column] with NaN for missing values."""
+def _quantiles(values: Floats, shares: Sequence[float]) -> Iterator[Floats]:
+    """Yield quantiles [share, 1, column], and those without each flight [share, flight, column].
 
-    def __init__(self, values: Floats) -> None:
-        self.values, self.ordered = values, np.sort(values, axis=0)
-        self.count = np.isfinite(values).sum(axis=0)
+    `values` [flight, column] are NaN if missing; the result is NaN if there are too few.
+    """
+    ordered, count = np.sort(values, axis=0)[np.newaxis], np.isfinite(values).sum(axis=0)
 
-    def at(self, share: float) -> tuple[Floats, Floats]:
-        """Return the quantile [column], and the quantile without each flight [flight, column].
+    def order(index: Indices) -> Floats:
+        return np.take_along_axis(ordered, index, axis=1)
 
-        The result is NaN if there are too few values.
-        """
-        judged = self.count >= _FEWEST
-        place = np.where(judged, share * (self.count - 1.0), 0.0)
-        low, high = (self._order(place.astype(np.intp) + step) for step in range(2))
-        quantile = np.where(judged, low + (place % 1.0) * (high - low), np.nan)
-        place = np.where(judged, share * (self.count - 2.0), 0.0)
-        first, second, third = (self._order(place.astype(np.intp) + step) for step in range(3))
-        low = np.where(self.values <= first, second, first)
-        high = np.where(self.values <= second, third, second)
-        others = np.where(judged, low + (place % 1.0) * (high - low), np.nan)
-        return quantile, others
+    def order_of_others(index: Indices) -> Floats:
+        own = order(index)
+        return np.where(values <= own, order(index + 1), own)
 
-    def deviation(self) -> Floats:
-        """Return the standard deviation [column]; NaN if there are too few values."""
-        judged = self.count >= _FEWEST
-        deviation = np.full(self.count.shape, np.nan)
-        deviation[judged] = np.nanstd(self.values[:, judged], axis=0, ddof=1)
-        return deviation
-
-    def _order(self, place: Indices) -> Floats:
-        place = np.minimum(place, len(self.values) - 1)[np.newaxis]
-        return np.take_along_axis(self.ordered, place, axis=0)[0]
+    for find, number in ((order, count), (order_of_others, count - 1)):
+        rank = np.multiply.outer(shares, number - 1.0)[:, np.newaxis]
+        low, high = (find(rank.astype(np.intp) + step) for step in range(2))
+        yield np.where(count < _FEWEST, np.nan, low + rank % 1.0 * (high - low))
 
 
 _SHIFTS = 41  # number of shifts that are tried
@@ -209,30 +196,27 @@ def find_offset(simulated: Floats, record: Floats, span: float, modes: int) -> t
     a share of the samples. A shift is significant if it reduces the deviation by more than for any
     simulated flight.
     """
-    count = np.maximum(np.isfinite(simulated).sum(axis=0), 1)
-    middle = np.nansum(simulated, axis=0) / count
-    spread = np.sqrt(np.nansum((simulated - middle) ** 2, axis=0) / count)
-    spread = np.maximum(spread, 0.05 * spread.max(axis=0) + np.finfo(float).tiny)
-    flights = np.concatenate([simulated, record[None]])
+    simulated = np.where(np.isfinite(simulated).any(axis=0), simulated, 0.0)
+    middle, spread = np.nanmean(simulated, axis=0), np.nanstd(simulated, axis=0)
+    spread = np.maximum(spread, _FLOOR * spread.max(axis=0) + np.finfo(float).tiny)
     deviations = np.nan_to_num((simulated - middle) / spread).reshape(len(simulated), -1)
-    *_, directions = np.linalg.svd(deviations, full_matrices=False)
-    directions = directions[:modes].reshape(-1, *record.shape)
+    directions = np.linalg.svd(deviations, full_matrices=False)[2][:modes]
+    directions = directions.reshape(-1, *record.shape)
+    flights = np.concatenate([simulated, record[None]])
     most = max(1, round(span * len(record)))
     shifts = np.unique(np.linspace(-most, most, _SHIFTS).astype(np.int64))
     losses = np.empty((len(shifts), len(flights)))
     for row, shift in enumerate(shifts.tolist()):
         own = slice(max(0, -shift), len(record) - max(0, shift))
-        moved = flights[:, own.start + shift : own.stop + shift]
-        valid = np.isfinite(moved[-1]) & np.isfinite(middle[own])
+        moved = np.roll(flights, -shift, axis=1)[:, own]
+        valid = np.isfinite(moved[-1])
         values = np.nan_to_num((moved - middle[own]) / spread[own])[:, valid]
         basis, _ = np.linalg.qr(directions[:, own][:, valid].T)
         losses[row] = np.mean((values - values @ basis @ basis.T) ** 2, axis=1)
     gains = losses[len(shifts) // 2] - losses.min(axis=0)
     best = int(np.clip(losses[:, -1].argmin(), 1, len(shifts) - 2))
-    left, middle_loss, right = losses[best - 1 : best + 2, -1]
-    curvature = left - 2.0 * middle_loss + right
-    steps = 0.5 * (left - right) / curvature if curvature > 0.0 else 0.0
-    step = float(shifts[best + 1] - shifts[best - 1]) / 2.0
-    offset = float(shifts[best] + np.clip(steps, -1.0, 1.0) * step)
+    near = shifts[best - 1 : best + 2]
+    curvature, slope, _ = np.polyfit(near, losses[best - 1 : best + 2, -1], 2)
+    offset = np.clip(-slope / max(2.0 * curvature, np.finfo(float).tiny), near[0], near[2])
     noise = _SIGNIFICANT / valid.sum() * losses[:, -1].min()
-    return offset, bool(gains[-1] > max(noise, gains[:-1].max()))
+    return float(offset), bool(gains[-1] > max(noise, gains[:-1].max()))

@@ -309,6 +309,6 @@ class Campaign(StrictModel):
     """outputs to store in addition to the metrics of every flight"""
     measured: dict[str, str | float] = {}
     """standard deviation of a test flight's measurement error for each channel or metric, used
-    by `abhv-mc place` and `identify`; default: sensor noise of the campaign"""
+    by `abhv-mc compare` and `identify`; default: sensor noise of the campaign"""
     execution: Execution = Execution()
     """execution settings; no result depends on them"""

@@ -38,7 +38,7 @@ class _Distribution(StrictModel):
     """probability that the drawn value applies; otherwise the nominal value is used"""
 
     varies_by: Literal["vehicle", "flight"] | None = None
-    """'vehicle': flights of one vehicle share the value in `abhv-mc place` and `identify`;
+    """'vehicle': flights of one vehicle share the value in `abhv-mc compare` and `identify`;
     'flight': each flight has its own; default: flight for the atmosphere, wind, initial errors,
     noise and failures, else vehicle"""
 

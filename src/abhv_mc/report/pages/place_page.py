@@ -1,13 +1,12 @@
-"""Page of `abhv-mc place`, and printed results of `abhv-mc identify`, for test flights."""
+"""Page of `abhv-mc compare` for test flights."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from abhv_mc.io.messages import counted
 from abhv_mc.report.pages.page import Answer
-from abhv_mc.search.identify import FIT_RISK, Identification
 from abhv_mc.search.place import PlacedFlight, Placement
 from abhv_mc.statistics.placement import CONFIDENCE
 from abhv_mc.topics.envelopes import NO_BAND
@@ -38,7 +37,7 @@ _COLUMNS = 2
 
 
 def make_place_answer(placement: Placement, folder: Path) -> Answer:
-    """Return the page content of `abhv-mc place`."""
+    """Return the page content of `abhv-mc compare` for test flights."""
     items: tuple[Item, ...] = (
         make_records(_texts(placement)),
         Picture("placement"),
@@ -56,25 +55,18 @@ def _texts(placement: Placement) -> Iterator[tuple[str, str]]:
     yield "Not covered", ", ".join(outside)
     yield "All test flights", "" if together is None else p_equation(together)
     for flight in placement.flights:
-        first = flight.metrics[0]
-        rank = f"{fixed(first.rank, 0)} of {fixed(placement.simulated + 1, 0)}"
+        first, leaves = flight.metrics[0], flight.leaves
         yield (
             flight.name,
             f"{p_equation(flight.p_value)} for {len(flight.metrics)} metrics jointly; least "
-            f"{p_equation(first.p_value)}, {first.metric}, rank {rank}",
+            f"{p_equation(first.p_value)}, {first.metric}, rank {first.rank} of "
+            f"{placement.simulated + 1}",
         )
         if flight.covers is not None:
-            exit_text = (
-                f"left first by {flight.leaves.channel} at {flight.leaves.time_s:g} s"
-                if flight.leaves
-                else "not left"
-            )
-            yield flight.name, f"simultaneous band {exit_text}"
-            start, end = flight.covers
-            yield (
-                flight.name,
-                f"record from {start:g} to {end:g} s, clock offset {flight.offset_s:.3g} s",
-            )
+            exit_text = f"left first by {leaves.channel} at {leaves.time_s:g} s" if leaves else ""
+            yield flight.name, f"simultaneous band {exit_text or 'not left'}"
+            record = "record from {:g} to {:g} s".format(*flight.covers)
+            yield flight.name, f"{record}, clock offset {flight.offset_s:.3g} s"
     yield NO_BAND, ", ".join(placement.spread)
     yield "Simulated sets", fixed(placement.simulated, 0)
     vehicles = counted(placement.vehicles, "vehicle")
@@ -121,46 +113,11 @@ def plot_placement(placement: Placement) -> Figure:
     count = len(placement.bands)
     figure, grid = new_panels(count, _COLUMNS, 1.1)
     for axes, (channel, bands) in zip(grid.flat, placement.bands.items(), strict=False):
-        edges = bands.low, bands.high
+        *edges, flights = bands
         axes.fill_between(placement.times, *edges, color=BLUE, alpha=0.3, linewidth=0, label="band")
-        for history in bands.flights:
+        for history in flights:
             axes.plot(placement.times, history, color=INK, linewidth=0.8, label="test flight")
         title_panel(axes, channel)
     label_lowest(grid, count, "time (s)")
     legend_below(figure, grid.flat[0])
     return figure
-
-
-def make_identify_section(answer: Identification) -> Section:
-    """Return the estimates, residuals and fit of an identification."""
-    return Section("Summary", (make_records(_identify_texts(answer)),))
-
-
-def _identify_texts(answer: Identification) -> Iterator[tuple[str, str]]:
-    fit = f"{p_equation(answer.p_value)}, rejected below {percent(FIT_RISK)}"
-    if answer.converged:
-        yield "Model fits" if answer.fits else "Model does not fit", fit
-    else:
-        yield "Not converged", "the estimates are not the best fit; the fit is not judged"
-    for entry in answer.parameters:
-        spread = "unknown" if entry.spread is None else significant(entry.spread, 3)
-        yield (
-            f"{entry.name} ({entry.unit})",
-            f"{significant(entry.mean, 4)} (standard error {significant(entry.mean_error, 2)}), "
-            f"spread {spread}",
-        )
-        for unit, value in entry.values.items():
-            error = significant(1.96 * entry.errors[unit], 2)
-            yield f"{entry.name}, {unit}", f"{significant(value, 4)} +- {error} (95 %)"
-    for group, correlation in answer.inseparable:
-        yield "Not separable", f"{', '.join(group)} (correlation {correlation:.2f})"
-    yield "Nuisances", ", ".join(answer.nuisances)
-    yield "Noise (sigma)", _list(answer.noise)
-    for flight, residuals in answer.residuals.items():
-        offset = f", clock offset {answer.offsets[flight]:.3g} s"
-        yield flight, f"residuals (rms, sigmas) {_list(residuals)}{offset}"
-    yield "Simulations", f"{answer.simulations} of each flight"
-
-
-def _list(numbers: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {significant(value, 3)}" for name, value in numbers.items())
