@@ -1,4 +1,6 @@
-"""Error rates and power of comparisons of test flights and of `identify`: python benchmarks/placement.py [--smoke]
+"""Error rates and power of tests of flights, and of `identify`.
+
+Usage: python benchmarks/placement.py [--smoke]
 
 All models are cheap functions of arrays, with fixed seeds:
 

@@ -59,28 +59,18 @@ class ProcessLaw:
 
     def __init__(self, source: UserSource, width: int, effectors: tuple[str, ...]) -> None:
         recipe: Any = source.recipe
-        self._source = source
-        self._width = width
-        self._limit = recipe["time_limit"]
-        self._is_binary = recipe["protocol"] == "binary"
-        self._inputs = tuple(recipe["inputs"])
-        self._outputs = tuple(recipe["outputs"])
+        self._source, self._width = source, width
+        self._inputs, self._outputs = recipe["inputs"], recipe["outputs"]
         self._positions = [_POSITIONS[name] for name in self._inputs]
         rows = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True))
         rows |= zip(find_commanded(source), effector_rows(source, effectors), strict=True)
         self._rows = [rows[name] for name in self._outputs]
+        self._size = 8 * len(self._rows) * (recipe["protocol"] == "binary")
         self._plan = UserPlan(
-            controller="",
             command=tuple(recipe["command"]),
             folder=str(unpack(source)),
             files=tuple((name, hashlib.sha256(data).hexdigest()) for name, data in source.files),
-            python="",
-            settings="",
-            inputs=(),
-            seeds=(),
-            metrics=(),
-            outcomes={},
-            time_limit=self._limit,
+            time_limit=recipe["time_limit"],
         )
         # processes of the flights in progress, by the number stored in the lane of the flight
         self._processes: dict[float, _FlightProcess] = {}
@@ -103,11 +93,8 @@ class ProcessLaw:
     ) -> None:
         block = np.ctypeslib.as_array(Z, (ONBOARD + N_ONBOARD, self._width))
         shared = [tick * dt, *reference[tick * len(REFERENCE) : (tick + 1) * len(REFERENCE)]]
-        values = [
-            block[i - _LANE] if i >= _LANE else np.full(self._width, shared[i])
-            for i in self._positions
-        ]
-        requests = np.array(values).T
+        table = np.vstack([np.tile(shared, (self._width, 1)).T, block])
+        requests = table[self._positions].T
         if tick == 0:
             block[MEMORY] = np.arange(self._width)
         for exchange in (self._send, self._receive):
@@ -121,16 +108,17 @@ class ProcessLaw:
 
     def _send(self, lane: Floats, request: Floats, tick: int) -> None:
         if tick == 0:
-            size = 8 * len(self._rows) * self._is_binary
-            self._processes[lane[MEMORY]] = _FlightProcess(self._plan, size)
-        named = dict(zip(self._inputs, request.tolist(), strict=True))
-        record = request.tobytes() if self._is_binary else f"{json.dumps(named)}\n".encode()
+            self._processes[lane[MEMORY]] = _FlightProcess(self._plan, self._size)
+        record = request.tobytes()
+        if not self._size:
+            named = dict(zip(self._inputs, request.tolist(), strict=True))
+            record = f"{json.dumps(named)}\n".encode()
         self._processes[lane[MEMORY]].send(record)
 
     def _receive(self, lane: Floats, _request: Floats, _tick: int) -> None:
-        reply = self._processes[lane[MEMORY]].read(self._limit)
+        reply = self._processes[lane[MEMORY]].read(self._plan.time_limit)
         lane[list(COMMAND_ROWS)] = NOT_GIVEN
-        if self._is_binary:
+        if self._size:
             lane[self._rows] = np.frombuffer(reply)
         else:
             record = json.loads(reply)

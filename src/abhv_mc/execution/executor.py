@@ -38,7 +38,7 @@ from abhv_mc.folder.manifest import Manifest, read_manifest
 from abhv_mc.folder.opening import find_stored_plans
 from abhv_mc.identity import count_cores
 from abhv_mc.interfaces import Engine, Executor, Fly, OpenExecutor, Plan, Recorded, Simulator
-from abhv_mc.io.messages import InputError, one_of
+from abhv_mc.io.messages import InputError, check_names, one_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -325,18 +325,9 @@ def simulate_table(
         if simulator.mission  # All flights then have the same sample times.
     }
     systems = experiment.controllers if controllers is None else tuple(controllers)
-    for kind, requested, choices in (
-        ("inputs", names, experiment.parameters.dispersible),
-        ("controllers", systems, experiment.controllers),
-        ("channels", channels, tuple(channel_index)),
-    ):
-        for name in requested:
-            if name not in choices or list(requested).count(name) > 1:
-                raise InputError(
-                    kind,
-                    f"'{name}' appears twice" if name in choices else f"unknown name '{name}'",
-                    one_of(choices, name),
-                )
+    check_names("inputs", names, experiment.parameters.dispersible)
+    check_names("controllers", systems, experiment.controllers)
+    check_names("channels", channels, tuple(channel_index))
     try:
         rows = inputs.to_numpy(np.float64)
     except (TypeError, ValueError):

@@ -4,7 +4,7 @@ import json
 import os
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
@@ -22,17 +22,17 @@ _PYTHON = (sys.executable, "-P", str(Path(__file__).with_name("python_lines.py")
 class UserPlan:
     """Data for the flights of one system, except inputs; sent to workers."""
 
-    controller: str  # name of the system in the campaign
     command: tuple[str, ...]
     folder: str  # folder of the simulator
     files: tuple[tuple[str, str], ...]  # (path in the folder, SHA-256) of each file
-    python: str  # file of a Python function, or '' for a program
-    settings: str  # settings of the system as JSON
-    inputs: tuple[str, ...]
-    seeds: tuple[bool, ...]  # whether each input is an integer seed
-    metrics: tuple[Metric, ...]
-    outcomes: dict[str, int]  # numbers of the outcome codes
     time_limit: float  # limit in s on the elapsed time of a flight
+    controller: str = ""  # name of the system in the campaign
+    python: str = ""  # file of a Python function, or '' for a program
+    settings: str = ""  # settings of the system as JSON
+    inputs: tuple[str, ...] = ()
+    seeds: tuple[bool, ...] = ()  # whether each input is an integer seed
+    metrics: tuple[Metric, ...] = ()
+    outcomes: dict[str, int] = field(default_factory=dict)  # numbers of the outcome codes
     channels: tuple[Signal, ...] = ()  # channels of the returned history
     rate: float = 10.0  # sampling rate of stored histories in Hz
     band_rate: float = 5.0  # sampling rate of envelopes in Hz

@@ -205,6 +205,14 @@ def found_value(value: object) -> str:
     return f"found {describe(value)}"
 
 
+def check_names(argument: str, names: Sequence[str], choices: Sequence[str]) -> None:
+    """Raise InputError for a name that is not among ``choices``, or appears twice."""
+    for name in names:
+        if name not in choices or names.count(name) > 1:
+            problem = f"'{name}' appears twice" if name in choices else f"unknown name '{name}'"
+            raise InputError(argument, problem, one_of(choices, name))
+
+
 def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Return the value. Raise InputError if it is not a mapping."""
     if not isinstance(value, Mapping):

@@ -79,14 +79,14 @@ def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
     """Return a controller document for a function, with the current source of the function."""
     if kind != "control":
         raise InputError(kind, "found a function", "a name, a path or a mapping")
-    file = store_law(f"{law.__name__}.py", make_law_text(law))
+    file = store_text(f"{law.__name__}.py", make_law_text(law))
     path = file.with_suffix(".yaml")
     path.write_text(f"law: python\nfile: {file.name}\n", "utf-8")
     return read_document(path)
 
 
-def store_law(name: str, text: str) -> Path:
-    """Write a Python file to a folder of its content in the temporary folder; return its path."""
+def store_text(name: str, text: str) -> Path:
+    """Write a text file to a folder of its content in the temporary folder; return its path."""
     folder = temporary_folder() / hashlib.sha256(text.encode()).hexdigest()[:16]
     folder.mkdir(exist_ok=True)
     (folder / name).write_text(text, "utf-8")

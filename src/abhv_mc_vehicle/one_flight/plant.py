@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from abhv_mc.array_types import Floats, Singles
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.io.messages import InputError, one_of
+from abhv_mc.io.messages import InputError, check_names
 from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE
 from abhv_mc_vehicle.flight.arguments import make_kernel_plan, make_results
@@ -25,7 +24,7 @@ from abhv_mc_vehicle.kernel.flight.interface import LANES, Z_ROWS, make_memory
 from abhv_mc_vehicle.kernel.flight.observe import ALIVE
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.fly_once import Input, store_law, temporary_folder, write_inputs
+from abhv_mc_vehicle.one_flight.fly_once import Input, store_text, temporary_folder, write_inputs
 from abhv_mc_vehicle.user_code.law_interface import Command, Measured
 from abhv_mc_vehicle.user_code.plain_law import SOCKET
 from abhv_mc_vehicle.vehicle.actuators import name_effectors
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _SURFACES = Command._fields[:3]
+_ENGINE = ("equivalence_ratio", "throttle")
 _MOMENTS = ("roll_moment", "pitch_moment", "yaw_moment")
 _LAW = """\
 from typing import NamedTuple
@@ -148,21 +148,22 @@ class Plant:
         channels: Sequence[str] | None = None,
         rate: str = "100 Hz",
     ) -> None:
-        if rows is not None and dispersions:
-            raise InputError("Plant", "both rows and dispersions", "one of them")
         self.commands = tuple(commands)
-        self._table = rows
-        self.flights = check_count(flights if rows is None else len(rows), 1, "flights")
-        study = {"name": "plant", "runs": self.flights, "mission": mission, "vehicle": vehicle}
-        study |= {"controllers": {"plant": _make_law(self.commands, rate)}, "seed": seed}
-        folder = temporary_folder() / f"plant_{id(self)}"
-        path = write_inputs({**study, "dispersions": dict(dispersions or {})}, folder)
-        self._experiment = read_campaign(path)
-        plans = self._experiment.simulator.make_plans(["plant"])
-        self._plan = plans["plant"]
+        study = {"name": "plant", "mission": mission, "vehicle": vehicle, "seed": seed}
+        study |= {"controllers": {"plant": _make_law(self.commands, rate)}}
+        if rows is None:
+            study |= {"runs": flights, "dispersions": dict(dispersions or {})}
+        else:
+            table = store_text("rows.csv", rows.to_csv(index=False))
+            study["sampling"] = {"design": "file", "path": str(table)}
+        self._experiment = read_campaign(
+            write_inputs(study, temporary_folder() / f"plant_{id(self)}")
+        )
+        self.flights = self._experiment.runs
+        self._plan = self._experiment.simulator.make_plans(["plant"])["plant"]
         names = tuple(channel.name for channel in self._plan.channels)
         self.channels = names if channels is None else tuple(channels)
-        _check_names("channels", self.channels, names)
+        check_names("channels", self.channels, names)
         self.period, self.duration = self._plan.timing.tick, self._plan.timing.duration
         self.nominal = self._find_nominal()
         self._recording = Recording(1, tuple(map(names.index, self.channels)))
@@ -196,7 +197,11 @@ class Plant:
         PlantState
         """
         if seed is not None:
-            self._parameters = self._draw(seed)
+            model = self._experiment.model.model_copy(update={"seed": seed})
+            experiment = replace(self._experiment, model=model)
+            rows = experiment.make_samples().draw(0, self.flights)
+            experiment.simulator.fit_plans({"plant": self._plan}, experiment.inputs, rows)
+            self._parameters = experiment.rows(rows)
             self._kernel_plan = make_kernel_plan(self._plan, self._parameters, self._recording)
         self._tick, self._rows = fly_until(self._plan, self._parameters, 0)
         self._rows[:, self._columns] = self.nominal
@@ -266,54 +271,29 @@ class Plant:
             m.name: column for m, column in zip(self._plan.metrics, self._metrics.T, strict=True)
         }
 
-    def _draw(self, seed: int) -> Floats:
-        """Return rows of all parameters [flight, parameter]."""
-        experiment = self._experiment
-        table = self._table
-        if table is None:
-            model = experiment.model.model_copy(update={"seed": seed})
-            source = replace(experiment, model=model).make_samples()
-            return experiment.rows(source.draw(0, self.flights))
-        names = tuple(map(str, table.columns))
-        values = table.to_numpy(np.float64)
-        _check_names("rows", names, experiment.parameters.dispersible)
-        if np.isnan(values).any():
-            raise InputError("rows", "an empty cell", "a number in each cell")
-        experiment.simulator.fit_plans({"plant": self._plan}, names, values)
-        return full_rows(names, values, experiment.derived, experiment.parameters)
-
     def _find_nominal(self) -> Floats:
         plan = self._plan
-        axes = plan.initial_state[s.AILERON : s.ELEVATOR + 1]
-        eta = plan.initial_state[s.ETA]
-        values = dict(zip(REFERENCE, plan.reference[0].tolist(), strict=True))
-        values |= dict(
-            zip(name_effectors(plan.vehicle), plan.vehicle.effectors.mix @ axes, strict=True)
-        )
-        values |= dict(zip(_SURFACES, axes, strict=True)) | dict.fromkeys(_MOMENTS, 0.0)
-        values |= {"equivalence_ratio": eta, "throttle": eta}
-        return np.array([values[name] for name in self.commands], np.float64)
+        axes, eta = plan.initial_state[s.AILERON : s.ELEVATOR + 1], plan.initial_state[s.ETA]
+        names = (*REFERENCE, *name_effectors(plan.vehicle), *_SURFACES, *_ENGINE)
+        numbers = (*plan.reference[0], *plan.vehicle.effectors.mix @ axes, *axes, eta, eta)
+        values = dict(zip(names, numbers, strict=True))
+        return np.array([values.get(name, 0.0) for name in self.commands], np.float64)
 
     def _conform(self, commands: ArrayLike | Mapping[str, ArrayLike]) -> Floats:
         """Return commands [flight, command]."""
         values = self._rows[:, self._columns].copy()
-        shape = (self.flights, len(self.commands))
         try:
-            if isinstance(commands, Mapping):
-                _check_names("commands", tuple(commands), self.commands)
-                for name, column in commands.items():
-                    values[:, self.commands.index(name)] = column
-            else:
-                array = np.asarray(commands, np.float64)
-                if array.shape not in (shape, shape[1:]):
-                    raise ValueError(f"an array of shape {array.shape}")
-                values[:] = array
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                "commands", str(error), f"numbers of shape {shape} or {shape[1:]}"
-            ) from None
-        if not np.isfinite(values).all():
-            raise InputError("commands", "a value that is not finite", "finite numbers")
+            if not isinstance(commands, Mapping):
+                columns = np.asarray(commands, np.float64).T
+                commands = dict(zip(self.commands, columns, strict=True))
+            check_names("commands", tuple(commands), self.commands)
+            for name, column in commands.items():
+                values[:, self.commands.index(name)] = column
+            if not np.isfinite(values).all():
+                raise ValueError
+        except (TypeError, ValueError):
+            expected = f"finite numbers of shape {values.shape} or {values.shape[1:]}"
+            raise InputError("commands", f"found {commands!r:.80}", expected) from None
         return values
 
     def _run(self, last: int, saves: bool, address: int) -> dict[str, Singles]:
@@ -363,14 +343,6 @@ class Plant:
         self._pass_commands(context, Z, *arguments)
 
 
-def _check_names(argument: str, names: Sequence[str], choices: Sequence[str]) -> None:
-    """Raise InputError for a name that is not among ``choices``, or appears twice."""
-    for name in names:
-        if name not in choices or names.count(name) > 1:
-            problem = f"'{name}' appears twice" if name in choices else f"unknown name '{name}'"
-            raise InputError(argument, problem, one_of(choices, name))
-
-
 def _make_law(commands: tuple[str, ...], rate: str) -> dict[str, Any]:
     """Return the content of a controller file for a law whose settings are its commands."""
     law_commands = [name for name in commands if name in Command._fields]
@@ -390,6 +362,6 @@ def _make_law(commands: tuple[str, ...], rate: str) -> dict[str, Any]:
         allocation=allocation,
         command=", ".join(f"{name}={value}" for name, value in values.items()),
     )
-    file = str(store_law("plant.py", text))
+    file = str(store_text("plant.py", text))
     settings = dict.fromkeys(commands, 0.0)
     return {"law": "python", "file": file, "rate": rate, "settings": settings}
