@@ -1,6 +1,5 @@
 """Control law in a program: one process for each flight, and one request for each control tick."""
 
-import contextlib
 import ctypes
 import hashlib
 import json
@@ -33,27 +32,6 @@ _POSITIONS = {
 }
 
 
-class _FlightProcess(Process):
-    """Process of a flight; ``size`` is the number of bytes of a binary reply, or 0 for JSON."""
-
-    def __init__(self, plan: UserPlan, size: int) -> None:
-        super().__init__(plan)
-        self._size = size
-
-    def _split(self, content: bytes) -> list[bytes]:
-        if not self._size:
-            return super()._split(content)
-        starts = range(0, len(content) + 1, self._size)
-        return [content[start : start + self._size] for start in starts]
-
-    def send(self, request: bytes) -> None:
-        """Write a request. A process that has ended is detected when its reply is read."""
-        if self._read or self._rest:
-            raise ValueError("it wrote more than one reply to a request")
-        with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write(request)
-
-
 class ProcessLaw:
     """Adapter that exchanges records with the processes of the flights in all lanes."""
 
@@ -65,15 +43,15 @@ class ProcessLaw:
         rows = dict(zip(COMMAND_FIELDS, COMMAND_ROWS, strict=True))
         rows |= zip(find_commanded(source), effector_rows(source, effectors), strict=True)
         self._rows = [rows[name] for name in self._outputs]
-        self._size = 8 * len(self._rows) * (recipe["protocol"] == "binary")
         self._plan = UserPlan(
             command=tuple(recipe["command"]),
             folder=str(unpack(source)),
             files=tuple((name, hashlib.sha256(data).hexdigest()) for name, data in source.files),
             time_limit=recipe["time_limit"],
+            reply_size=8 * len(self._rows) * (recipe["protocol"] == "binary"),
         )
         # processes of the flights in progress, by the number stored in the lane of the flight
-        self._processes: dict[float, _FlightProcess] = {}
+        self._processes: dict[float, Process] = {}
         self.callback = SOCKET(self._call)
 
     def close(self) -> None:
@@ -108,17 +86,20 @@ class ProcessLaw:
 
     def _send(self, lane: Floats, request: Floats, tick: int) -> None:
         if tick == 0:
-            self._processes[lane[MEMORY]] = _FlightProcess(self._plan, self._size)
+            self._processes[lane[MEMORY]] = Process(self._plan)
+        process = self._processes[lane[MEMORY]]
+        if not process.is_silent(0.0):
+            raise ValueError("it wrote more than one reply to a request")
         record = request.tobytes()
-        if not self._size:
+        if not self._plan.reply_size:
             named = dict(zip(self._inputs, request.tolist(), strict=True))
             record = f"{json.dumps(named)}\n".encode()
-        self._processes[lane[MEMORY]].send(record)
+        process.send(record)
 
     def _receive(self, lane: Floats, _request: Floats, _tick: int) -> None:
         reply = self._processes[lane[MEMORY]].read(self._plan.time_limit)
         lane[list(COMMAND_ROWS)] = NOT_GIVEN
-        if self._size:
+        if self._plan.reply_size:
             lane[self._rows] = np.frombuffer(reply)
         else:
             record = json.loads(reply)

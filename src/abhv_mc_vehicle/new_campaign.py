@@ -11,7 +11,7 @@ from pathlib import Path
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.file.kinds import find_kind, find_kinds
 from abhv_mc.campaign.file.schema import make_schema
-from abhv_mc.io.messages import InputError, one_of
+from abhv_mc.io.messages import InputError, check_names
 from abhv_mc.shipped import shipped_configs, shipped_files
 from abhv_mc_vehicle.control.controller_file import read_controller
 from abhv_mc_vehicle.control.law_file import CController
@@ -73,11 +73,9 @@ def write_new_campaign(
     removes controllers designed for another vehicle. Raise InputError, without writing files, for
     an unknown name, a folder that is not empty, or an unsuitable vehicle.
     """
-    if law is not None and law not in LAWS:
-        raise InputError("--law", f"unknown language '{law}'", one_of(LAWS, law))
+    check_names("--law", filter(None, [law]), LAWS, "language")
     campaigns = shipped_files("campaign")
-    if name not in campaigns:
-        raise InputError("--from", f"unknown campaign '{name}'", one_of(campaigns, name))
+    check_names("--from", [name], campaigns, "campaign")
     refuse_filled(folder)
     source = campaigns[name]
     campaign = read_campaign(source).model
@@ -245,8 +243,7 @@ def write_new_simulator(folder: Path, kind: str) -> list[Path]:
     the first file. If a C compiler is available, the program is built, and ``rocket`` is the last
     file. Raise InputError for any other kind, or if the folder is not empty.
     """
-    if kind not in SIMULATORS:
-        raise InputError("--simulator", f"unknown kind '{kind}'", one_of(SIMULATORS, kind))
+    check_names("--simulator", [kind], SIMULATORS, "kind")
     refuse_filled(folder)
     source = shipped_configs() / "simulator"
     folder.mkdir(parents=True, exist_ok=True)

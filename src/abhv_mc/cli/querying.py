@@ -13,7 +13,7 @@ import typer
 from abhv_mc.cli.options import Json, folder_argument, output_file_or_stream, output_folder
 from abhv_mc.cli.printing import new_table, print_table, say, show_result
 from abhv_mc.folder.layout import write_text
-from abhv_mc.io.messages import InputError, one_of, quoted
+from abhv_mc.io.messages import InputError, check_names, quoted
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
@@ -70,8 +70,7 @@ def schemas(
             [{"name": name, "doc": f"JSON Schema of a {name} file"} for name in names], json
         )
         return
-    if kind not in names:
-        raise InputError("list schemas", f"unknown kind '{kind}'", one_of(names, kind))
+    check_names("list schemas", [kind], names, "kind")
     show_result(
         results[kind]() if kind in results else make_schema(kind),
         json or Path("-"),

@@ -293,9 +293,8 @@ def open_flown(
     experiment = read_folder_campaign(folder)
     flown = list(read_manifest(folder.manifest).controllers)
     names = list(controllers)
+    check_names(folder.root, names, flown, "controller")
     for name in names:
-        if name not in flown:
-            raise InputError(folder.root, f"unknown controller '{name}'", one_of(flown, name))
         read_checked(folder, [folder.plan(name)])
     plans = experiment.simulator.restore_plans(find_stored_plans(folder), names, trusted)
     return replace(make_ready(experiment, plans), columns=SampleReader(folder.samples).names)

@@ -74,6 +74,7 @@ class Process:
             self._errors.close()
             raise
         self._process = started
+        self._reply_size = plan.reply_size
         watch(started.pid)
         self._poll = select.poll()
         self._poll.register(self._process.stdout.fileno(), select.POLLIN)
@@ -109,13 +110,12 @@ class Process:
         for first in range(0, len(requests), step):
             batch = requests[first : first + step]
             texts = [self._make_text() for _ in batch]
-            with contextlib.suppress(BrokenPipeError):  # The next read detects the process's end.
-                self._process.stdin.write(
-                    b"".join(
-                        b'%s"%s"}\n' % (request, text.encode())
-                        for request, text in zip(batch, texts, strict=True)
-                    )
+            self.send(
+                b"".join(
+                    b'%s"%s"}\n' % (request, text.encode())
+                    for request, text in zip(batch, texts, strict=True)
                 )
+            )
             for text in texts:
                 answer = self._answer(limit) if self._read else self._time_answer(limit, start)
                 self.flights += 1
@@ -177,6 +177,11 @@ class Process:
         problem = f"it replied '{text}', which is not a JSON object"
         raise LostFlightError(f"{problem} (messages belong on standard error)")
 
+    def send(self, requests: bytes) -> None:
+        """Write requests. A process that has ended is detected when its reply is read."""
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(requests)
+
     def read(self, limit: float, verb: str = "finished", notice: float = math.inf) -> bytes:
         """Return the next reply. Raise LostFlightError if it takes longer than ``limit`` s.
 
@@ -188,7 +193,9 @@ class Process:
 
     def _split(self, content: bytes) -> list[bytes]:
         """Return the replies in ``content``; the last one is incomplete."""
-        return content.split(b"\n")
+        if not (size := self._reply_size):
+            return content.split(b"\n")
+        return [content[i : i + size] for i in range(0, len(content) + 1, size)]
 
     def _read_replies(self, limit: float, verb: str, notice: float) -> None:
         begun, reply_limit = time.monotonic(), notice

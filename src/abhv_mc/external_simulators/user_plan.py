@@ -40,6 +40,7 @@ class UserPlan:
     timing: ClassVar = None  # None, because each flight has its own times
     sources: ClassVar[tuple[UserSource, ...]] = ()
     folders: tuple[str, ...] = ()  # required empty folders
+    reply_size: int = 0  # bytes of a binary reply; 0 for lines of JSON
     start_limit: float = 600.0  # time limit in s for the start
     flights_per_process: int | None = None
     campaign_folder: str = ""  # folder of the campaign file

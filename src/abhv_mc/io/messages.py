@@ -205,12 +205,16 @@ def found_value(value: object) -> str:
     return f"found {describe(value)}"
 
 
-def check_names(argument: str, names: Sequence[str], choices: Sequence[str]) -> None:
+def check_names(
+    argument: str | Path, names: Iterable[str], choices: Iterable[str], noun: str = "name"
+) -> None:
     """Raise InputError for a name that is not among ``choices``, or appears twice."""
+    previous, choices = set[str](), tuple(choices)
     for name in names:
-        if name not in choices or names.count(name) > 1:
-            problem = f"'{name}' appears twice" if name in choices else f"unknown name '{name}'"
+        if name not in choices or name in previous:
+            problem = f"'{name}' appears twice" if name in choices else f"unknown {noun} '{name}'"
             raise InputError(argument, problem, one_of(choices, name))
+        previous.add(name)
 
 
 def check_mapping(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:

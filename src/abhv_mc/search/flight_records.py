@@ -21,7 +21,7 @@ from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.foreign_table import ForeignTable, NumberTable, read_foreign_table
-from abhv_mc.io.messages import InputError, one_of
+from abhv_mc.io.messages import check_names
 from abhv_mc.io.units import parse_in_any_unit, parse_unit
 from abhv_mc.search.search_flights import read_searched
 from abhv_mc.search.space import make_space
@@ -155,11 +155,7 @@ class Programme:
         self.times = clock[:: -(-clock.size // _MOST_TIMES)]
         outputs = {own.name: own for own in (*experiment.metrics.values(), *experiment.channels)}
         self.units = {name: parse_unit(outputs[name].unit)[0] for name in self.names}
-        for name in noise or {}:
-            if name not in self.names:
-                raise InputError(
-                    "--measured", f"unknown channel or metric '{name}'", one_of(self.names, name)
-                )
+        check_names("--measured", noise or (), self.names, "channel or metric")
         self.noise = {
             name: parse_in_any_unit(value, outputs[name].unit)
             for name, value in experiment.model.measured.items()

@@ -10,7 +10,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.documents import write_document
-from abhv_mc.io.messages import InputError, one_of
+from abhv_mc.io.messages import InputError, check_names
 from abhv_mc.search.flight_records import Programme
 from abhv_mc.statistics.circular import move_near
 from abhv_mc.statistics.identification import estimate, find_spread
@@ -113,9 +113,7 @@ def identify(
     shared = np.isin(columns, programme.by_vehicle)
     choices = [name for name in columns if name not in programme.measured]
     chosen = parameters or [name for name in choices if name in programme.by_vehicle] or choices
-    for name in chosen:
-        if name not in choices:
-            raise InputError("--parameters", f"'{name}' cannot be estimated", one_of(choices, name))
+    check_names("--parameters", chosen, choices, "parameter to estimate")
     listed = np.isin(columns, chosen)
     own = np.flatnonzero(np.isin(columns, choices) & ~listed)
     places = [programme.columns.index(columns[i]) for i in own]

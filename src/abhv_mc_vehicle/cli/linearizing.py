@@ -23,7 +23,7 @@ from abhv_mc.cli.printing import (
     say,
     show_result,
 )
-from abhv_mc.io.messages import InputError, one_of
+from abhv_mc.io.messages import InputError, check_names
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
 from abhv_mc_vehicle.cli.options import (
     ControllerFiles,
@@ -246,14 +246,9 @@ def _find_flown(
         check_user_code(campaign, trust_code)
         model = campaign.model
         controller_files = {name: Path(file) for name, file in model.controllers.items()}
-        for name in parse_names(controllers) or ():
-            if name not in controller_files:
-                raise InputError(
-                    "--controllers", f"unknown controller '{name}'", one_of(controller_files, name)
-                )
-        files = {
-            name: controller_files[name] for name in parse_names(controllers) or controller_files
-        }
+        names = parse_names(controllers) or controller_files
+        check_names("--controllers", names, controller_files, "controller")
+        files = {name: controller_files[name] for name in names}
         vehicle = vehicle or Path(model.vehicle)
         mission = Path(model.mission)
     else:

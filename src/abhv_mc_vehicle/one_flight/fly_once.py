@@ -24,7 +24,7 @@ from abhv_mc.execution.first_flights import differs
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.documents import Document, read_document, write_document
-from abhv_mc.io.messages import InputError, Refusal, check_mapping, one_of, quoted
+from abhv_mc.io.messages import InputError, Refusal, check_mapping, check_names, one_of, quoted
 from abhv_mc.io.units import Dimension, parse_quantity
 from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
@@ -120,13 +120,9 @@ def make_parameters(
     """
     table = vehicle_parameters(find_code(vehicle))
     row = table.nominal[None].copy()
-    for name, value in check_mapping(
-        {} if dispersions is None else dispersions, "dispersions"
-    ).items():
-        if name not in table.dispersible:
-            raise InputError(
-                "dispersions", f"unknown parameter '{name}'", one_of(table.dispersible, name)
-            )
+    values = check_mapping({} if dispersions is None else dispersions, "dispersions")
+    check_names("dispersions", values, table.dispersible, "parameter")
+    for name, value in values.items():
         try:
             row[0, table.index[name]] = table[name].read(value, bare_unit=table[name].unit)
         except Refusal as refusal:

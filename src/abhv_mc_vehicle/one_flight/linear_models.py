@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from abhv_mc.io.messages import InputError, joined, one_of, quoted
+from abhv_mc.io.messages import InputError, check_names, joined, quoted
 from abhv_mc.io.units import ANGLE, TIME
 from abhv_mc.shipped import DEFAULT_VEHICLE
 from abhv_mc_vehicle.control.mission import read_mission
@@ -218,9 +218,7 @@ def analyse_place(location: Place, hold: Sequence[str]) -> tuple[Linear, Stabili
     `hold` names slow states that are held constant; the notes list the removed poles. Raise
     InputError for other names.
     """
-    for name in hold:
-        if name not in HELD:
-            raise InputError("hold", f"unknown name '{name}'", one_of(HELD, name))
+    check_names("hold", hold, HELD)
     held = [COORDINATES.index(name) for name in hold]
     linear = systems.linearize(location.plan, location.points, held)
     stability = analyse(linear, _FREQUENCIES, apart=True)
@@ -411,9 +409,8 @@ def fly_on(
     plan = make_flight_plan(mission, vehicle, controller)
     names = [*plant_states(plan.vehicle), *(f"law_{name}" for name in law_memory_rows(plan))]
     change = np.zeros(len(names))
+    check_names("disturbance", disturbance or (), names)
     for name, value in (disturbance or {}).items():
-        if name not in names:
-            raise InputError("disturbance", f"unknown name '{name}'", one_of(names, name))
         change[names.index(name)] = value
     tick, ticks = (
         round(to_si(time, TIME, word) / plan.timing.tick)

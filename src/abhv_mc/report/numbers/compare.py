@@ -12,7 +12,7 @@ from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.messages import InputError, Refusal, counted, grouped_digits, one_of, quoted
+from abhv_mc.io.messages import InputError, Refusal, check_names, counted, grouped_digits, quoted
 from abhv_mc.io.units import parse_in_unit
 from abhv_mc.statistics.gate import RISK, Gate, judge_change
 from abhv_mc.statistics.winner import PairedFailures
@@ -218,11 +218,7 @@ def compare_results(
     metrics = [name for name in a.metrics if name in b.metrics]
     compared = [name for name in a.compared if name in metrics]
     records = a.campaign.metrics
-    for metric in margins or {}:
-        if metric not in metrics:
-            raise InputError(
-                "--fail-if-worse", f"unknown metric '{metric}'", one_of(metrics, metric)
-            )
+    check_names("--fail-if-worse", margins or (), metrics, "metric")
     requirements = tuple(item for item in a.campaign.requirements if item.metric in metrics)
     independent, unknowns = a.campaign.judged, a.campaign.unknowns
     pairs = []
