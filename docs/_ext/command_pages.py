@@ -15,7 +15,11 @@ from abhv_mc.cli.app import app
 
 
 def _options(name: str, command: Any, context: typer.Context) -> str:
-    """Return the help of a command, with headings below that of the page."""
+    """Return the help of a command and its hidden options, with headings below the page's."""
+    for parameter in command.params:
+        if getattr(parameter, "hidden", False):
+            parameter.hidden = False
+            parameter.help += " Not listed by `--help`."
     text = get_docs_for_click(obj=command, ctx=context, indent=1, name=f"abhv-mc {name}")
     text = text.replace(command.epilog or "\0", "")  # the page has examples of its own
     text = re.sub(r"\A#+ .*\n", "", text)
@@ -34,7 +38,7 @@ def make(examples: Path) -> dict[str, str]:
     pages: dict[str, str] = {}
     contents = [
         "# Commands\n",
-        "`abhv-mc COMMAND --help` prints the same text. A campaign, mission, vehicle or "
+        "`abhv-mc COMMAND --help` prints the main options. A campaign, mission, vehicle or "
         "controller is a path or the",
         "name of a shipped one. `--json FILE` writes the numbers that a command prints, `--json "
         "-` writes only them to",

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from programs import run_python
 
 import abhv_mc
@@ -61,6 +62,22 @@ def test_version_and_help():
     assert len(listed) <= 25
     for command in app.registered_commands:
         assert (command.name in listed) is not command.hidden
+
+
+def test_long_options_are_at_most_58() -> None:
+    def find(command: Any, context: Any) -> set[str]:
+        names = {
+            name
+            for option in command.params
+            if option.param_type_name == "option" and not option.hidden
+            for name in (*option.opts, *option.secondary_opts)
+        }
+        inner = getattr(command, "commands", {}) and command.list_commands(context)
+        return names.union(*(find(command.get_command(context, name), context) for name in inner))
+
+    names = find(typer.main.get_command(app), None)
+    assert "--runs" in names and "--plans" not in names
+    assert len({name for name in names if name.startswith("--")}) <= 58
 
 
 @pytest.mark.parametrize("start", ["from abhv_mc.cli import app", "import abhv_mc; dir(abhv_mc)"])

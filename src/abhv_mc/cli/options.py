@@ -332,6 +332,7 @@ _KINDS = {
     "share": (str, lambda o: _option(o, metavar="COV")),
     "side": (bool, lambda o: _option(o, "--above/--below")),
 }
+_EXPERT = {"plans", "target_cov"}  # fields that only the pages of the commands list
 _PARSERS: dict[str, Callable[[Any], Any]] = {
     "controllers": parse_names,
     "shard": _parse_shard,
@@ -388,4 +389,6 @@ def _make_parameter(parameter: inspect.Parameter, option: Option) -> inspect.Par
         kind = kind | None
     elif option.kind == "folder":
         parameter = parameter.replace(default=None)
-    return parameter.replace(annotation=Annotated[kind, make(option)])
+    declared = make(option)
+    declared.hidden = parameter.name in _EXPERT
+    return parameter.replace(annotation=Annotated[kind, declared])

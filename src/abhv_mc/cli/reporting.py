@@ -56,7 +56,9 @@ def report(
         ),
     ] = None,
     baseline: Baseline = None,
-    svg: Annotated[bool, typer.Option("--svg", help="Also write the figures as SVG.")] = False,
+    svg: Annotated[
+        bool, typer.Option("--svg", hidden=True, help="Also write the figures as SVG.")
+    ] = False,
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Write report.pdf (A4); requires Chromium.")
     ] = False,
@@ -67,7 +69,7 @@ def report(
         ),
     ] = False,
     letter: Annotated[
-        bool, typer.Option("--letter", help="Use US letter paper for the PDF.")
+        bool, typer.Option("--letter", hidden=True, help="Use US letter paper for the PDF.")
     ] = False,
     requirements: Requirements = None,
     junit: Junit = None,

@@ -60,6 +60,7 @@ def run(
         typer.Option(
             callback=output_folder,
             metavar="DIR",
+            hidden=True,
             help="Folder for the local copy of the results if the output is an address.",
             show_default="a temporary folder",
         ),

@@ -120,8 +120,8 @@ _TRIM_ROWS = (
 )
 
 
-def _start_option(help_text: str, default: str = "start of the mission") -> Any:
-    return typer.Option(help=help_text, show_default=default)
+def _start_option(help_text: str, default: str = "start of the mission", **more: Any) -> Any:
+    return typer.Option(help=help_text, show_default=default, **more)
 
 
 def trim(
@@ -138,13 +138,13 @@ def trim(
     ] = None,
     flight_path_angle: Annotated[str | None, _start_option("Flight path angle in deg.")] = None,
     mass: Annotated[str | None, _start_option("Mass in kg or with a unit.", "initial mass")] = None,
-    latitude: Annotated[str | None, _start_option("Geodetic latitude in deg.")] = None,
+    latitude: Annotated[str | None, _start_option("Geodetic latitude in deg.", hidden=True)] = None,
     heading: Annotated[
         str | None,
-        _start_option("Heading in deg, clockwise from north."),
+        _start_option("Heading in deg, clockwise from north.", hidden=True),
     ] = None,
     rotating: Annotated[
-        bool, typer.Option("--rotating", help="Include the rotation of the Earth.")
+        bool, typer.Option("--rotating", hidden=True, help="Include the rotation of the Earth.")
     ] = False,
     json: Json = None,
 ) -> None:
