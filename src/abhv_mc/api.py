@@ -170,10 +170,13 @@ class Campaign:
         >>> abhv_mc.Campaign.make(study, runs=200)
         <Campaign study: 200 flights of 'tlc' and 'narrow', dispersions: 1>
         """
-        folder = mkdtemp(prefix="abhv-mc-")
+        return cls._make({**check_mapping(data, "data"), **overrides})
+
+    @classmethod
+    def _make(cls, data: Mapping[str, Any], others: Mapping[str, Any] | None = None) -> "Campaign":
+        folder = Path(mkdtemp(prefix="abhv-mc-"))
         try:
-            write_inputs = __getattr__("write_inputs")
-            path = write_inputs({**check_mapping(data, "data"), **overrides}, Path(folder))
+            path = __getattr__("write_inputs")(data, folder, others)
             campaign = cls(path, read_campaign(path))
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
@@ -182,6 +185,46 @@ class Campaign:
             campaign, shutil.rmtree, folder, ignore_errors=True
         )  # The folder may be deleted, because results folders contain copies of its files.
         return campaign
+
+    def vary(
+        self,
+        variants: Mapping[str, Any] | Sequence[Mapping[str, Any]] = (),
+        **overrides: Any,
+    ) -> "Campaign":
+        """Return the campaign with variants of its controllers, for a study over parameters.
+
+        Parameters
+        ----------
+        variants
+            Values of entries in controller files, by controller and key: all combinations of the
+            lists in a mapping, or a list of mappings. A number has the unit of the entry that it
+            replaces.
+        overrides
+            Entries that replace those of the campaign, as in :meth:`make`. All controllers have the
+            same vehicle and mission; a study over them needs a campaign for each value.
+
+        Returns
+        -------
+        Campaign
+            Campaign with the same samples, and each variant as a further controller.
+
+        Raises
+        ------
+        InputError
+            If the content is invalid; the error lists all problems.
+
+        Examples
+        --------
+        >>> campaign = abhv_mc.Campaign.read("paper")
+        >>> campaign.vary({"tlc.altitude.bandwidth": [0.02, 0.05]}).controllers
+        ('tlc', 'lqr', 'tlc+altitude.bandwidth=0.02', 'tlc+altitude.bandwidth=0.05')
+        >>> wider = campaign.vary(vehicle={"base": "abhv", "geometry.area": "36 m2"})
+        """
+        from abhv_mc.folder.inputs import pack_inputs
+
+        entries = pack_inputs(self._checked, lambda path, *_: str(path.absolute()), {})
+        others = self._checked.document.entries
+        return self._make(overrides, {**others, **entries, "variants": variants})
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
         """Return the dispersed parameters of the first flights.

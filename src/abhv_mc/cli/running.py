@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from abhv_mc.folder.manifest import Manifest
 
 _WIDTH = 80  # maximum line width, in columns
+_MOST_COLUMNS = 6  # maximum number of controllers listed as columns instead of rows
 
 
 @takes_options(Request)
@@ -183,20 +184,23 @@ def _print_requirements(manifest: "Manifest") -> None:
     if not entries:
         return
     binding = {entry.controller for entry in manifest.requirements}
-    names = dict.fromkeys((entry.controller for entry in entries), "")
+    marks = {e.controller: f"{e.controller}{' *' * (e.controller in binding)}" for e in entries}
     cells: dict[str, dict[str, str]] = {}  # table cells by requirement and controller
     reasons: Counter[str] = Counter()
     for entry in entries:
         counts = f"{grouped_digits(entry.failures)} of {grouped_digits(entry.flights)}"
-        row = cells.setdefault(f"{entry.asked} in {100 * entry.probability:g} %", {**names})
-        row[entry.controller] = f"{entry.label} {counts}"
+        asked = f"{entry.asked} in {100 * entry.probability:g} %"
+        row = cells.setdefault(asked, dict.fromkeys(marks.values(), ""))
+        row[marks[entry.controller]] = f"{entry.label} {counts}"
         reasons.update(f"{entry.verdict}: {text}" for text in entry.words.split("; ")[1:])
-    heads = (name + " *" * (name in binding) for name in names)
-    table = new_table(
-        ("", *heads), (), "\nVerdict and number of failures (* must meet its requirements)"
-    )
-    for requirement, row in cells.items():
-        table.add_row(requirement, *row.values())
+    if len(marks) > _MOST_COLUMNS:
+        cells = {
+            mark: {asked: row[mark] for asked, row in cells.items()} for mark in marks.values()
+        }
+    heads = "", *next(iter(cells.values()))
+    table = new_table(heads, (), "\nVerdict and number of failures (* must meet its requirements)")
+    for head, row in cells.items():
+        table.add_row(head, *row.values())
     print_table(table)
     for reason, number in reasons.items():
         text = f"{number} of {len(entries)} verdicts {reason}"

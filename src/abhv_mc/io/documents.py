@@ -8,13 +8,15 @@ and column.
 import ast
 import functools
 import inspect
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import StringIO
 from itertools import pairwise
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -41,6 +43,7 @@ from abhv_mc.io.messages import (
     found_value,
     one_of,
 )
+from abhv_mc.io.units import NUMBER
 
 M = TypeVar("M", bound=BaseModel)
 Key = str | int
@@ -94,6 +97,25 @@ class Document:
         """Return the table that contains the entry at ``keys``, or this document."""
         tables = self.tables if len(keys) > 1 else ()
         return next((table for table in tables if keys[:2] in table.value_places), self)
+
+    def with_entries(self, entries: Mapping[str, Any]) -> "Document":
+        """Return the document with changed entries, given by dotted keys.
+
+        A number has the unit of the entry that it replaces. Raise InputError for a key within a
+        value that is not a mapping.
+        """
+        data: Any = deepcopy(self.data)
+        for key, value in entries.items():
+            *path, last = key.split(".")
+            node = data
+            for name in path:
+                node = node.setdefault(name, {}) if isinstance(node, dict) else None
+            if not isinstance(node, dict):
+                raise InputError(self.path, f"unknown entry '{key}'", "the key of a mapping")
+            old = node.get(last)
+            unit = isinstance(old, str) and re.fullmatch(f"{NUMBER}(.*)", old)
+            node[last] = f"{value}{unit[1]}" if unit and isinstance(value, Real) else value
+        return replace(self, data=data)
 
     def resolve(self, text: str | Path) -> Path:
         """Return the path ``text``, resolved relative to the folder of the file."""

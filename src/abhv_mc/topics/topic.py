@@ -281,7 +281,9 @@ def _without_idle(items: tuple[Item, ...]) -> tuple[Item, ...]:
 
 def controller_label(name: str) -> str:
     """Return a controller's printed name, such as 'LQR robust' for 'lqr_robust'."""
-    return " ".join(word.upper() if word in _INITIALS else word for word in name.split("_"))
+    base, *entries = name.split("+")  # entries of a variant
+    words = (word.upper() if word in _INITIALS else word for word in base.split("_"))
+    return " ".join((*words, *entries))
 
 
 def full_labels(folder: Path, names: Iterable[str]) -> dict[str, str]:

@@ -310,7 +310,7 @@ class ControllerFile(RootModel[Any]):
     root: Annotated[Controller, Field(discriminator="law")]
 
 
-def read_controller_document(path: str | Path) -> tuple[Document, Controller]:
+def read_controller_document(path: str | Path | Document) -> tuple[Document, Controller]:
     """Read and check a controller file without running custom control laws.
 
     Raise InputError if the file is invalid.

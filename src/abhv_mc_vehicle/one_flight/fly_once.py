@@ -4,13 +4,7 @@ Inputs are shipped names, paths or mappings, and dispersions. A mapping is the c
 ``base`` and changed entries, as in ``{"base": "tlc", "limits.bank": "60 deg"}``.
 """
 
-import atexit
-import copy
-import functools
 import hashlib
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +30,7 @@ from abhv_mc_vehicle.kernel.plant.vehicle import NEVER, Vehicle
 from abhv_mc_vehicle.user_code.from_function import make_law_text
 from abhv_mc_vehicle.user_code.vehicle_functions import find_code
 from abhv_mc_vehicle.vehicle_simulator.make_plans import check_rows, describe_end
-from abhv_mc_vehicle.vehicle_simulator.references import find_references
+from abhv_mc_vehicle.vehicle_simulator.references import temporary_folder, write_input
 
 Input = str | Path | Mapping[str, Any] | Callable[..., Any]
 Quantity = float | str  # number in SI (angles in rad), or a string with a unit
@@ -55,24 +49,7 @@ def make_document(kind: str, source: Input) -> Document:
     base = changes.pop("base", None)
     if base is None:
         return Document(Path(f"<{kind}>"), changes, {(): (1, 1)}, {})
-    document = read_document(find_input(base, kind))
-    data: Any = copy.deepcopy(document.data)
-    for key, value in changes.items():
-        *path, last = key.split(".")
-        node = data
-        for i, name in enumerate(path):
-            if not isinstance(node, dict) or name not in node:
-                keys = node if isinstance(node, dict) else ()
-                raise InputError(
-                    document.path,
-                    f"unknown entry '{'.'.join(path[: i + 1])}'",
-                    one_of(keys, name) if keys else "the key of a mapping",
-                )
-            node = node[name]
-        if not isinstance(node, dict):
-            raise InputError(document.path, f"unknown entry '{key}'", "the key of a mapping")
-        node[last] = value
-    return Document(document.path, data, document.value_places, document.key_places)
+    return read_document(find_input(base, kind)).with_entries(changes)
 
 
 def _make_law_document(kind: str, law: Callable[..., Any]) -> Document:
@@ -91,14 +68,6 @@ def store_text(name: str, text: str) -> Path:
     folder.mkdir(exist_ok=True)
     (folder / name).write_text(text, "utf-8")
     return folder / name
-
-
-@functools.cache
-def temporary_folder() -> Path:
-    """Return a folder that is deleted when this process ends."""
-    folder = tempfile.mkdtemp(prefix="abhv-mc-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
 
 
 def make_flight_plan(
@@ -138,39 +107,30 @@ def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
         raise InputError(name, refusal.found, refusal.expected) from None
 
 
-def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
-    """Write a campaign with its input files to a folder; return the path of the campaign."""
+def write_inputs(
+    data: Mapping[str, Any], folder: Path, others: Mapping[str, Any] | None = None
+) -> Path:
+    """Write a campaign with its input files to a folder; return the path of the campaign.
+
+    The files to which ``others``, the remaining entries of the campaign, refer are not copied.
+    """
     content = dict(data)
     for kind in ("vehicle", "mission"):
         if kind in content:
-            content[kind] = _write_input(kind, content[kind], folder, kind)
+            content[kind] = write_input(make_document(kind, content[kind]), folder / kind, kind)
     controllers = content.get("controllers")
     if isinstance(controllers, str):
         controllers = {Path(controllers).stem: controllers}
     if isinstance(controllers, Mapping):
         content["controllers"] = {
-            str(name): _write_input("control", source, folder, f"controllers/{number}")
+            str(name): write_input(
+                make_document("control", source), folder / f"{number}", "control"
+            )
             for number, (name, source) in enumerate(controllers.items())
         }
     path = folder / "campaign.yaml"
-    write_document(path, content)
+    write_document(path, {**(others or {}), **content})
     return path
-
-
-def _write_input(kind: str, source: Any, folder: Path, location: str) -> str:
-    """Write an input with the files to which it refers, and return its relative path."""
-    document = make_document(kind, source)
-    path = document.path.resolve()
-    files = list(find_references(path)) if path.is_file() else []
-    root = Path(os.path.commonpath([file.parent for file in (path, *files)]))
-    for file in files:
-        target = folder / location / file.relative_to(root)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, target)
-    name = path.relative_to(root) if path.is_file() else Path(f"{kind}.yaml")
-    (folder / location / name).parent.mkdir(parents=True, exist_ok=True)
-    write_document(folder / location / name, document.data)
-    return f"{location}/{name.as_posix()}"
 
 
 class OneFlight(NamedTuple):

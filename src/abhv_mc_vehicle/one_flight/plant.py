@@ -24,10 +24,11 @@ from abhv_mc_vehicle.kernel.flight.interface import LANES, Z_ROWS, make_memory
 from abhv_mc_vehicle.kernel.flight.observe import ALIVE
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE
 from abhv_mc_vehicle.kernel.plant import state as s
-from abhv_mc_vehicle.one_flight.fly_once import Input, store_text, temporary_folder, write_inputs
+from abhv_mc_vehicle.one_flight.fly_once import Input, store_text, write_inputs
 from abhv_mc_vehicle.user_code.law_interface import Command, Measured
 from abhv_mc_vehicle.user_code.plain_law import SOCKET
 from abhv_mc_vehicle.vehicle.actuators import name_effectors
+from abhv_mc_vehicle.vehicle_simulator.references import temporary_folder
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,7 +1,11 @@
 """Campaign file of the built-in simulator: keys, checks, and files to which it refers."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -121,6 +125,9 @@ class VehicleKeep(Keep):
     """time-history envelopes over all flights"""
 
 
+_Grid = dict[str, Annotated[list[Any], Field(min_length=1), BeforeValidator(as_list)]]
+
+
 class VehicleCampaign(Campaign):
     """Campaign file of the built-in simulator of a vehicle."""
 
@@ -131,6 +138,11 @@ class VehicleCampaign(Campaign):
     controllers: Annotated[dict[Name, Annotated[File, _shipped("control")]], Field(min_length=1)]
     """controller files or shipped names by name; all controllers are simulated with the same
     samples"""
+    variants: Annotated[
+        list[_Grid], BeforeValidator(as_list, json_schema_input_type=_Grid | list[_Grid])
+    ] = []
+    """further controllers with other values of entries, such as tlc.altitude.bandwidth, in their
+    files: all combinations of the values of each key, or a list of {key: value}"""
     channels: File | None = None
     """Python file of custom channels, relative to the campaign file"""
     metrics: Annotated[
@@ -241,6 +253,7 @@ def read_contents(document: Document, model: VehicleCampaign, errors: Problems) 
         stems={c.name: c.name.rpartition("_")[0] or c.name for c in CHANNELS},
         kept=None if ALL in model.keep.histories.channels else model.keep.histories.channels,
         enveloped=model.keep.envelopes.channels,
+        variants=_read_variants(model.controllers),
         zones={name: zone.outline() for name, zone in model.keep_out.items()},
         document=document,
         model=model,
@@ -249,6 +262,17 @@ def read_contents(document: Document, model: VehicleCampaign, errors: Problems) 
         effectors=effectors,
         states=states,
     )
+
+
+def _read_variants(controllers: Mapping[str, Path]) -> dict[str, dict[str, str]]:
+    """Return the changed entries of each variant, by its name and their dotted keys."""
+    variants: dict[str, dict[str, str]] = {}
+    for name, path in controllers.items():
+        for key in re.findall(r"\+([\w.]+)=", name):
+            with suppress(KeyError, TypeError):  # Other controllers may have such names.
+                value = reduce(getitem, key.split("."), read_document(path).entries)
+                variants.setdefault(name, {})[f"{name.split('+')[0]}.{key}"] = str(value)
+    return variants
 
 
 def _declare_metrics(

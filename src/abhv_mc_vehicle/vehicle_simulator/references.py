@@ -1,11 +1,16 @@
 """Input files of a vehicle's campaign, and the files to which they refer."""
 
+import atexit
+import functools
+import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from abhv_mc.campaign.file.kinds import find_kind, locate
-from abhv_mc.io.documents import Document, read_document
+from abhv_mc.io.documents import Document, read_document, write_document
 from abhv_mc.io.messages import InputErrors
 from abhv_mc_vehicle.control.law_file import USER_LAWS, UserController, find_files
 
@@ -56,3 +61,29 @@ def _named_files(value: Any) -> Iterator[str]:
         value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     ):
         yield from _named_files(inner)
+
+
+@functools.cache
+def temporary_folder() -> Path:
+    """Return a folder that is deleted when this process ends."""
+    folder = tempfile.mkdtemp(prefix="abhv-mc-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+def write_input(document: Document, folder: Path, kind: str) -> Path:
+    """Write a document, with copies of the files to which it refers, and return its path.
+
+    Relative paths are preserved; documents without a file are named after their ``kind``.
+    """
+    path = document.path.resolve()
+    files = list(find_references(path)) if path.is_file() else []
+    root = Path(os.path.commonpath([file.parent for file in (path, *files)]))
+    for file in files:
+        target = folder / file.relative_to(root)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, target)
+    target = folder / (path.relative_to(root) if path.is_file() else f"{kind}.yaml")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_document(target, document.data)
+    return target

@@ -17,6 +17,7 @@ from abhv_mc_vehicle.vehicle_simulator.campaign_file import (
     read_contents,
 )
 from abhv_mc_vehicle.vehicle_simulator.simulator import VehicleSimulator
+from abhv_mc_vehicle.vehicle_simulator.variants import add_variants
 
 Schema = dict[str, Any]
 _OWN_METRIC = "^[a-z][a-z0-9_]*$"
@@ -62,7 +63,7 @@ VEHICLE = Registered(
     VehicleSimulator,
     VehicleCampaign,
     read_contents,
-    prepare=lambda document: draw_members(name_effectors(document)),
+    prepare=lambda document: add_variants(draw_members(name_effectors(document))),
     files={
         "vehicle": "abhv_mc_vehicle.vehicle.document:VehicleDocument",
         "mission": "abhv_mc_vehicle.control.mission:Mission",

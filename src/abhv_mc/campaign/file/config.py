@@ -102,7 +102,7 @@ Batch = Annotated[
 ]
 FlightCount = Annotated[Annotated[int, Field(ge=1)] | None, _none_for("all")]
 MetricName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+=-]*$", max_length=120)]
 DesignName = Literal["random", "lhs", "sobol", "halton", "corners", "grid", "one_at_a_time", "file"]
 
 

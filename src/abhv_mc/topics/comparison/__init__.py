@@ -62,6 +62,7 @@ def comparison_section(comparison: Comparison, names: Names) -> Section | None:
     heads = ("Metric", *names.controllers.values())
     items: tuple[Item, ...] = (
         Text(_METHOD.format(names.campaign.kind)),
+        Picture("variants"),
         Table("Comparison by metric", heads, tuple(groups)),
         Fold("All pairs", tuple(_overviews(comparison, names, leading))),
         *([Fold(_EFFORT, (Picture("error_against_usage"),))] if effort else []),

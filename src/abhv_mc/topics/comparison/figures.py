@@ -28,8 +28,10 @@ from abhv_mc.topics.figure_style import (
     title_panel,
     wrap,
 )
+from abhv_mc.topics.formatting import significant
 from abhv_mc.topics.metrics.figures import Spread
 from abhv_mc.topics.topic import Drawn, FigureText, Names
+from abhv_mc.topics.verdicts.model import GlanceRow, compute_verdicts
 
 _MOST_POINTS = 250  # maximum number of plotted flights per controller
 _TRADES = 3  # maximum number of panels per row, and of metrics in a campaign without requirements
@@ -38,7 +40,11 @@ _ENDS = (0.005, 0.995)
 
 
 def draw(_found: Comparison, names: Names) -> Iterator[Drawn]:
-    """Yield the figure that plots required metrics or tracking errors against control effort."""
+    """Yield figures of metrics over two varied entries, and against control effort."""
+    variants = names.campaign.contents.variants
+    keys = [*dict.fromkeys(key for entries in variants.values() for key in entries)]
+    if len(keys) == 2 and all(len(entries) == 2 for entries in variants.values()):
+        yield _VARIANTS, plot_variants(keys, variants, compute_verdicts(names.results).glance)
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
@@ -70,6 +76,36 @@ def draw(_found: Comparison, names: Names) -> Iterator[Drawn]:
             usage, trades, "control effort, rms (deg)", names.controllers, colors
         ),
     )
+
+
+_VARIANTS = FigureText(
+    "variants",
+    "Metrics and verdicts of the variants",
+    "5 or 95 % quantile (the worse) over all flights, and verdict; darker: larger.",
+)
+
+
+@styled
+def plot_variants(
+    keys: Sequence[str], variants: Mapping[str, Mapping[str, str]], rows: Sequence[GlanceRow]
+) -> Figure:
+    """Plot a heat map of each metric, with verdicts, over the values of two entries."""
+    x, y = ([entries[key] for entries in variants.values()] for key in keys)
+    figure, grid = new_panels(len(rows), 2, 0.6 * len(set(y)))
+    for axes, row in zip(grid.flat, rows, strict=False):
+        cells = [row.cells[name] for name in variants]
+        values = [cell.high if row.below else cell.low for cell in cells]
+        axes.scatter(x, y, 1500.0, values, "s", cmap="Blues", alpha=0.5)
+        for *place, value, cell in zip(x, y, values, cells, strict=True):
+            text = f"{significant(value, 3)}\n{cell.status}"
+            axes.text(*place, text, ha="center", va="center")
+        axes.margins(0.2)
+        axes.grid(False)
+        for tick in axes.get_yticklabels():
+            tick.set(rotation=90.0, va="center")
+        axes.set(xlabel=keys[0], ylabel=keys[1])
+        title_panel(axes, f"{row.label} {row.text}")
+    return figure
 
 
 @styled
