@@ -141,8 +141,9 @@ class VehicleCampaign(Campaign):
     variants: Annotated[
         list[_Grid], BeforeValidator(as_list, json_schema_input_type=_Grid | list[_Grid])
     ] = []
-    """further controllers with other values of entries, such as tlc.altitude.bandwidth, in their
-    files: all combinations of the values of each key, or a list of {key: value}"""
+    """further controllers, with other values of entries in controller files: all combinations of
+    lists, such as {tlc.altitude.bandwidth: [0.02, 0.05]}, or a list of such mappings; a number has
+    the unit of the entry that it replaces"""
     channels: File | None = None
     """Python file of custom channels, relative to the campaign file"""
     metrics: Annotated[

@@ -10,6 +10,7 @@ import pytest
 
 import abhv_mc
 from abhv_mc.io.messages import InputError
+from abhv_mc.topics.comparison.figures import draw
 from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.metrics import METRICS
 from abhv_mc_vehicle.kernel.laws import columns as ref
@@ -90,23 +91,43 @@ def test_a_trim_warns_of_its_range_and_of_lateral_stability(vehicle, altitude, s
     assert all(word in text for word, text in zip(words, warned, strict=True))
 
 
+METRIC = "altitude_error_max_m"
+
+
 def test_a_gain_sweep_needs_no_files(tmp_path):
     content = {
         "name": "sweep",
         "vehicle": {"base": "ghame_x", "mass.start": "1400 kg"},
         "mission": {"base": "level", "duration": "3 s"},
-        "controllers": {
-            f"bank_{bank}": {"base": "tlc", "limits.bank": f"{bank} deg"} for bank in (50, 70)
-        },
+        "controllers": {"tlc": "tlc"},
+        "variants": {"tlc.altitude.bandwidth": ["0.03 rad/s", 0.5], "tlc.altitude.damping": 2.4},
         "dispersions": {"aero.drag": {"distribution": "uniform", "half_width": "10 %"}},
+        "requirements": [{"metric": METRIC, "below": "0.4 m", "probability": 0.5}],
     }
-    campaign = abhv_mc.Campaign.make(content | {"runs": 500}, runs=40)
-    assert campaign.runs == 40 and campaign.controllers == ("bank_50", "bank_70")
+    campaign = abhv_mc.Campaign.make(content | {"runs": 500}, runs=20)
+    names = (
+        "tlc",
+        *(f"tlc+altitude.bandwidth={x}+altitude.damping=2.4" for x in ("0.03_rad_s", "0.5")),
+    )
+    assert campaign.runs == 20 and campaign.controllers == names
     results = campaign.run(tmp_path / "out", workers=1)
-    assert results.complete and len(results.flights) == 80
+    assert results.complete and len(results.flights) == 60
+    base, same, faster = (
+        table[METRIC].tolist() for _, table in results.flights.groupby("controller")
+    )
+    assert base == same and max(faster) < 0.6 * min(base)
+    (text, figure), *_ = draw(None, results._models.names)
+    cells = figure.axes[0].collections[0].get_array()
+    assert text.name == "variants"
+    assert list(cells) == pytest.approx([max(base), max(faster)], rel=0.01)
+    texts = [text.get_text().partition("\n")[2] for text in figure.axes[0].texts]
+    assert texts[:2] == ["FAIL", "PASS"]
     assert set(results.flights["failure.case"]) == {"none"}
     again = abhv_mc.Campaign.read(tmp_path / "out" / "campaign.yaml")  # the folder stands alone
     assert again.controllers == campaign.controllers
+    varied = again.vary([{"tlc.rate": 50}], mission="level", runs=9)
+    assert varied.controllers == (*names, "tlc+rate=50") and varied.runs == 9
+    pd.testing.assert_frame_equal(varied.draw_samples(), campaign.draw_samples(9))
     with pytest.raises(InputError, match="controllers"):
         abhv_mc.Campaign.make({"name": "x", "vehicle": "ghame_x", "mission": "level"})
     with pytest.raises(InputError, match="5; expected a mapping"):

@@ -95,7 +95,7 @@ def plot_variants(
     for axes, row in zip(grid.flat, rows, strict=False):
         cells = [row.cells[name] for name in variants]
         values = [cell.high if row.below else cell.low for cell in cells]
-        axes.scatter(x, y, 1500.0, values, "s", cmap="Blues", alpha=0.5)
+        axes.scatter(x, y, 1500.0, values, marker="s", cmap="Blues", alpha=0.5)
         for *place, value, cell in zip(x, y, values, cells, strict=True):
             text = f"{significant(value, 3)}\n{cell.status}"
             axes.text(*place, text, ha="center", va="center")
