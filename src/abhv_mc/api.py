@@ -220,11 +220,11 @@ class Campaign:
         ('tlc', 'lqr', 'tlc+altitude.bandwidth=0.02', 'tlc+altitude.bandwidth=0.05')
         >>> wider = campaign.vary(vehicle={"base": "abhv", "geometry.area": "36 m2"})
         """
-        from abhv_mc.folder.inputs import pack_inputs
-
-        entries = pack_inputs(self._checked, lambda path, *_: str(path.absolute()), {})
-        others = self._checked.document.entries
-        return self._make(overrides, {**others, **entries, "variants": variants})
+        data = {**self._checked.document.entries, "variants": variants}
+        data |= self._checked.simulator.pack(lambda path, *_: str(path.absolute()), {})
+        if path := self._checked.model.sampling.path:
+            data["sampling"] = {"design": "file", "path": str(path.absolute())}
+        return self._make(overrides, data)
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
         """Return the dispersed parameters of the first flights.

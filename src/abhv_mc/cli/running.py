@@ -47,6 +47,9 @@ if TYPE_CHECKING:
     from abhv_mc.folder.manifest import Manifest
 
 _WIDTH = 80  # maximum line width, in columns
+_NewFolder = Annotated[
+    Path | None, output(campaign_folder, "DIR", "Results folder to create.", "reports/NAME")
+]
 _MOST_COLUMNS = 6  # maximum number of controllers listed as columns instead of rows
 
 
@@ -244,10 +247,7 @@ def flights(
             help="Campaign file that declares 'inputs' and 'metrics' but no simulator.",
         ),
     ],
-    out: Annotated[
-        Path | None,
-        output(campaign_folder, "DIR", "Results folder to create.", default="reports/NAME"),
-    ] = None,
+    out: _NewFolder = None,
     no_report: NoReport = False,
     fresh: Fresh = False,
     json: Json = None,
@@ -276,10 +276,7 @@ def merge(
             help=("Results folders of all shards of a campaign, or of the campaigns to pool."),
         ),
     ],
-    out: Annotated[
-        Path | None,
-        output(campaign_folder, "DIR", "Results folder to create.", default="reports/NAME"),
-    ] = None,
+    out: _NewFolder = None,
     no_report: NoReport = False,
     json: Json = None,
     trust_code: TrustCode = False,

@@ -8,7 +8,7 @@ import ast
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -109,25 +109,17 @@ def collect_inputs(campaign: Experiment) -> FolderInputs:
     model = campaign.model
     data = dict(campaign.document.entries)
     files: dict[str, Path] = {}
-    data |= pack_inputs(campaign, partial(_take, files), files)
+    data |= campaign.simulator.pack(partial(_take, files), files)
     data["runs"] = campaign.runs_at_point
     data["seed"] = model.seed
     data["under_test"] = list(campaign.under_test)
+    if model.sampling.path:
+        location = _take(files, model.sampling.path, "inputs/samples")
+        data["sampling"] = {**data["sampling"], "path": location}
     copies = {location: read_input(path) for location, path in files.items()}
     programs = frozenset(location for location, path in files.items() if os.access(path, os.X_OK))
     hashes = {location: hashlib.sha256(content).hexdigest() for location, content in copies.items()}
     return FolderInputs(replace(campaign.document, data=data), copies, hashes, programs)
-
-
-def pack_inputs(
-    campaign: Experiment, take: Callable[..., str], files: dict[str, Path]
-) -> dict[str, Any]:
-    """Return the entries that refer to files, with the names that ``take`` returns for them."""
-    entries = campaign.simulator.pack(take, files)
-    if path := campaign.model.sampling.path:
-        location = take(path, "inputs/samples")
-        entries["sampling"] = {**campaign.document.entries["sampling"], "path": location}
-    return entries
 
 
 def _take(

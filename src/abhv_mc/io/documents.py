@@ -107,12 +107,12 @@ class Document:
         data: Any = deepcopy(self.data)
         for key, value in entries.items():
             *path, last = key.split(".")
-            node = data
-            for name in path:
-                node = node.setdefault(name, {}) if isinstance(node, dict) else None
-            if not isinstance(node, dict):
-                raise InputError(self.path, f"unknown entry '{key}'", "the key of a mapping")
-            old = node.get(last)
+            try:
+                node = functools.reduce(lambda node, name: node.setdefault(name, {}), path, data)
+                old = node.get(last)
+            except AttributeError:
+                problem = f"unknown entry '{key}'"
+                raise InputError(self.path, problem, "the key of a mapping") from None
             unit = isinstance(old, str) and re.fullmatch(f"{NUMBER}(.*)", old)
             node[last] = f"{value}{unit[1]}" if unit and isinstance(value, Real) else value
         return replace(self, data=data)

@@ -24,7 +24,7 @@ import numpy as np
 
 from abhv_mc.array_types import Floats, Ints, Mask
 from abhv_mc.io.input_files import read_input
-from abhv_mc.io.messages import InputError, Refusal, counted, describe, quoted
+from abhv_mc.io.messages import InputError, Refusal, counted, describe, one_of, quoted
 from abhv_mc.io.units import NUMBER, Dimension, parse_in_any_unit, parse_unit
 
 if TYPE_CHECKING:  # Workers read no tables and do not need to import pyarrow.
@@ -108,6 +108,13 @@ class ForeignTable:
         located, start = self.position(row, column or 0)
         has_column = column is not None and self.separator
         return InputError(self.path, problem, expected, located, start if has_column else None)
+
+    def check_heads(self, columns: Mapping[str, Column], names: Iterable[str]) -> None:
+        """Raise InputError for a heading that is not one of the found ``columns``."""
+        positions = {column.position for column in columns.values()}
+        for i, head in enumerate(self.heads):
+            if i not in positions:
+                raise self.error(None, i, f"unknown column '{head}'", one_of(names, head))
 
     def position(self, row: int | None, column: int) -> tuple[int, int]:
         """Return the line and column (from 1) of a cell, or of a heading if ``row`` is None."""

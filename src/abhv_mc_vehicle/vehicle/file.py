@@ -16,7 +16,7 @@ import numpy as np
 from abhv_mc.io.documents import Document, read_document, validate
 from abhv_mc.io.foreign_table import read_foreign_table
 from abhv_mc.io.input_files import made_once, read_input
-from abhv_mc.io.messages import InputErrors, Refusal, counted, one_of
+from abhv_mc.io.messages import InputErrors, Refusal, counted
 from abhv_mc.io.units import dimension_of, parse_any, parse_quantity, parse_unit, si_unit_of
 from abhv_mc_vehicle.kernel.plant.state import MAX_SETTINGS
 from abhv_mc_vehicle.kernel.plant.vehicle import (
@@ -215,12 +215,7 @@ def read_mass_points(path: Path) -> tuple[MassPoint, ...]:
     """
     table = read_foreign_table(path)
     columns = table.find(MassPoint.model_fields)
-    indices = {column.position: name for name, column in columns.items()}
-    for i, head in enumerate(table.heads):
-        if i not in indices:
-            raise table.error(
-                None, i, f"unknown column '{head}'", one_of(MassPoint.model_fields, head)
-            )
+    table.check_heads(columns, MassPoint.model_fields)
     numbers = table.numbers([column.position for column in columns.values()])
     points: list[Any] = []
     locations: dict[tuple[str | int, ...], tuple[int, int]] = {(): (table.head_line, 1)}

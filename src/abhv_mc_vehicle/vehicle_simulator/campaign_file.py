@@ -1,11 +1,7 @@
 """Campaign file of the built-in simulator: keys, checks, and files to which it refers."""
 
-import re
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
-from operator import getitem
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -125,7 +121,7 @@ class VehicleKeep(Keep):
     """time-history envelopes over all flights"""
 
 
-_Grid = dict[str, Annotated[list[Any], Field(min_length=1), BeforeValidator(as_list)]]
+_Grid = dict[str, Annotated[list[Any], BeforeValidator(as_list)]]
 
 
 class VehicleCampaign(Campaign):
@@ -254,7 +250,6 @@ def read_contents(document: Document, model: VehicleCampaign, errors: Problems) 
         stems={c.name: c.name.rpartition("_")[0] or c.name for c in CHANNELS},
         kept=None if ALL in model.keep.histories.channels else model.keep.histories.channels,
         enveloped=model.keep.envelopes.channels,
-        variants=_read_variants(model.controllers),
         zones={name: zone.outline() for name, zone in model.keep_out.items()},
         document=document,
         model=model,
@@ -263,17 +258,6 @@ def read_contents(document: Document, model: VehicleCampaign, errors: Problems) 
         effectors=effectors,
         states=states,
     )
-
-
-def _read_variants(controllers: Mapping[str, Path]) -> dict[str, dict[str, str]]:
-    """Return the changed entries of each variant, by its name and their dotted keys."""
-    variants: dict[str, dict[str, str]] = {}
-    for name, path in controllers.items():
-        for key in re.findall(r"\+([\w.]+)=", name):
-            with suppress(KeyError, TypeError):  # Other controllers may have such names.
-                value = reduce(getitem, key.split("."), read_document(path).entries)
-                variants.setdefault(name, {})[f"{name.split('+')[0]}.{key}"] = str(value)
-    return variants
 
 
 def _declare_metrics(

@@ -42,8 +42,7 @@ def make_margin_plans(
     from abhv_mc_vehicle.stability.linearize import repeats_after, sensor_ticks
     from abhv_mc_vehicle.stability.point_slopes import find_period
 
-    vehicle = next(iter(plans.values())).vehicle
-    if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
+    if not _can_trim(plans):
         raise InputError(
             model.vehicle,
             "stability margins require control surfaces and an engine",
@@ -60,6 +59,12 @@ def make_margin_plans(
             repeats_after(ticks, period)
         margin_plans[name] = add_margins(plan, steady, model.margins.at)
     return margin_plans
+
+
+def _can_trim(plans: Mapping[str, FlightPlan]) -> bool:
+    """Return whether the vehicle has control surfaces and an engine."""
+    constants = next(iter(plans.values())).vehicle.constants
+    return constants.surface_limit != 0.0 and constants.equivalence_ratio_max != 0.0
 
 
 def make_steady(campaign: "Experiment", plan: FlightPlan, controller: Path) -> FlightPlan:
@@ -135,8 +140,7 @@ def describe_stability(campaign: "Experiment", plans: Mapping[str, FlightPlan]) 
     ``plans`` include the code of custom control laws. If a controller has no trim or margins, the
     result contains the reason. The result is empty for vehicles without control surfaces or engine.
     """
-    vehicle = next(iter(plans.values())).vehicle
-    if vehicle.constants.surface_limit == 0.0 or vehicle.constants.equivalence_ratio_max == 0.0:
+    if not _can_trim(plans):
         return {}
     rows = make_corners(campaign)
     controllers = {}

@@ -77,13 +77,14 @@ def write_input(document: Document, folder: Path, kind: str) -> Path:
     Relative paths are preserved; documents without a file are named after their ``kind``.
     """
     path = document.path.resolve()
-    files = list(find_references(path)) if path.is_file() else []
-    root = Path(os.path.commonpath([file.parent for file in (path, *files)]))
+    files = [*find_references(path), path]
+    root = Path(os.path.commonpath([file.parent for file in files]))
     for file in files:
         target = folder / file.relative_to(root)
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, target)
-    target = folder / (path.relative_to(root) if path.is_file() else f"{kind}.yaml")
-    target.parent.mkdir(parents=True, exist_ok=True)
+        if file != path:
+            shutil.copyfile(file, target)
+    if not path.is_file():
+        target = folder / f"{kind}.yaml"
     write_document(target, document.data)
     return target

@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any
 
 from abhv_mc.io.documents import Document, Problems, validate
-from abhv_mc.io.messages import InputError, InputErrors, Refusal, one_of
+from abhv_mc.io.messages import InputError, InputErrors, one_of
 from abhv_mc_vehicle.control.controller_file import read_controller_document
 from abhv_mc_vehicle.vehicle_simulator.campaign_file import VehicleCampaign
 from abhv_mc_vehicle.vehicle_simulator.references import temporary_folder, write_input
@@ -25,7 +25,7 @@ def add_variants(document: Document) -> Document:
     model = validate(document, VehicleCampaign)
     controllers = {**data["controllers"]}
     for number, study in enumerate(model.variants):
-        place = ("variants", number) if isinstance(data["variants"], list) else ("variants",)
+        place = ("variants", number)[: 1 + isinstance(data["variants"], list)]
         grids: dict[str, dict[str, list[Any]]] = {}
         for key, values in study.items():
             name, _, entry = key.partition(".")
@@ -33,7 +33,7 @@ def add_variants(document: Document) -> Document:
             for i, value in enumerate(values):
                 try:
                     read_controller_document(_change(model, name, {entry: value}))
-                except (InputError, Refusal) as error:
+                except InputError as error:
                     errors.add((*place, key, i), error.found, error.expected)
         for name, grid in {} if errors else grids.items():
             for chosen in product(*grid.values()):
@@ -51,13 +51,12 @@ def add_variants(document: Document) -> Document:
 def _change(model: VehicleCampaign, name: str, entries: dict[str, Any]) -> Document:
     """Return a controller file with changed entries.
 
-    Raise Refusal if there is no such controller, and InputError for an entry that cannot be changed
-    or untrusted code.
+    Raise InputError for an unknown controller, untrusted code, or an entry that cannot be changed.
     """
     if name not in model.controllers:
         hint = f"; vary({name}=...) in Python makes a campaign with another {name}"
         expected = one_of(model.controllers, name) + hint * (name in ("vehicle", "mission"))
-        raise Refusal(f"unknown controller '{name}'", expected)
+        raise InputError(name, f"unknown controller '{name}'", expected)
     document, law = read_controller_document(model.controllers[name])
     check_user_law(law, trusted=False)  # The copy will not be in a results folder.
     return document.with_entries(entries)

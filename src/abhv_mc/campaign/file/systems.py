@@ -193,8 +193,6 @@ class Contents:
     kept: tuple[str, ...] | None = None  # channels of stored histories; None: all
     enveloped: tuple[str, ...] | None = None  # channels of envelopes; None: all
     disturbances: tuple[str, ...] = ()  # parameters of noise, gusts and turbulence
-    # changed entries of each controller that is a variant, by name and dotted key
-    variants: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     # outlines of keep-out zones [point, (latitude, longitude)], deg, by name
     zones: Mapping[str, Floats] = field(default_factory=dict)
     is_imported: bool = False  # whether a table states the inputs of each flight

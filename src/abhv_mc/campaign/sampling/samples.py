@@ -23,7 +23,7 @@ from abhv_mc.campaign.sampling.designs import (
 from abhv_mc.campaign.sampling.marginals import Marginal
 from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.io.foreign_table import read_foreign_table
-from abhv_mc.io.messages import InputError, one_of
+from abhv_mc.io.messages import InputError
 
 _WHOLE = 2.0**52  # upper bound on the integer seeds of a custom simulator
 
@@ -172,12 +172,7 @@ def read_sample_file(path: Path, parameters: Parameters) -> SampleFile:
     """
     table = read_foreign_table(path)
     columns = table.find([*parameters.dispersible, "flight"])
-    indices = {column.position for column in columns.values()}
-    for i, head in enumerate(table.heads):
-        if i not in indices:
-            raise table.error(
-                None, i, f"unknown column '{head}'", one_of(parameters.dispersible, head)
-            )
+    table.check_heads(columns, parameters.dispersible)
     flight = columns.pop("flight", None)
     if not columns:
         raise InputError(

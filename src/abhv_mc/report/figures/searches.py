@@ -109,20 +109,19 @@ def plot_worst_point(names: Sequence[str], position: Floats, change: Floats, lab
     return figure
 
 
+def _line_of(repetition: int) -> dict[str, Any]:
+    """Return the line style of a repetition."""
+    color, marker = CYCLE[repetition % len(CYCLE)], MARKERS[repetition % len(MARKERS)]
+    return {"color": color, "marker": marker, "markersize": 4, "linewidth": 0.9}
+
+
 @styled
 def plot_levels(label: str, limit: float, repetitions: Sequence[tuple[Floats, Floats]]) -> Figure:
     """Plot each repetition's thresholds and the probabilities of exceeding them."""
     figure = new_figure(2.8)
     axes = figure.subplots()
     for i, (thresholds, probabilities) in enumerate(repetitions):
-        style = {
-            "color": CYCLE[i % len(CYCLE)],
-            "marker": MARKERS[i % len(MARKERS)],
-            "markersize": 4,
-        }
-        axes.semilogy(
-            thresholds, probabilities, label=f"repetition {i + 1}", linewidth=0.9, **style
-        )
+        axes.semilogy(thresholds, probabilities, label=f"repetition {i + 1}", **_line_of(i))
     axes.axvline(limit, label="limit", **LIMIT)
     axes.set_xlabel(label)
     axes.set_ylabel("exceedance probability")
@@ -163,15 +162,9 @@ def plot_mixing(acceptance: Sequence[Floats], spread: Sequence[Floats], target: 
     figure = new_figure(2.4)
     left, right = figure.subplots(1, 2)
     for i, (rates, sizes) in enumerate(zip(acceptance, spread, strict=True)):
-        style = {
-            "color": CYCLE[i % len(CYCLE)],
-            "marker": MARKERS[i % len(MARKERS)],
-            "markersize": 4,
-            "linewidth": 0.9,
-        }
         levels = np.arange(2, rates.size + 2)
-        left.plot(levels, rates, **style)
-        right.plot(levels, sizes, **style)
+        left.plot(levels, rates, **_line_of(i))
+        right.plot(levels, sizes, **_line_of(i))
     left.axhline(target, **LIMIT)
     for axes, label in ((left, "accepted moves"), (right, "size of a move (1: independent)")):
         axes.set_xlabel("level")

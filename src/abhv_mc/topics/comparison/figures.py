@@ -1,7 +1,9 @@
 """Figures of tracking error against control effort, and of paired differences."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -41,10 +43,9 @@ _ENDS = (0.005, 0.995)
 
 def draw(_found: Comparison, names: Names) -> Iterator[Drawn]:
     """Yield figures of metrics over two varied entries, and against control effort."""
-    variants = names.campaign.contents.variants
-    keys = [*dict.fromkeys(key for entries in variants.values() for key in entries)]
-    if len(keys) == 2 and all(len(entries) == 2 for entries in variants.values()):
-        yield _VARIANTS, plot_variants(keys, variants, compute_verdicts(names.results).glance)
+    variants = {n: m.groups() for n in names.controllers if (m := re.fullmatch(_TWO_ENTRIES, n))}
+    if len({(base, x, y) for base, x, _, y, _ in variants.values()}) == 1:
+        yield _VARIANTS, plot_variants(variants, compute_verdicts(names.results).glance)
     results, records = names.results, names.metrics
     errors = [metric for metric in names.asked if records[metric].group == "tracking"]
     errors = list(names.asked) if names.requirements else errors[:_TRADES]
@@ -78,19 +79,20 @@ def draw(_found: Comparison, names: Names) -> Iterator[Drawn]:
     )
 
 
+# name of a variant with two entries: base, key, value, key and value
+_TWO_ENTRIES = r"([^+]+)\+([^+=]+)=([^+]+)\+([^+=]+)=([^+]+)"
 _VARIANTS = FigureText(
     "variants",
     "Metrics and verdicts of the variants",
-    "5 or 95 % quantile (the worse) over all flights, and verdict; darker: larger.",
+    "5 or 95 % quantile (the worse) over all flights, and verdict; darker: larger. A value without "
+    "unit has the unit of the base.",
 )
 
 
 @styled
-def plot_variants(
-    keys: Sequence[str], variants: Mapping[str, Mapping[str, str]], rows: Sequence[GlanceRow]
-) -> Figure:
+def plot_variants(variants: Mapping[str, Sequence[Any]], rows: Sequence[GlanceRow]) -> Figure:
     """Plot a heat map of each metric, with verdicts, over the values of two entries."""
-    x, y = ([entries[key] for entries in variants.values()] for key in keys)
+    _, x_keys, x, y_keys, y = zip(*variants.values(), strict=True)
     figure, grid = new_panels(len(rows), 2, 0.6 * len(set(y)))
     for axes, row in zip(grid.flat, rows, strict=False):
         cells = [row.cells[name] for name in variants]
@@ -101,9 +103,7 @@ def plot_variants(
             axes.text(*place, text, ha="center", va="center")
         axes.margins(0.2)
         axes.grid(False)
-        for tick in axes.get_yticklabels():
-            tick.set(rotation=90.0, va="center")
-        axes.set(xlabel=keys[0], ylabel=keys[1])
+        axes.set(xlabel=x_keys[0], ylabel=y_keys[0])
         title_panel(axes, f"{row.label} {row.text}")
     return figure
 
