@@ -42,7 +42,7 @@ def flown(campaign_folder, tmp_path):
     return shutil.copytree(campaign_folder, tmp_path / "reports/fake")
 
 
-def test_run_prints_outcomes_verdicts_and_digest(abhv_mc, tmp_path):
+def test_run_prints_outcomes_verdicts_and_digest(abhv_mc, tmp_path, monkeypatch):
     code, out, _ = abhv_mc("run", write_campaign(tmp_path / "files"), "--no-report")
     manifest = json.loads((tmp_path / "reports/fake/manifest.json").read_text())
     assert code == 0
@@ -50,6 +50,9 @@ def test_run_prints_outcomes_verdicts_and_digest(abhv_mc, tmp_path):
     assert "289 ok, 11 sideslip_limit" in out
     assert "complete, 300 of 300" in out and re.search(r"PASS 11 of 300\b", out)
     assert max(map(len, out.splitlines())) <= 80
+    monkeypatch.setattr("abhv_mc.cli.running._MOST_COLUMNS", 0)
+    out = abhv_mc("runs", tmp_path / "reports/fake")[1]
+    assert re.search(r"(?m)^ +\w+ \* +PASS 11 of 300", out)
 
 
 @pytest.mark.parametrize(("probability", "met"), [(0.9, "yes"), (0.999, "no")])
