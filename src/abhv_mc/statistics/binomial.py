@@ -103,14 +103,14 @@ def clopper_pearson(failures: int, runs: int, confidence: float = 0.95) -> tuple
     return low, high
 
 
-def jeffreys(failures: int, runs: int, confidence: float = 0.95) -> tuple[float, float]:
+def jeffreys(failures: int, runs: int) -> tuple[float, float]:
     """Return the equal-tailed Jeffreys interval of the failure probability.
 
-    Its coverage is close to `confidence` on average over the failure probabilities, not for each
+    Its coverage is close to 95 % on average over the failure probabilities, not for each
     failure probability (Brown, Cai & DasGupta 2001).
     """
-    _check(failures, runs, confidence=confidence)
-    tail, a, b = (1.0 - confidence) / 2.0, failures + 0.5, runs - failures + 0.5
+    _check(failures, runs)
+    tail, a, b = (1.0 - 0.95) / 2.0, failures + 0.5, runs - failures + 0.5
     low = 0.0 if failures == 0 else float(betaincinv(a, b, tail))
     high = 1.0 if failures == runs else float(betaincinv(a, b, 1.0 - tail))
     return low, high

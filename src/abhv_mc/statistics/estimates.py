@@ -134,12 +134,12 @@ def pair_differences(a: Floats, b: Floats) -> Floats:
         return np.where(np.isinf(a) & (a == b), 0.0, a - b)
 
 
-def looks(flights: int, number: int = 12, first: int = 20) -> list[int]:
-    """Return geometrically spaced numbers of flights, with a quarter and half of the flights."""
+def looks(flights: int, first: int = 20) -> list[int]:
+    """Return 12 geometrically spaced numbers of flights, with a quarter and half of the flights."""
     if flights <= first:
         return [flights]
     shares = [n for n in (flights // 4, flights // 2) if n > first]
-    counts = np.round(np.geomspace(first, flights, number)).astype(np.int64)
+    counts = np.round(np.geomspace(first, flights, 12)).astype(np.int64)
     return np.union1d(counts, shares).astype(np.int64).tolist()
 
 

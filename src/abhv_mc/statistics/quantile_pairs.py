@@ -63,7 +63,7 @@ def _together(a: Floats, b: Floats, high_a: float, high_b: float, probability: f
     return float(np.clip((both - share**2) / (share * (1.0 - share)), -0.999, 0.999))
 
 
-def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
+def flights_to_bound(probability: float) -> int:
     """Return the minimum number of flights that bounds a difference of two quantiles.
 
     The number is valid if no flight terminates early. The bound on the worse side is a value of the
@@ -71,7 +71,7 @@ def flights_to_bound(probability: float, confidence: float = 0.95) -> int:
     quantile. The returned number limits the chance of this event to one tail of the confidence
     interval.
     """
-    tail, draws = _draws(confidence)
+    tail, draws = _draws(0.95)
     # The bound is infinite if all flights lie below the quantile for more than `rank` scores.
     rank = int(tail * draws)
     score = float(np.partition(_scores(draws)[0], draws - 1 - rank)[draws - 1 - rank])

@@ -96,14 +96,12 @@ def _high_end(counted: Floats, heaviest: float, tail: float) -> float:
     return 1.0 if failures <= 0.0 else float(betaincinv(events, failures, 1.0 - tail))
 
 
-def weighted_share(
-    flags: Mask, weights: Floats, unseen: float = 0.0, confidence: float = 0.95
-) -> Interval:
-    """Return the weighted share of the flights for which `flags` is true, with its interval.
+def weighted_share(flags: Mask, weights: Floats, unseen: float = 0.0) -> Interval:
+    """Return the weighted share of flights for which `flags` is true, with its 95 % interval.
 
     The upper bound includes `unseen`, the probability that no flight represents.
     """
-    tail, parts = (1.0 - confidence) / 2.0, weights / weights.sum()
+    tail, parts = (1.0 - 0.95) / 2.0, weights / weights.sum()
     counted = parts[flags]
     share = float(counted.sum())
     number = _effective_at(flags, share, weights)
@@ -117,9 +115,8 @@ def weighted_quantile(
     weights: Floats,
     probability: float,
     unseen: float = 0.0,
-    confidence: float = 0.95,
 ) -> Interval:
-    """Return the weighted `probability` quantile of `values` [flight], with its interval.
+    """Return the weighted `probability` quantile of `values` [flight], with its 95 % interval.
 
     Equal weights give numpy's linear quantile. `unseen` is the probability of values that no flight
     represents; these values may be worse than all simulated values.
@@ -131,7 +128,7 @@ def weighted_quantile(
     cumulative = np.cumsum(parts)  # cumulative share of the flights at or below each value
     value = _between(ascending, cumulative - parts, probability)
     n = _effective_at(ascending <= value, probability, mass)
-    tail = (1.0 - confidence) / 2.0
+    tail = (1.0 - 0.95) / 2.0
     low = -np.inf
     # As with order statistics, the quantile has no bound if there are too few flights.
     if (1.0 - probability) ** n <= tail:
