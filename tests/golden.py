@@ -2,28 +2,40 @@
 
     python tests/golden.py --renew [NAME...]    writes tests/reference/golden/NAME.json.gz
 
-The cases are the shipped campaigns with a few flights, two simulators in Python, and a table. Renew
-them in the commit that is meant to move numbers, and say there which and why.
+The cases are the shipped campaigns with a few flights, two simulators in Python, and a table. Quick
+cases hold the numbers that commands print and the curves of figures, for flights from formulas.
+Renew them in the commit that is meant to move numbers, and say there which and why.
 """
 
 import argparse
 import gzip
+import io
 import json
 import math
 import os
 import re
+import shlex
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import numpy as np
+from fake_flight import ENGINE
+from fake_flight import write_campaign as write_fake
 from own_simulators import DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
+from report import synthetic
 
 from abhv_mc.cli.app import main
+from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.shipped import shipped_configs, shipped_files
+from abhv_mc.topics.registry import make_figures
+from abhv_mc.topics.topic import Models
+from abhv_mc_vehicle.vehicle_simulator.simulator import make_engine
 
 STORED = Path(__file__).parent / "reference" / "golden"
 CASES = (*shipped_files("campaign"), "rocket", "dive", "table")
@@ -44,6 +56,8 @@ _OTHER = {
     "digest",
     "digests",
     "warnings",
+    "wall_time_s",
+    "machine",
     "versions",
     "labels",
 }
@@ -51,7 +65,7 @@ _STATUS = re.compile(r"[A-Za-z][\w.]*|NOT SHOWN")
 _DIGITS = 12  # that are stored
 _TOLERANCE = 1e-9  # relative, for floating-point numbers of another machine
 # flights that cycle at their limits or end early amplify the last bits of gains
-_TOLERANCES = {"wide": 1e-7, "wind_and_sensors": 1e-7}
+_TOLERANCES = {"physics": 1e-7, "wide": 1e-7, "wind_and_sensors": 1e-7}
 # ratio of a variance to that of paired differences, which may be near their rounding
 _AMPLIFIED, _FACTOR = "pairing_gain", 1e6
 _ZERO = 1e-10  # absolute, for differences of numbers that are nearly equal
@@ -60,7 +74,95 @@ _ZERO = 1e-10  # absolute, for differences of numbers that are nearly equal
 _ON_A_NODE = {"winged_cone": "margins"}
 
 
-def run_program(folder: Path, *arguments: object) -> None:
+# campaigns of fake flights are in c/, d/ and e/, a synthetic one is in s/
+QUICK = {
+    "campaigns": """
+        run e/campaign.yaml -o u
+        show verdicts u
+        show comparison u
+        run d/campaign.yaml -o a --json a.json
+        run d/campaign.yaml -o b --seed 6 --runs 200 --no-report
+        query a "from samples limit 5" --csv -
+        query a "from flights order by flight, controller limit 2" --csv -
+        query a "from envelopes limit 9" --csv -
+        query a "from histories limit 3" --csv -
+        query u "from samples limit 12" --csv -
+        replay a --flight 7 --controller two
+        merge a b -o m --json m.json
+        verify campaign a
+    """,
+    "commands": """
+        run c/campaign.yaml -o a --junit a.xml
+        run c/campaign.yaml -o b --seed 6
+        runs .
+        show summary a
+        show flights a
+        show drivers a
+        show failures a
+        show envelopes a
+        compare a b --json ab.json
+        compare a a --controllers one,two --fail-if-worse altitude_error_max_m=5% --fail-if-loses 1
+        whatif a --set aero.lift.sigma=4% --json whatif.json
+        explain a --all --controller two --json explain.json
+        report a -o r --requirements r.yaml --junit r.xml
+    """,
+    "searches": """
+        run d/campaign.yaml -o a
+        worst d/campaign.yaml --metric altitude_error_max_m --flights 200 -o w --json w.json
+        worst d/campaign.yaml --metric altitude_error_max_m --below --flights 160 --box 2 -o x
+        rare c/campaign.yaml --requirement high --flights 3000 -o y --json y.json
+        place t.csv d/campaign.yaml --controller one --json place.json
+        explain a --flight 5 --controller two --requirement altitude_error_max_m
+    """,
+    "physics": """
+        run wide --runs 3 --no-report -o a
+        query a "from flights order by flight, controller" --csv -
+        run failures --runs 5 --no-report -o b
+        query b "from flights order by flight, controller" --csv -
+        run wind_and_air_data --runs 3 --no-report -o v
+        query v "from flights order by flight, controller" --csv -
+        run navigation --runs 2 --no-report -o n
+        query n "from flights order by flight, controller" --csv -
+        run flexible --runs 2 --no-report -o x
+        query x "from flights order by flight, controller" --csv -
+        trim s_manoeuvre --bank 0,40 --rotating
+        trim f16 --altitude 3048 --speed 170 --flight-path-angle 5
+        margins s_manoeuvre --bank 30 --controllers tlc,lqr
+    """,
+    "sections": """
+        show summary s
+        show verdicts s
+        show comparison s
+        show metrics s
+        show flights s
+        show drivers s
+        show failures s
+        show failure_cases s
+        show envelopes s
+        show convergence s
+        report s -o r --junit r.xml
+    """,
+}
+_PRINTED = re.compile(
+    r"(?<![\w.-])-?\d{1,6}(?:\.\d+)?(?:e[-+]?\d{1,2})?(?!\.?\w|-)"
+    r"|\b(?:PASS|FAIL|NOT SHOWN|ESTIMATE|one|two|TLC|LQR)\b"
+)
+_MIXED = """{atmosphere.density: {distribution: triangular, half_width: 10 %}, aero.lift:
+  {distribution: truncated_normal, sigma: 5 %, half_width: 8 %, probability: 0.5}, aero.drag:
+  {distribution: discrete, values: [0.9, 1, 1.2], weights: [1, 2, 1]}}"""
+_LIMITS = """[{metric: altitude_error_max_m, below: 3.4, probability: 0.9, id: high},
+  {metric: speed_error_max_mps, above: 0.5, below: 50, probability: 0.8, ended_early: as_measured},
+  {metric: sideslip_max_deg, above: 0, probability: 0.95, consumer_risk: 0.2}]"""
+_LIMIT = "[{metric: altitude_error_max_m, below: 2.5, probability: 0.8}]"
+_PAIR = "[{between: [aero.drag, atmosphere.density], rank: 0.6}]"
+_CAMPAIGNS = {
+    "c": {"requirements": _LIMITS},
+    "d": {"requirements": _LIMITS, "dispersions": _MIXED, "correlations": _PAIR, "runs": "400"},
+    "e": {"requirements": _LIMIT, "unknowns": "{aero.drag: {low: 0.8, high: 1.15}}", "runs": "60"},
+}
+
+
+def run_program(folder: Path, *arguments: object) -> int | str | None:
     """Run a command of the program in this process; exit codes of verdicts are ignored."""
     with ExitStack() as stack:
         stack.enter_context(patch.dict(os.environ, {"XDG_CONFIG_HOME": str(folder / "config")}))
@@ -72,10 +174,14 @@ def run_program(folder: Path, *arguments: object) -> None:
         except SystemExit as ended:
             if ended.code not in (None, 0, 1):
                 raise
+            return ended.code
+    return None
 
 
 def make_report(case: str, folder: Path) -> Any:
     """Return the numbers and statuses of a case's ``report.json``, made in an empty folder."""
+    if case in QUICK:
+        return make_outputs(case, folder)
     results = folder / "results"
     if case in ("dive", "table"):
         own = dive_campaign(folder / "own", DIVE_HISTORY, histories=DIVE_CHANNELS, runs=300)
@@ -101,6 +207,56 @@ def make_report(case: str, folder: Path) -> Any:
     report = json.loads((results / "report.json").read_text("utf-8"))
     report.pop(_ON_A_NODE.get(case), None)
     return keep_numbers(report)
+
+
+def make_outputs(case: str, folder: Path) -> Any:
+    """Return exit codes of a quick case's commands, and the numbers that they print or write."""
+    outputs: dict[str, Any] = {}
+    if case == "sections":
+        synthetic.write_campaign(folder / "s", runs=100, failing=12)
+        models = Models(read_flown(folder / "s"))
+        outputs = {
+            text.name: list(describe_figure(figure))
+            for figures in make_figures(models).values()
+            for text, figure in figures
+        }
+    else:
+        for name, entries in _CAMPAIGNS.items():
+            write_fake(folder / name, **entries)
+    (folder / "t.csv").write_text("altitude_error_max_m,speed_error_max_mps\n3,4\n9,2\n")
+    (folder / "r.yaml").write_text(f"requirements: {_LIMITS.replace('3.4', '2')}")
+    engine = replace(make_engine(), find_stability=None) if case == "physics" else ENGINE
+    simulator = patch("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: engine)
+    with chdir(folder), simulator:
+        for command in filter(None, map(str.strip, QUICK[case].splitlines())):
+            with redirect_stdout(io.StringIO()) as printed:
+                code = run_program(folder, *shlex.split(command))
+            outputs[command] = [int(code or 0), *read_printed(printed.getvalue())]
+    for path in sorted([*folder.glob("*.[jx]*"), *folder.glob("r/*.csv")]):
+        text = path.read_text("utf-8")
+        is_json = path.suffix == ".json"
+        outputs[path.name] = json.loads(text) if is_json else list(read_printed(text))
+    return keep_numbers(outputs)
+
+
+def read_printed(text: str) -> Iterator[float | str]:
+    """Yield the numbers, statuses and controllers in a text."""
+    for part in _PRINTED.findall(text.replace("\u202f", "").replace("\u2212", "-")):
+        yield part if part[-1].isalpha() else float(part)
+
+
+def describe_figure(figure: Any) -> Iterator[list[Any]]:
+    """Yield the limits of each axes, and the number and weighted sums of the points of artists."""
+    for axes in figure.axes:
+        yield [*axes.get_xlim(), *axes.get_ylim()]
+        yield [*read_printed(" ".join(text.get_text() for text in axes.texts))]
+        points = [line.get_xydata() for line in axes.lines]
+        points += [artist.get_offsets() for artist in axes.collections]
+        points += [path.vertices for artist in axes.collections for path in artist.get_paths()]
+        points += [patch.get_path().vertices * 1.0 for patch in axes.patches]
+        for curve in points:
+            values = np.nan_to_num(np.asarray(curve, float))
+            yield [len(values), *(np.linspace(1.0, 2.0, len(values)) @ values).tolist()]
 
 
 def keep_numbers(value: Any) -> Any:
@@ -169,8 +325,10 @@ def write_stored(case: str, numbers: Any) -> Path:
 
 def _renew() -> None:
     parser = argparse.ArgumentParser(description="Renew the stored numbers of small reports.")
-    parser.add_argument("--renew", nargs="*", metavar="NAME", choices=CASES, required=True)
-    for case in parser.parse_args().renew or CASES:
+    parser.add_argument(
+        "--renew", nargs="*", metavar="NAME", choices=[*CASES, *QUICK], required=True
+    )
+    for case in parser.parse_args().renew or [*CASES, *QUICK]:
         with tempfile.TemporaryDirectory() as folder:
             numbers = make_report(case, Path(folder))
         stored = STORED / f"{case}.json.gz"

@@ -3,7 +3,7 @@
 from itertools import islice
 
 import pytest
-from golden import CASES, STORED, compare_report
+from golden import CASES, QUICK, STORED, compare_report
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -13,4 +13,6 @@ def test_every_number_of_a_report_is_the_stored_one(case, tmp_path):
 
 
 def test_every_stored_report_is_of_a_case():
-    assert {path.name for path in STORED.iterdir()} == {f"{case}.json.gz" for case in CASES}
+    assert {path.name for path in STORED.iterdir()} == {
+        f"{case}.json.gz" for case in (*CASES, *QUICK)
+    }

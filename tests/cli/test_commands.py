@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
+from golden import compare_report
 from programs import invoke
 
 from abhv_mc.campaign.file.schema import make_schema
@@ -264,3 +265,7 @@ def test_linearize_can_write_only_the_gains_of_a_controller(tmp_path):
     result = invoke("linearize", "level", "--controller", "lqr", "--gains", tmp_path / "gains.mat")
     assert result.exit_code == 0, result.exception
     assert scipy.io.loadmat(tmp_path / "gains.mat") and len([*tmp_path.iterdir()]) == 1
+
+
+def test_the_numbers_that_commands_print_are_the_stored_ones(tmp_path):
+    assert not compare_report("commands", tmp_path)

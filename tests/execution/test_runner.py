@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, fly, interrupted_after, make_plan, run, write_campaign
+from golden import compare_report
 from programs import run_python
 
 from abhv_mc.campaign.sampling.samples import full_rows
@@ -401,3 +402,7 @@ def test_endless_first_flights_are_rejected_and_interruptible(tmp_path):
     with pytest.raises(InputError, match=r"trial flights of 'one' .*\b0\.1 s"):
         run(campaign, tmp_path / "out", replace(ENGINE, fly=fly_never))
     assert not (tmp_path / "out").exists()
+
+
+def test_the_numbers_of_run_and_merged_campaigns_are_the_stored_ones(tmp_path):
+    assert not compare_report("campaigns", tmp_path)

@@ -13,6 +13,7 @@ from fake_flight import (
     prepare,
     write_campaign,
 )
+from golden import compare_report
 from own_simulators import write_study
 from scipy import stats
 from search.known_flights import LIMIT, LINE, METRIC, fly_line, write_line
@@ -333,3 +334,7 @@ def test_a_requirement_is_named_by_its_id_or_by_its_metric(tmp_path):
         find_requirement(campaign, controller, METRIC)
     with pytest.raises(InputError, match="'R-4'"):
         find_requirement(campaign, controller, "R-4")
+
+
+def test_the_numbers_of_searches_are_the_stored_ones(tmp_path):
+    assert not compare_report("searches", tmp_path)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from golden import compare_report
 from jsonschema import Draft202012Validator
 from programs import invoke
 from report.synthetic import build_page, write_campaign
@@ -277,3 +278,7 @@ def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
 def test_a_name_that_it_cannot_have_is_refused(topic, name, message):
     with pytest.raises(InputError, match=message):
         register(Topic(name, topic.model, topic.compute, topic.section))
+
+
+def test_the_numbers_and_curves_of_a_report_are_the_stored_ones(tmp_path):
+    assert not compare_report("sections", tmp_path)

@@ -7,6 +7,7 @@ import control
 import numpy as np
 import pandas as pd
 import pytest
+from golden import compare_report
 
 import abhv_mc
 from abhv_mc.io.messages import InputError
@@ -243,3 +244,7 @@ def test_trim_says_that_it_ignores_wind(tmp_path):
     (tmp_path / "w.csv").write_text("altitude_m,wind_north_mps,wind_east_mps\n0,0,9\n30000,0,9\n")
     mission = {"base": "level", "wind": {"file": str(tmp_path / "w.csv")}}
     assert [w for w in abhv_mc.trim(mission=mission).attrs["warnings"] if "wind" in w]
+
+
+def test_the_numbers_of_dispersed_flights_trims_and_margins_are_the_stored_ones(tmp_path):
+    assert not compare_report("physics", tmp_path)
