@@ -65,7 +65,7 @@ def test_version_and_help():
 
 
 def test_long_options_are_at_most_58() -> None:
-    commands: list[Any] = [typer.main.get_command(app)]
+    commands = [typer.main.get_command(app)]
     for group in commands:  # Groups append their commands.
         names = group.list_commands(None) if hasattr(group, "list_commands") else ()
         commands += [group.get_command(None, name) for name in names]

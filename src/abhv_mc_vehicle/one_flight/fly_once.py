@@ -18,7 +18,7 @@ from abhv_mc.execution.first_flights import differs
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.documents import Document, read_document, write_document
-from abhv_mc.io.messages import InputError, Refusal, check_mapping, check_names, one_of, quoted
+from abhv_mc.io.messages import InputError, Refusal, check_mapping, check_names, quoted
 from abhv_mc.io.units import Dimension, parse_quantity
 from abhv_mc.requests import check_count
 from abhv_mc.shipped import DEFAULT_VEHICLE, find_input
