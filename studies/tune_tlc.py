@@ -50,7 +50,7 @@ ORDERED = (  # outer, inner
     ("attitude.bank", "rates.roll_rate"),
 )
 DAMPINGS = (0.707, 1.0, 1.4, 2.0, 2.4, 3.4, 4.8)
-LISTED_DAMPINGS = (0.707, 2.4, 3.4)  # rows of the page
+LISTED_DAMPINGS = {"inner": (0.707, 2.4, 3.4), "outer": (0.707, 3.4)}  # rows of the page
 SLOWER = (1.0, 0.5)  # inner over outer crossover
 RATIOS = (3.0, 4.0, 5.0)
 DIFFERENTIATORS = (
@@ -82,9 +82,9 @@ def cells(numbers: Floats) -> str:
 
 def damping_rows(tuning: Tuning) -> Iterator[str]:
     """Yield a row for each damping of the inner and of the outer loops."""
-    listed = [*((damping, False) for damping in LISTED_DAMPINGS), (LISTED_DAMPINGS[0], True)]
     for loops, channels in (("inner", INNER), ("outer", OUTER)):
-        for damping, same in listed:
+        listed = LISTED_DAMPINGS[loops]
+        for damping, same in (*((damping, False) for damping in listed), (listed[0], True)):
             changes = {f"{channel}.damping": damping for channel in channels}
             if same:
                 changes |= {
