@@ -239,7 +239,7 @@ def page(tuning: Tuning, vehicle: str) -> tuple[str, dict[str, Figure]]:
         '"Overshoot" is that of the nominal bank angle after the first step, and "swings" the most '
         f"reversals of a surface by over {SWING:g} deg between the steps; {MANY} or more are an "
         f"oscillation. The smallest inner damping without overshoot is {calmest:g}; Table 1 has "
-        "3.4. Damping also multiplies the crossover, 2 damping bandwidth; the last rows have the "
+        "3.4. Damping also multiplies the crossover, 2 damping bandwidth; two rows have the "
         "crossovers of Table 1.",
         "",
         *header(("loops", "damping", "overshoot", "swings")),
