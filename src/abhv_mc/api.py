@@ -105,6 +105,7 @@ class Campaign:
     def __init__(self, path: Path, checked: Experiment) -> None:
         self.path = path.absolute()  # unaffected by later changes of the working directory
         self._checked = checked
+        self._origin: Campaign | None = None  # campaign whose temporary files this one uses
         self.name: str = checked.model.name
         self.question: str = checked.model.question
         self.runs = checked.runs
@@ -170,13 +171,10 @@ class Campaign:
         >>> abhv_mc.Campaign.make(study, runs=200)
         <Campaign study: 200 flights of 'tlc' and 'narrow', dispersions: 1>
         """
-        return cls._make({**check_mapping(data, "data"), **overrides})
-
-    @classmethod
-    def _make(cls, data: Mapping[str, Any], others: Mapping[str, Any] | None = None) -> "Campaign":
-        folder = Path(mkdtemp(prefix="abhv-mc-"))
+        folder = mkdtemp(prefix="abhv-mc-")
         try:
-            path = __getattr__("write_inputs")(data, folder, others)
+            write_inputs = __getattr__("write_inputs")
+            path = write_inputs({**check_mapping(data, "data"), **overrides}, Path(folder))
             campaign = cls(path, read_campaign(path))
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
@@ -224,7 +222,9 @@ class Campaign:
         data |= self._checked.simulator.pack(lambda path, *_: str(path.absolute()), {})
         if path := self._checked.model.sampling.path:
             data["sampling"] = {"design": "file", "path": str(path.absolute())}
-        return self._make(overrides, data)
+        campaign = self.make(data, **overrides)
+        campaign._origin = self
+        return campaign
 
     def draw_samples(self, flights: int | None = None) -> "pd.DataFrame":
         """Return the dispersed parameters of the first flights.

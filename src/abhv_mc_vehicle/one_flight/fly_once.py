@@ -107,29 +107,31 @@ def to_si(value: Quantity, dimension: Dimension, name: str) -> float:
         raise InputError(name, refusal.found, refusal.expected) from None
 
 
-def write_inputs(
-    data: Mapping[str, Any], folder: Path, others: Mapping[str, Any] | None = None
-) -> Path:
-    """Write a campaign with its input files to a folder; return the path of the campaign.
+def write_inputs(data: Mapping[str, Any], folder: Path) -> Path:
+    """Write a campaign, and its inputs that are not files, to a folder.
 
-    The files to which ``others``, the remaining entries of the campaign, refer are not copied.
+    Return the path of the campaign.
     """
+
+    def place(kind: str, source: Any, location: str) -> Path:
+        if isinstance(source, str | Path):
+            return find_input(source, kind).absolute()
+        return write_input(make_document(kind, source), folder / location, kind)
+
     content = dict(data)
     for kind in ("vehicle", "mission"):
         if kind in content:
-            content[kind] = write_input(make_document(kind, content[kind]), folder / kind, kind)
+            content[kind] = place(kind, content[kind], kind)
     controllers = content.get("controllers")
     if isinstance(controllers, str):
         controllers = {Path(controllers).stem: controllers}
     if isinstance(controllers, Mapping):
         content["controllers"] = {
-            str(name): write_input(
-                make_document("control", source), folder / f"{number}", "control"
-            )
-            for number, (name, source) in enumerate(controllers.items())
+            str(name): place("control", source, f"{i}")
+            for i, (name, source) in enumerate(controllers.items())
         }
     path = folder / "campaign.yaml"
-    write_document(path, {**(others or {}), **content})
+    write_document(path, content)
     return path
 
 

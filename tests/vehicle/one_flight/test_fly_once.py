@@ -126,7 +126,10 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
     assert set(results.flights["failure.case"]) == {"none"}
     again = abhv_mc.Campaign.read(tmp_path / "out" / "campaign.yaml")  # the folder stands alone
     assert again.controllers == campaign.controllers
-    varied = again.vary([{"tlc.rate": 50}], mission="level", runs=9)
+    varied = abhv_mc.Campaign.make(content, runs=20).vary(
+        [{"tlc.rate": 50}], mission="level", runs=9
+    )
+    varied = abhv_mc.Campaign.read(varied)  # Its files still exist.
     assert varied.controllers == (*names, "tlc+rate=50") and varied.runs == 9
     pd.testing.assert_frame_equal(varied.draw_samples(), campaign.draw_samples(9))
     with pytest.raises(InputError, match="controllers"):
