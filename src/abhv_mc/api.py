@@ -216,7 +216,7 @@ class Campaign:
         >>> campaign = abhv_mc.Campaign.read("paper")
         >>> campaign.vary({"tlc.altitude.bandwidth": [0.02, 0.05]}).controllers
         ('tlc', 'lqr', 'tlc+altitude.bandwidth=0.02', 'tlc+altitude.bandwidth=0.05')
-        >>> wider = campaign.vary(vehicle={"base": "abhv", "geometry.area": "36 m2"})
+        >>> wider = campaign.vary(vehicle={"base": "abhv", "reference.area": "8.1 m2"})
         """
         data = {**self._checked.document.entries, "variants": variants}
         data |= self._checked.simulator.pack(lambda path, *_: str(path.absolute()), {})

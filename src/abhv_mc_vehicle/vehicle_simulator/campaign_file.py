@@ -121,7 +121,7 @@ class VehicleKeep(Keep):
     """time-history envelopes over all flights"""
 
 
-_Grid = dict[str, Annotated[list[Any], BeforeValidator(as_list)]]
+_Grid = dict[str, Annotated[list[Any], BeforeValidator(as_list, json_schema_input_type=Any)]]
 
 
 class VehicleCampaign(Campaign):
