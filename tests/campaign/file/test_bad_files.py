@@ -33,7 +33,7 @@ TABLE = [
     ("everything_at_once", 3, 10, [f":{line}: " for line in ("5:1", "6:7", "11:60")]),
     ("all_that_does_not_fit", 7, 3, [f":{line}: " for line in ("8:50", "10:14", "11:82", "12:42")]),
     ("rate", 12, 26, ["33 Hz"]),
-    ("variants", 7, 37, ["'5 m'", ":7:", "'dampin'", ":8:", ":9:", "vary(vehicle=", "'tlx'"]),
+    ("variants", 7, 37, ["'5 m'", ":7:", "'dampings'", ":8:", ":9:", "vary(vehicle=", "'tlx'"]),
 ]
 
 
