@@ -2,7 +2,6 @@
 
 import shlex
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
@@ -232,10 +231,7 @@ def compare(
         )
     if is_flights:
         campaign = find_input(second, "campaign")
-        placement = place_flights(
-            *(campaign, first, controllers, parse_noise(measured)),
-            announce=lambda text: say(text, file=sys.stderr),
-        )
+        placement = place_flights(campaign, first, controllers, parse_noise(measured))
         page = make_place_answer(placement, campaign)
         numbers = vars(placement).copy()
         del numbers["bands"], numbers["times"]

@@ -116,10 +116,9 @@ def identify(
     check_names("--parameters", chosen, choices, "parameter to estimate")
     listed = np.isin(columns, chosen)
     own = np.flatnonzero(np.isin(columns, choices) & ~listed)
-    places = [programme.columns.index(columns[i]) for i in own]
-    correlations = programme.space.copula.correlations(len(programme.space.names))
+    correlations = programme.space.copula.correlations(len(programme.columns))
     mix = np.eye(len(columns))
-    mix[np.ix_(own, own)] = np.linalg.cholesky(correlations[np.ix_(places, places)])
+    mix[np.ix_(own, own)] = np.linalg.cholesky(correlations[np.ix_(moving[own], moving[own])])
     with programme.open() as simulate:
         tests = programme.align(simulate(programme.draw(_SETS), True))
 

@@ -1,6 +1,6 @@
 """Comparison of test flights with simulated flights under the same conditions."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, inf
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_histories
 from abhv_mc.interfaces import Engine
+from abhv_mc.io.messages import notify
 from abhv_mc.search.flight_records import Programme, sample
 from abhv_mc.statistics.circular import align_flights
 from abhv_mc.statistics.placement import (
@@ -86,7 +87,6 @@ def place_flights(
     noise: Mapping[str, float] | None = None,
     *,
     sets: int = SETS,
-    announce: Callable[[str], None] = lambda text: None,
     engine: Engine | None = None,
 ) -> Placement:
     """Compare test flights with simulated sets of flights of the same vehicles.
@@ -97,7 +97,7 @@ def place_flights(
     """
     programme = Programme(campaign, files, controller, noise, engine)
     rows, names, times = programme.draw(sets), programme.names, programme.times
-    announce(f"simulating {sets * rows.shape[1]} flights ({sets} sets of {rows.shape[1]})")
+    notify(f"simulating {sets * rows.shape[1]} flights ({sets} sets of {rows.shape[1]})")
     with programme.open() as simulate:
         simulated = simulate(rows, True)
     count = np.isfinite(simulated).sum(axis=(0, 1, 2))

@@ -149,6 +149,8 @@ class Plant:
         channels: Sequence[str] | None = None,
         rate: str = "100 Hz",
     ) -> None:
+        if rows is not None and dispersions:
+            raise InputError("Plant", "both rows and dispersions", "one of them")
         self.commands = tuple(commands)
         study = {"name": "plant", "mission": mission, "vehicle": vehicle, "seed": seed}
         study |= {"controllers": {"plant": _make_law(self.commands, rate)}}
@@ -333,29 +335,29 @@ class Plant:
             measured = dict(zip(Measured._fields, values, strict=True))
         return PlantState(time, measured, channels, recorded, self._outcome.copy())
 
-    def _capture_lanes(self, context: Any, Z: Any, *arguments: Any) -> None:
+    def _capture_lanes(self, *arguments: Any) -> None:
         """Store the measurements of a group of lanes, and pass the commands to the vehicle.
 
         The kernel simulates the groups in the order of the flights.
         """
-        block = np.ctypeslib.as_array(Z, (s.COUNTED, LANES))
-        self._seen[self._group] = block[s.MEASURED :]
+        self._seen[self._group] = self._memory.Z[s.MEASURED : s.COUNTED]
         self._group += 1
-        self._pass_commands(context, Z, *arguments)
+        self._pass_commands(*arguments)
 
 
 def _make_law(commands: tuple[str, ...], rate: str) -> dict[str, Any]:
     """Return the content of a controller file for a law whose settings are its commands."""
-    law_commands = [name for name in commands if name in Command._fields]
-    values = dict.fromkeys(_SURFACES, "0.0") | {name: f"settings.{name}" for name in law_commands}
+    settings = {name: f"settings.{name}" for name in commands}
+    values = dict.fromkeys(_SURFACES, "0.0") | settings
+    moments = [values.pop(name, "0.0") for name in _MOMENTS]
     allocation = ""
-    if any(name in _MOMENTS for name in commands):
-        terms = [f"settings.{name}" if name in commands else "0.0" for name in _MOMENTS]
-        allocation = _ALLOCATION.format(*terms)
+    if moments != ["0.0"] * 3:
+        allocation = _ALLOCATION.format(*moments)
         values |= {name: f"last.{name} + {name}" for name in _SURFACES}
-    effectors = [name for name in commands if name not in (*Command._fields, *_MOMENTS)]
+    effectors = [name for name in values if name not in Command._fields]
     if effectors:
-        values["effectors"] = f"{{{', '.join(f'{name!r}: settings.{name}' for name in effectors)}}}"
+        entries = (f"{name!r}: {values.pop(name)}" for name in effectors)
+        values["effectors"] = f"{{{', '.join(entries)}}}"
     text = _LAW.format(
         fields="\n".join(f"    {name}: float" for name in commands),
         names=commands,
@@ -364,5 +366,4 @@ def _make_law(commands: tuple[str, ...], rate: str) -> dict[str, Any]:
         command=", ".join(f"{name}={value}" for name, value in values.items()),
     )
     file = str(store_text("plant.py", text))
-    settings = dict.fromkeys(commands, 0.0)
-    return {"law": "python", "file": file, "rate": rate, "settings": settings}
+    return {"law": "python", "file": file, "rate": rate, "settings": dict.fromkeys(commands, 0.0)}
