@@ -35,6 +35,7 @@ from abhv_mc_vehicle.kernel.flight.observe import (
     start_observing,
 )
 from abhv_mc_vehicle.kernel.flight.sensors import (
+    DELAY_TIME,
     SensorErrors,
     active_sensor_errors,
     add_biases,
@@ -439,9 +440,9 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
     keeps = results.saved.shape[1] > 0
     O = memory.O
     dt = plan.timing.step * plan.timing.steps_per_tick
-    driven = count_driven(plan.vehicle) > 0
-    custom = has_functions(plan)
-    own = plan.user_code.address != 0
+    delayed = False
+    for flight in range(first_flight, last_flight):
+        delayed |= plan.parameters[flight, DELAY_TIME - s.P] > 0.0
     start = plan.first_tick
     last = plan.timing.ticks if keeps else plan.timing.ticks + 1
     compacted = (
@@ -460,17 +461,17 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                 n = min(width, flying - group)
                 flights = order[group : group + n]
                 if first_tick > start:
-                    copy_lanes(memory, saved, first, flights, n, driven, custom, own, False)
+                    copy_lanes(memory, plan, saved, first, flights, n, delayed, False)
                 elif plan.start.shape[0] > 0:
-                    copy_lanes(memory, plan.start, 0, flights, n, driven, custom, own, False)
+                    copy_lanes(memory, plan, plan.start, 0, flights, n, delayed, False)
                 else:
                     start_lanes(plan, memory, width, find, flights, n)
                 active = find(memory.Z, width, plan)
                 fly_ticks(plan, memory, results, width, law, active, first_tick, end, flights, n)
                 if end < last:
-                    copy_lanes(memory, saved, first, flights, n, driven, custom, own, True)
+                    copy_lanes(memory, plan, saved, first, flights, n, delayed, True)
                 if keeps:
-                    copy_lanes(memory, results.saved, 0, flights, n, driven, custom, own, True)
+                    copy_lanes(memory, plan, results.saved, 0, flights, n, delayed, True)
                 for lane in range(n):
                     flight = flights[lane]
                     if O[observe.ALIVE, lane] > 0.0 and end < last:
@@ -485,14 +486,6 @@ def fly_groups(plan, memory, results, width, law, find, first_flight, last_fligh
                         results.outcome[flight] = int(O[observe.OUTCOME, lane])
                         results.end_tick[flight] = int(O[observe.END, lane])
             flying = still_flying
-
-
-@lanes
-def has_functions(plan):
-    """Return whether custom functions or dispersed settings need more rows of lane memory."""
-    code = plan.user_code
-    settings = plan.parameters.shape[1] > s.N_PARAMETERS
-    return settings or code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
 
 
 @lanes

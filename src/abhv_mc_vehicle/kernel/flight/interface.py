@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from abhv_mc.array_types import Floats, Ints
 from abhv_mc.flights.timing import Timing
-from abhv_mc_vehicle.kernel.flight import observe
+from abhv_mc_vehicle.kernel.flight import counting, observe, sensors
 from abhv_mc_vehicle.kernel.flight.counting import Counted
 from abhv_mc_vehicle.kernel.jit import lanes
 from abhv_mc_vehicle.kernel.laws.trim_lookup import TrimCells, make_trim_cells
 from abhv_mc_vehicle.kernel.laws.user import FAULT, MEMORY, ONBOARD
 from abhv_mc_vehicle.kernel.plant import state as s
 from abhv_mc_vehicle.kernel.plant.aerodynamics import Effectiveness, TableCells, make_cells
-from abhv_mc_vehicle.kernel.plant.effectors import A_ROWS
+from abhv_mc_vehicle.kernel.plant.effectors import A_ROWS, count_driven
 from abhv_mc_vehicle.kernel.plant.state import aligned_zeros
 from abhv_mc_vehicle.kernel.plant.vehicle import Tables, Vehicle
 from abhv_mc_vehicle.kernel.world.earth import Earth
@@ -173,19 +173,28 @@ def _copy(rows, begin, end, saved, column, first, flights, n, saves):
 
 
 @lanes
-def copy_lanes(memory, saved, first, flights, n, driven, custom, own, saves):
+def copy_lanes(memory, plan, saved, first, flights, n, delayed, saves):
     """Save lanes to ``saved`` [flight, SAVED_ROWS], whose first flight is ``first``, or restore.
 
-    Lanes from ``n`` repeat the last of ``flights`` and are marked as ended. The memory of effectors
-    with actuators, of custom functions and of a custom control law is copied only if ``driven``,
-    ``custom`` and ``own`` are true.
+    Lanes from ``n`` repeat the last of ``flights`` and are marked as ended. The memory of custom
+    functions, settings, a custom control law, metric programs and effectors with actuators is
+    copied only if the plan has them, and earlier measurements only if ``delayed`` is true.
     """
     Z = memory.Z
-    _copy(Z, 0, s.LAW if custom else s.CUSTOM_STATE, saved, 0, first, flights, n, saves)
-    _copy(Z, s.LAW, ONBOARD if own else MEMORY, saved, 0, first, flights, n, saves)
-    _copy(Z, ONBOARD, Z_ROWS, saved, 0, first, flights, n, saves)
-    _copy(memory.O, 0, O_ROWS, saved, Z_ROWS, first, flights, n, saves)
-    if driven:
+    code = plan.user_code
+    functions = code.aerodynamics != 0 or code.propulsion != 0 or code.dynamics != 0
+    unused = counting.ROWS * (counting.MAX_PROGRAMS - plan.counted.programs.statistic.size)
+    end = s.SETTING if functions else s.CUSTOM_STATE
+    _copy(Z, 0, end, saved, 0, first, flights, n, saves)
+    if plan.parameters.shape[1] > s.N_PARAMETERS:
+        _copy(Z, s.SETTING, s.LAW, saved, 0, first, flights, n, saves)
+    end = ONBOARD if code.address != 0 else MEMORY
+    _copy(Z, s.LAW, end, saved, 0, first, flights, n, saves)
+    end = sensors.MORE_NOISE if delayed else sensors.DELAY
+    _copy(Z, ONBOARD, end, saved, 0, first, flights, n, saves)
+    _copy(Z, sensors.MORE_NOISE, Z_ROWS, saved, 0, first, flights, n, saves)
+    _copy(memory.O, 0, O_ROWS - unused, saved, Z_ROWS, first, flights, n, saves)
+    if count_driven(plan.vehicle) > 0:
         _copy(memory.A, 0, A_ROWS, saved, Z_ROWS + O_ROWS, first, flights, n, saves)
     if not saves:
         end_spare_lanes(memory, Z.shape[1], n)

@@ -36,7 +36,7 @@ END_ROW = HELD + N_SEEN
 _BIAS = parameter_row("sensor.altitude_bias")
 _SIGMA = parameter_row("sensor.altitude_noise")
 _SEED = parameter_row("sensor.noise_seed")
-_DELAY = parameter_row("sensor.delay")
+DELAY_TIME = parameter_row("sensor.delay")
 # Each kind of error has twelve rows for the additional measurements.
 _MORE_BIAS = parameter_row(f"sensor.{MORE_SENSORS[0]}_bias")
 _MORE_SIGMA = parameter_row(f"sensor.{MORE_SENSORS[0]}_noise")
@@ -78,7 +78,7 @@ def active_sensor_errors(Z, width):
     )
     return SensorErrors(
         any_lane(Z, width, _SIGMA, N_MEASURED, 0.0),
-        any_lane(Z, width, _DELAY, 1, 0.0),
+        any_lane(Z, width, DELAY_TIME, 1, 0.0),
         any_lane(Z, width, _MORE_BIAS, 2 * len(MORE_SENSORS) + 2 * _N_EARLIER, 0.0)
         or any_lane(Z, width, _SCALE, _N_SCALED, 1.0)
         or accelerations,
@@ -194,7 +194,7 @@ def delay(Z, width, dt, tick):
         for lane in range(width):
             Z[slot + i, lane] = Z[MEASURED + i, lane]
     for lane in range(width):
-        age = min(int(Z[_DELAY, lane] / dt + 0.5), MAX_DELAY_TICKS, tick)
+        age = min(int(Z[DELAY_TIME, lane] / dt + 0.5), MAX_DELAY_TICKS, tick)
         old = DELAY + ((tick - age) % (MAX_DELAY_TICKS + 1)) * N_SEEN
         for i in range(N_SEEN):
             Z[MEASURED + i, lane] = Z[old + i, lane]
