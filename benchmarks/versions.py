@@ -20,6 +20,9 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+import pandas as pd
+
 from benchmarks.document import replace_part
 from benchmarks.processes import measure_all, measure_disk
 from benchmarks.spread import describe_machine, make_note
@@ -51,6 +54,19 @@ for _ in range(int(sys.argv[3])):
     fly(plan, parameters)
     times.append(time.thread_time() - start)
 print(min(times) / 64 if times else 0.0)
+"""
+PYTHON = "import abhv_mc, sys; abhv_mc.Campaign.read(sys.argv[1]).run(output=sys.argv[2], runs=64)"
+ROWS = 1_000_000  # rows of the imported table
+IMPORTED = """
+name: imported
+question: Does it hold?
+inputs: {a: {unit: m, nominal: 10}, b: {unit: m, nominal: 0}}
+dispersions:
+  a: {distribution: normal, sigma: 1 m}
+  b: {distribution: uniform, half_width: 2 m}
+metrics: {miss: {unit: m, bad: high}}
+requirements: [{metric: miss, below: 15 m, probability: 90 %, consumer_risk: 10 %}]
+independent: true
 """
 Costs = dict[str, float]
 
@@ -96,7 +112,15 @@ class Version:
         """Return the cost of campaigns of 64 and 4096 flights with compiled code."""
         run = ("-m", "abhv_mc", "run", str(self.campaign), "--runs")
         bare, complete, many = folder / "bare", folder / "whole", folder / "many"
+        default = self.command(
+            "-m", "abhv_mc", "run", str(self.campaign), "-o", str(folder / "all")
+        )
         return {
+            "default campaign and report": default[0],
+            "default campaign and report, memory of the largest process": default[2],
+            "64 flights from Python": self.command(
+                "-c", PYTHON, str(self.campaign), str(folder / "python")
+            )[0],
             "64 flights, no report": self.command(*run, "64", "--output", str(bare), "--no-report")[
                 0
             ],
@@ -106,6 +130,15 @@ class Version:
                 *run, "4096", "--output", str(many), "--no-report"
             )[0],
         }
+
+    def import_table(self, table: Path, folder: Path) -> Costs:
+        """Return the cost of importing a table of flights."""
+        (folder / "imported.yaml").write_text(IMPORTED)
+        is_older = "def adopt" in (self.tree / "src/abhv_mc/cli/running.py").read_text()
+        words = ("adopt",) if is_older else ("import", "flights")
+        files = ("--campaign", str(folder / "imported.yaml"), "-o", str(folder / "imported"))
+        cost = self.command("-m", "abhv_mc", *words, str(table), *files)
+        return {f"import of {ROWS:,} rows": cost[0], f"import of {ROWS:,} rows, memory": cost[2]}
 
     def cold(self, folder: Path) -> Costs:
         """Return the cost of the kernel and of a campaign without compiled code."""
@@ -128,6 +161,14 @@ class Version:
             "first start, memory of the largest process": first[2],
             "kernels on disk": disk,
         }
+
+
+def write_table(path: Path, rows: int) -> None:
+    """Write a table of flights that :meth:`Version.import_table` imports."""
+    draw = np.random.default_rng(1)
+    a, b = 10.0 + draw.standard_normal(rows), draw.uniform(-2.0, 2.0, rows)
+    columns = {"flight": np.arange(rows), "outcome": "ok", "a": a, "b": b, "miss": abs(a + b)}
+    pd.DataFrame(columns).to_csv(path, index=False)
 
 
 def compare(
@@ -172,8 +213,12 @@ def main() -> None:
             cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
             version = Version(other, cache, campaign)
             print(version.flight(LAWS[0]))
+            write_table(Path(folder) / "table.csv", 60)
+            print(version.import_table(Path(folder) / "table.csv", Path(folder)))
             print(
-                version.command("-m", "abhv_mc", "run", str(campaign), "--runs", "2", "-o", folder)
+                version.command(
+                    "-m", "abhv_mc", "run", str(campaign), "--runs", "2", "-o", f"{folder}/run"
+                )
             )
         return
     load = os.getloadavg()[0]
@@ -194,6 +239,14 @@ def main() -> None:
         )
         rows += compare(
             ours, theirs, options.rounds, lambda version, folder: version.campaigns(folder)
+        )
+        flights = Path(caches) / "table.csv"
+        write_table(flights, ROWS)
+        rows += compare(
+            ours,
+            theirs,
+            options.rounds,
+            lambda version, folder: version.import_table(flights, folder),
         )
     if not (options.cold and options.rounds):
         return
