@@ -219,8 +219,12 @@ def paths_by_hand(folder, system, channel):
 def test_histories_and_envelopes_are_those_returned(tmp_path):
     """Histories are interpolated linearly; envelopes skip flights without a history."""
     out = tmp_path / "out"
+    metrics = {
+        **{name: {"unit": "ft"} for name in ("altitude_min", "load")},
+        "dips": {"unit": "ft", "of": "eventually[0, 2](altitude < -5)"},
+    }
     assert not run_campaign(
-        Request(dive_campaign(tmp_path / "own", DIVE_HISTORY, **HISTORIES), out)
+        Request(dive_campaign(tmp_path / "own", DIVE_HISTORY, metrics=metrics, **HISTORIES), out)
     ).manifest.not_made
     results, opened = read_flown(out), Results(out)
     assert set(results.flights["v1"].count_outcomes()) == {"ok", "ground"}
@@ -232,6 +236,14 @@ def test_histories_and_envelopes_are_those_returned(tmp_path):
         .set_index(["controller", "channel", "time"])
     )
     for system in ("v1", "v2"):
+        altitudes = paths_by_hand(out, system, "altitude")
+        for flight, (times, values) in enumerate(altitudes):
+            grid = np.arange(np.ceil(times[0] * RATE), times[-1] * RATE + 1e-12) / RATE
+            sampled = np.interp(grid, times, values).astype(np.float32).astype(float)
+            is_known = sampled.size > 0 and not np.isnan(sampled).any()
+            dips = -5.0 - sampled[:9].min() if is_known else np.nan
+            metric = results.flights[system].metrics["dips"][flight]
+            assert metric == pytest.approx(dips, nan_ok=True), flight
         for channel in DIVE_CHANNELS:  # every history has the first channel
             paths = paths_by_hand(out, system, channel)
             for flight, history in histories.loc[system].groupby("flight"):

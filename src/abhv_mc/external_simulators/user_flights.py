@@ -24,6 +24,7 @@ from abhv_mc.external_simulators.process import (
 )
 from abhv_mc.external_simulators.user_plan import UserPlan
 from abhv_mc.flights.blocks import FlightBlock, Recording
+from abhv_mc.flights.expressions import compile_formula
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.io.messages import is_exhausted, notify, quoted
 from abhv_mc.statistics.circular import unwrap
@@ -54,18 +55,31 @@ def read_answer(reply: dict[str, Any], plan: UserPlan) -> Answer:
         for name in sorted(keys - plan.expected):
             raise ValueError(f"it returned '{name}', which the campaign does not declare")
         raise ValueError(f"it did not return {quoted(sorted(plan.expected - keys))}")
-    values = [_read_number(reply[metric.name], metric.name) for metric in plan.metrics]
+    values = [
+        math.nan if metric.of else _read_number(reply[metric.name], metric.name)
+        for metric in plan.metrics
+    ]
     end = _read_number(reply.get("end_time"), "end_time")
     ok = code == "ok"
-    if ok and not all(map(math.isfinite, values)):
-        name = next(
-            record.name
-            for record, value in zip(plan.metrics, values, strict=True)
-            if not math.isfinite(value)
-        )
-        raise ValueError(f"'{name}' is not a finite number although the outcome is 'ok'")
+    for record, value in zip(plan.metrics, values, strict=True):
+        if ok and not (record.of or math.isfinite(value)):
+            raise ValueError(f"'{record.name}' is not a finite number although the outcome is 'ok'")
     history = _read_history(reply["history"], plan, ok) if plan.channels else None
+    if history is not None:
+        _add_robustness(values, plan, history)
     return Answer(plan.outcomes[code], end if ok or math.isfinite(end) else 0.0, values, history)
+
+
+def _add_robustness(values: list[float], plan: UserPlan, history: Floats) -> None:
+    """Set the metrics that are defined by formulas, from the history at the rate of storage."""
+    names = [channel.name for channel in plan.channels]
+    for i, metric in enumerate(plan.metrics):
+        if metric.of:
+            _, histories = sample_histories({0: history}, 1, len(names), plan.rate)
+            formula = compile_formula(metric.of, plan.rate)
+            columns = [names.index(name) for name in formula.sources]
+            samples = histories[0, :, columns].T.astype(np.float64)
+            values[i] = formula.find_robustness(samples, math.nan)
 
 
 def _read_number(value: Any, name: str) -> float:

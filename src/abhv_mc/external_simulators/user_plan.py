@@ -90,7 +90,8 @@ class UserPlan:
     @cached_property
     def expected(self) -> set[str]:
         """Keys that a flight must return."""
-        return {*(metric.name for metric in self.metrics), *(["history"] if self.channels else [])}
+        returned = [metric.name for metric in self.metrics if not metric.of]
+        return {*returned, *(["history"] if self.channels else [])}
 
     @cached_property
     def _template(self) -> str:

@@ -20,6 +20,8 @@ NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_O
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
 # Name suffixes that differ from the letters of the unit.
+# Units with which names may end; longer suffixes precede shorter ones.
+_NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
 _ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
 
 
@@ -30,7 +32,7 @@ class Metric(Signal):
     label: str  # label without the unit
     bad: Bad
     group: Group
-    of: str  # source or expression of sources; "" for a margin
+    of: str  # source, expression of sources, or formula; "" for a margin
     statistic: Statistic
     limit: float = 0.0  # limit used by the statistic, or probability of a quantile
     start: float = 0.0  # start of the time window, s
@@ -96,6 +98,11 @@ def name_end(unit: str) -> str:
     return _ENDS.get(unit, unit.lower().replace("/", "_").replace(" ", "_"))
 
 
+def unit_of(name: str) -> str:
+    """Return the unit that follows from a name, or '-'."""
+    return next((unit for unit in _NAMED_UNITS if name.endswith(f"_{name_end(unit)}")), "-")
+
+
 def label_of(name: str, unit: str) -> str:
     """Return the default label of a declared metric: its name without the unit."""
     label = name.removesuffix(f"_{name_end(unit)}") if name_end(unit) else name
@@ -104,8 +111,8 @@ def label_of(name: str, unit: str) -> str:
 
 
 def default_bad(statistic: Statistic) -> Bad:
-    """Return which values are worse by default: low for a minimum, otherwise high."""
-    return "low" if statistic == Statistic.MIN else "high"
+    """Return which values are worse by default: low for a minimum or robustness, else high."""
+    return "low" if statistic in (Statistic.MIN, Statistic.ROBUSTNESS) else "high"
 
 
 def is_never_negative(statistic: Statistic, nonnegative: bool) -> bool:

@@ -25,6 +25,7 @@ class Statistic(IntEnum):
     REVERSALS = 12  # number of reversals larger than the limit
     SUM = 13  # sum over the control ticks
     QUANTILE = 14  # quantile over the control ticks, of the values in KernelResults.samples
+    ROBUSTNESS = 15  # robustness of a formula, of the values in KernelResults.samples
 
     @property
     def word(self) -> str:
@@ -47,3 +48,8 @@ class Operation(IntEnum):
     ROOT = 9
     SINE = 10
     COSINE = 11
+    # operations on all samples of a flight, which only formulas use
+    ALWAYS = 12
+    EVENTUALLY = 13
+    UNTIL = 14
+    STEP = 15

@@ -12,9 +12,8 @@ from abhv_mc.array_types import Floats
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.flights.expressions import SourceRow
 from abhv_mc.flights.outcomes import Outcome
-from abhv_mc.flights.statistic import Statistic
 from abhv_mc_vehicle.control.law_file import USER_LAWS
-from abhv_mc_vehicle.flight.compile_metrics import compile_metrics, source_rows
+from abhv_mc_vehicle.flight.compile_metrics import compile_metrics, count_sampled, source_rows
 from abhv_mc_vehicle.flight.plan import LIMITS, FlightPlan
 from abhv_mc_vehicle.flight.plan_arrays import find_dtype
 from abhv_mc_vehicle.flight.user_law import dispersable_settings
@@ -84,7 +83,7 @@ def make_results(
         saved=np.zeros((flights, SAVED_ROWS if save_memory else 0)),
         samples=np.full(
             (
-                sum(metric.statistic == Statistic.QUANTILE for metric in plan.metrics),
+                count_sampled(plan.metrics),
                 flights,
                 plan.timing.ticks + 1,
             ),

@@ -12,128 +12,88 @@ quantity.
 
 from collections.abc import Sequence
 
+from abhv_mc.flights.metrics import name_end, unit_of
 from abhv_mc.flights.signals import Channel, Signal, Source
 from abhv_mc_vehicle.kernel.plant.vehicle import MAX_EFFECTORS
 
+
+def _channel(name: str, doc: str, source: str = "", nonnegative: bool = False) -> Channel:
+    """Return a channel, whose unit and default source follow from its name."""
+    unit = unit_of(name)
+    source = source or name.removesuffix(f"_{name_end(unit)}")
+    circular = name.startswith(("bank", "heading", "longitude"))
+    return Channel(name, unit, doc, source, nonnegative, circular=circular)
+
+
 CHANNELS: tuple[Channel, ...] = (
-    Channel("altitude_m", "m", "geodetic altitude", "altitude"),
-    Channel("speed_mps", "m/s", "Earth-relative speed", "speed"),
-    Channel("flight_path_angle_deg", "deg", "flight path angle", "gamma"),
-    Channel(
-        "heading_deg",
-        "deg",
-        "heading of the velocity, clockwise from north",
-        "heading_deg",
-        circular=True,
-    ),
-    Channel("angle_of_attack_deg", "deg", "angle of attack relative to the air", "angle_of_attack"),
-    Channel("sideslip_deg", "deg", "sideslip relative to the air", "sideslip"),
-    Channel("bank_deg", "deg", "bank angle about the velocity vector", "bank", circular=True),
-    Channel("roll_rate_dps", "deg/s", "inertial roll rate", "roll_rate"),
-    Channel("pitch_rate_dps", "deg/s", "inertial pitch rate", "pitch_rate"),
-    Channel("yaw_rate_dps", "deg/s", "inertial yaw rate", "yaw_rate"),
-    Channel("aileron_deg", "deg", "aileron deflection", "aileron"),
-    Channel("rudder_deg", "deg", "rudder deflection", "rudder"),
-    Channel("elevator_deg", "deg", "elevator deflection", "elevator"),
-    Channel(
-        "equivalence_ratio",
-        "-",
-        "throttle, or fuel equivalence ratio of a scramjet",
-        "equivalence_ratio",
-    ),
-    Channel("north_m", "m", "integral of the northward Earth-relative velocity", "north"),
-    Channel("east_m", "m", "integral of the eastward Earth-relative velocity", "east"),
-    Channel("latitude_deg", "deg", "geodetic latitude", "latitude"),
-    Channel("longitude_deg", "deg", "longitude", "longitude", circular=True),
-    Channel("mass_kg", "kg", "mass of the vehicle", "mass", nonnegative=True),
-    Channel("dynamic_pressure_pa", "Pa", "dynamic pressure", "q_bar", nonnegative=True),
-    Channel(
+    _channel("altitude_m", "geodetic altitude"),
+    _channel("speed_mps", "Earth-relative speed"),
+    _channel("flight_path_angle_deg", "flight path angle", "gamma"),
+    _channel("heading_deg", "heading of the velocity, clockwise from north", "heading_deg"),
+    _channel("angle_of_attack_deg", "angle of attack relative to the air"),
+    _channel("sideslip_deg", "sideslip relative to the air"),
+    _channel("bank_deg", "bank angle about the velocity vector"),
+    _channel("roll_rate_dps", "inertial roll rate"),
+    _channel("pitch_rate_dps", "inertial pitch rate"),
+    _channel("yaw_rate_dps", "inertial yaw rate"),
+    _channel("aileron_deg", "aileron deflection"),
+    _channel("rudder_deg", "rudder deflection"),
+    _channel("elevator_deg", "elevator deflection"),
+    _channel("equivalence_ratio", "throttle, or fuel equivalence ratio of a scramjet"),
+    _channel("north_m", "integral of the northward Earth-relative velocity"),
+    _channel("east_m", "integral of the eastward Earth-relative velocity"),
+    _channel("latitude_deg", "geodetic latitude"),
+    _channel("longitude_deg", "longitude"),
+    _channel("mass_kg", "mass of the vehicle", nonnegative=True),
+    _channel("dynamic_pressure_pa", "dynamic pressure", "q_bar", nonnegative=True),
+    _channel(
         "flight_path_angle_command_deg",
-        "deg",
         "flight path angle commanded by the altitude loop",
         "gamma_cmd",
     ),
-    Channel(
-        "angle_of_attack_command_deg",
-        "deg",
-        "angle of attack commanded by the guidance",
-        "alpha_cmd",
+    _channel(
+        "angle_of_attack_command_deg", "angle of attack commanded by the guidance", "alpha_cmd"
     ),
-    Channel(
-        "bank_command_deg", "deg", "bank angle commanded by the guidance", "bank_cmd", circular=True
-    ),
-    Channel("aileron_command_deg", "deg", "aileron command", "cmd_aileron"),
-    Channel("rudder_command_deg", "deg", "rudder command", "cmd_rudder"),
-    Channel("elevator_command_deg", "deg", "elevator command", "cmd_elevator"),
-    Channel("equivalence_ratio_command", "-", "throttle command", "cmd_eta"),
+    _channel("bank_command_deg", "bank angle commanded by the guidance", "bank_cmd"),
+    _channel("aileron_command_deg", "aileron command", "cmd_aileron"),
+    _channel("rudder_command_deg", "rudder command", "cmd_rudder"),
+    _channel("elevator_command_deg", "elevator command", "cmd_elevator"),
+    _channel("equivalence_ratio_command", "throttle command", "cmd_eta"),
 )
 # Default channels of the envelopes.
 STANDARD_CHANNELS = tuple(channel.name for channel in CHANNELS)
 CHANNELS += (
-    Channel("mach", "-", "Mach number", "mach", nonnegative=True),
-    Channel(
-        "load_factor_g", "g", "magnitude of the specific force", "load_factor_g", nonnegative=True
-    ),
-    Channel("thrust_n", "N", "thrust", "thrust"),
-    Channel(
+    _channel("mach", "Mach number", nonnegative=True),
+    _channel("load_factor_g", "magnitude of the specific force", "load_factor_g", nonnegative=True),
+    _channel("thrust_n", "thrust"),
+    _channel(
         "stagnation_heat_flux_w_m2",
-        "W/m2",
         "heat flux at the stagnation point",
         "stagnation_heat_flux_w_m2",
     ),
-    Channel("altitude_error_m", "m", "altitude minus reference altitude", "altitude_error_m"),
-    Channel("speed_error_mps", "m/s", "speed minus reference speed", "speed_error_mps"),
-    Channel(
-        "heading_error_deg",
-        "deg",
-        "heading minus reference heading",
-        "heading_error_deg",
-        circular=True,
-    ),
-    Channel(
-        "cross_track_m", "m", "lateral deviation to the left of the reference", "cross_track_m"
-    ),
-    Channel(
+    _channel("altitude_error_m", "altitude minus reference altitude", "altitude_error_m"),
+    _channel("speed_error_mps", "speed minus reference speed", "speed_error_mps"),
+    _channel("heading_error_deg", "heading minus reference heading", "heading_error_deg"),
+    _channel("cross_track_m", "lateral deviation to the left of the reference", "cross_track_m"),
+    _channel(
         "angle_of_attack_error_deg",
-        "deg",
         "angle of attack minus the controller's command",
         "angle_of_attack_error_deg",
     ),
-    Channel(
-        "bank_error_deg",
-        "deg",
-        "bank angle minus the controller's command",
-        "bank_error_deg",
-        circular=True,
-    ),
-    Channel("altitude_measured_m", "m", "measured altitude", "m_altitude"),
-    Channel("speed_measured_mps", "m/s", "measured speed", "m_speed"),
-    Channel("flight_path_angle_measured_deg", "deg", "measured flight path angle", "m_gamma"),
-    Channel(
-        "heading_measured_deg",
-        "deg",
-        "measured heading, between -180 and 180",
-        "m_chi",
-        circular=True,
-    ),
-    Channel("angle_of_attack_measured_deg", "deg", "measured angle of attack", "m_alpha"),
-    Channel("sideslip_measured_deg", "deg", "measured sideslip", "m_beta"),
-    Channel("bank_measured_deg", "deg", "measured bank angle", "m_bank", circular=True),
-    Channel("roll_rate_measured_dps", "deg/s", "measured roll rate", "m_p"),
-    Channel("pitch_rate_measured_dps", "deg/s", "measured pitch rate", "m_q"),
-    Channel("yaw_rate_measured_dps", "deg/s", "measured yaw rate", "m_r"),
-    Channel(
-        "gust_forward_mps",
-        "m/s",
-        "forward component of gust and turbulence, body axes",
-        "gust_u",
-    ),
-    Channel(
-        "gust_right_mps", "m/s", "rightward component of gust and turbulence, body axes", "gust_v"
-    ),
-    Channel(
-        "gust_down_mps", "m/s", "downward component of gust and turbulence, body axes", "gust_w"
-    ),
+    _channel("bank_error_deg", "bank angle minus the controller's command", "bank_error_deg"),
+    _channel("altitude_measured_m", "measured altitude", "m_altitude"),
+    _channel("speed_measured_mps", "measured speed", "m_speed"),
+    _channel("flight_path_angle_measured_deg", "measured flight path angle", "m_gamma"),
+    _channel("heading_measured_deg", "measured heading, between -180 and 180", "m_chi"),
+    _channel("angle_of_attack_measured_deg", "measured angle of attack", "m_alpha"),
+    _channel("sideslip_measured_deg", "measured sideslip", "m_beta"),
+    _channel("bank_measured_deg", "measured bank angle", "m_bank"),
+    _channel("roll_rate_measured_dps", "measured roll rate", "m_p"),
+    _channel("pitch_rate_measured_dps", "measured pitch rate", "m_q"),
+    _channel("yaw_rate_measured_dps", "measured yaw rate", "m_r"),
+    _channel("gust_forward_mps", "forward component of gust and turbulence, body axes", "gust_u"),
+    _channel("gust_right_mps", "rightward component of gust and turbulence, body axes", "gust_v"),
+    _channel("gust_down_mps", "downward component of gust and turbulence, body axes", "gust_w"),
 )
 
 # Reference trajectory of the mission, which is the same for all flights of a campaign.

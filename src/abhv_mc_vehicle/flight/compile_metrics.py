@@ -4,14 +4,15 @@ Expressions are parsed, never evaluated as Python.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abhv_mc.flights.expressions import SourceRow, compile_expression
+from abhv_mc.flights.expressions import SourceRow, compile_expression, compile_formula
 from abhv_mc.flights.metrics import Metric
 from abhv_mc.flights.signals import Source
 from abhv_mc.flights.statistic import Operation, Statistic
@@ -69,16 +70,18 @@ def source_rows(
 
 def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow]) -> Counted:
     """Compile metrics for the kernel. Raise Refusal if an expression is invalid."""
-    lean_indices = [index for index, metric in enumerate(metrics) if _is_lean(metric, sources)][
-        :MAX_LEAN
+    numbered = [
+        (index, program)
+        for index, metric in enumerate(metrics)
+        for program in list_programs([metric])
     ]
-    program_indices = [index for index in range(len(metrics)) if index not in lean_indices]
-    if len(program_indices) > MAX_PROGRAMS:
-        raise Refusal(f"found {counted(len(program_indices), 'metric')}", f"at most {MAX_PROGRAMS}")
-    rows = [sources[metrics[index].of] for index in lean_indices]
-    lean_metrics = [metrics[index] for index in lean_indices]
-    programs = [compile_expression(metrics[index].of, sources) for index in program_indices]
-    program_metrics = [metrics[index] for index in program_indices]
+    lean = [entry for entry in numbered if _is_lean(entry[1], sources)][:MAX_LEAN]
+    full = [entry for entry in numbered if entry not in lean]
+    lean_metrics, program_metrics = ([metric for _, metric in group] for group in (lean, full))
+    rows = [sources[metric.of] for metric in lean_metrics]
+    if len(full) > MAX_PROGRAMS:
+        raise Refusal(f"found {counted(len(full), 'metric')}", f"at most {MAX_PROGRAMS}")
+    programs = [compile_expression(metric.of, sources) for metric in program_metrics]
     factors = np.ones(len(program_metrics))
     for i, (metric, program) in enumerate(zip(program_metrics, programs, strict=True)):
         if metric.statistic == Statistic.TRAVEL and [line[0] for line in program.code] == [
@@ -92,7 +95,7 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
         Lean(
             row=np.array([row.row for row in rows], np.int64),
             factor=np.array([row.factor for row in rows], np.float64),
-            column=np.array(lean_indices, np.int64),
+            column=np.array([index for index, _ in lean], np.int64),
             **_fields(lean_metrics, "statistic", "empty", "settled"),
         ),
         Programs(
@@ -104,10 +107,28 @@ def compile_metrics(metrics: Sequence[Metric], sources: Mapping[str, SourceRow])
             ),
             first=np.cumsum([0, *(len(program.code) for program in programs)], dtype=np.int64),
             factor=factors,
-            column=np.array(program_indices, np.int64),
+            column=np.array([index for index, _ in full], np.int64),
             **_fields(program_metrics, "statistic", "limit", "start", "end", "settled", "empty"),
         ),
     )
+
+
+def list_programs(metrics: Iterable[Metric]) -> list[Metric]:
+    """Return the metrics, with each formula replaced by the sources that the kernel samples."""
+    return [
+        replace(metric, of=of, statistic=min(metric.statistic, Statistic.QUANTILE))
+        for metric in metrics
+        for of in (
+            compile_formula(metric.of).sources
+            if metric.statistic == Statistic.ROBUSTNESS
+            else [metric.of]
+        )
+    ]
+
+
+def count_sampled(metrics: Iterable[Metric]) -> int:
+    """Return the number of values that the kernel samples at each control tick."""
+    return sum(program.statistic == Statistic.QUANTILE for program in list_programs(metrics))
 
 
 def _fields(metrics: Sequence[Metric], *names: str) -> dict[str, NDArray[Any]]:

@@ -7,6 +7,7 @@ can be reported.
 """
 
 import contextlib
+import math
 import mmap
 import os
 import sys
@@ -27,8 +28,11 @@ from abhv_mc.flights.blocks import (
     make_failed_block,
     make_recording,
 )
+from abhv_mc.flights.expressions import compile_formula
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc_vehicle.flight.arguments import SavedFlights, make_kernel_plan, make_results
+from abhv_mc_vehicle.flight.compile_metrics import count_sampled
 from abhv_mc_vehicle.flight.plan import NOT_LEAN, FlightPlan
 from abhv_mc_vehicle.flight.user_law import PROCESS, open_law
 from abhv_mc_vehicle.kernel.flight import observe
@@ -147,7 +151,7 @@ def describe_last_tick(process: int | None) -> str:
     return description
 
 
-_SAMPLED = 512  # number of flights per call if quantiles need all ticks; limits memory use
+_SAMPLED = 512  # number of flights per call times sampled signals; limits memory use
 _LONGEST = 600.0  # time limit for fly_until with native code, s
 
 _NOT_LEAN = np.array([parameter.name.startswith(NOT_LEAN) for parameter in PARAMETERS])
@@ -204,9 +208,9 @@ def fly(
         return fly_in_child(
             fly, plan, parameters, recording, lanes, keep_states=keep_states, start=start
         )
-    sampled = any(metric.statistic == Statistic.QUANTILE for metric in plan.metrics)
+    sampled = count_sampled(plan.metrics)
     flights = len(parameters)
-    most = LANES if plan.law == PROCESS else _SAMPLED if sampled else flights
+    most = LANES if plan.law == PROCESS else _SAMPLED // sampled if sampled else flights
     if flights > most and not keep_states and start is None:
         starts = range(0, flights, most)
         return join_blocks([fly(plan, parameters[i : i + most], recording, lanes) for i in starts])
@@ -268,22 +272,29 @@ def fly_in_memory(
     dispersed = kernel_plan.parameters.shape[1] > settings
     with open_law(plan, width, in_rows, len(parameters), dispersed) as user_code:
         choose_flight(width, plan.lean)(kernel_plan._replace(user_code=user_code), memory, results)
-    fill_quantiles(plan, results, complete=start is None)
+    fill_sampled(plan, results, complete=start is None)
 
 
-def fill_quantiles(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
-    """Compute metrics that are quantiles over the counted ticks, by linear interpolation."""
-    quantiles = [
-        (i, metric.limit)
-        for i, metric in enumerate(plan.metrics)
-        if metric.statistic == Statistic.QUANTILE
-    ]
-    for (metric_index, share), samples in zip(quantiles, results.samples, strict=True):
-        values = results.metrics[:, metric_index]
-        for flight in np.flatnonzero(np.isfinite(values)):
-            counted = samples[flight][~np.isnan(samples[flight])]
-            if counted.size:
-                values[flight] = np.quantile(counted, share) if complete else np.nan
+def fill_sampled(plan: FlightPlan, results: KernelResults, complete: bool) -> None:
+    """Compute the metrics of sampled values: quantiles, by linear interpolation, and robustness."""
+    tick = plan.timing.tick
+    unused = iter(results.samples)
+    stops = results.end_tick + (results.outcome != Outcome.NOT_FINITE)
+    for metric, values in zip(plan.metrics, results.metrics.T, strict=True):
+        if metric.statistic == Statistic.QUANTILE:
+            samples = next(unused)
+            for flight in np.flatnonzero(np.isfinite(values)):
+                counted = samples[flight][~np.isnan(samples[flight])]
+                if counted.size:
+                    values[flight] = np.quantile(counted, metric.limit) if complete else np.nan
+        elif metric.statistic == Statistic.ROBUSTNESS:
+            formula = compile_formula(metric.of, 1.0 / tick)
+            signals = np.stack([next(unused) for _ in formula.sources])
+            first = math.ceil((metric.start - 1e-9) / tick)
+            after = (metric.end + 1e-9) / tick + 1.0
+            for row, stop in enumerate(stops):
+                window = signals[:, row, first : int(min(stop, after))].T
+                values[row] = formula.find_robustness(window, metric.empty)
 
 
 def join_bins(low: Floats, high: Floats, history: Singles) -> tuple[Singles, Singles]:

@@ -287,16 +287,14 @@ def _declare_metrics(
             )
         )
     entries = entries | zones
-    windows = {}
-    if any(entry.phase for entry in entries.values()):
-        windows = read_mission(model.mission).windows()
+    needs_mission = any(entry.phase or entry.response for entry in entries.values())
     own = declare_metrics(
         entries,
         user_channels,
         source,
         location,
         errors,
-        windows=windows,
+        mission=read_mission(model.mission) if needs_mission else None,
         effectors=effectors,
         states=states,
     )

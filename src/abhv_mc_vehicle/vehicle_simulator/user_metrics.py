@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, RootModel, model_validator
 
 from abhv_mc.campaign.file.config import MetricName
+from abhv_mc.campaign.file.systems import Response
 from abhv_mc.custom_code.source import compile_text, read_source
 from abhv_mc.flights.expressions import FUNCTIONS, SourceRow, compile_expression
 from abhv_mc.flights.metrics import (
@@ -22,16 +23,19 @@ from abhv_mc.flights.metrics import (
     default_bad,
     is_never_negative,
     label_of,
-    name_end,
+    unit_of,
 )
 from abhv_mc.flights.statistic import MAX_DECLARED, Statistic
 from abhv_mc.io.documents import Document, StrictModel
-from abhv_mc.io.messages import InputError, Refusal, counted, found_value, one_of, quoted
+from abhv_mc.io.messages import InputError, Refusal, found_value, one_of
 from abhv_mc.io.units import Fraction, Time
+from abhv_mc_vehicle.control.design.profile import step_times
+from abhv_mc_vehicle.control.mission import Mission
 from abhv_mc_vehicle.flight.channels import SOURCES
-from abhv_mc_vehicle.flight.compile_metrics import MOST_CHANNELS, source_rows
+from abhv_mc_vehicle.flight.compile_metrics import MOST_CHANNELS, list_programs, source_rows
 from abhv_mc_vehicle.flight.metrics import BUILT_IN, effector_metrics
 
+_STEPPED = "transients, or a reference channel of altitude, speed, path angle or heading with steps"
 STATISTICS = tuple(statistic.word for statistic in Statistic)
 _TAKEN = {
     "flight",
@@ -42,8 +46,6 @@ _TAKEN = {
     *BUILT_IN,
     *(signal.name for signal in MARGIN_FAULTS),
 }
-# Units with which names of metrics may end; longer suffixes precede shorter ones.
-_NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
 
 
 def _statistic(value: Any) -> Any:
@@ -56,11 +58,15 @@ class MetricEntry(StrictModel):
     """Metric declared in a campaign file."""
 
     of: str
-    """channel, or expression of channels with + - * / abs min max sqrt sin cos"""
+    """channel, or expression of channels with + - * / abs min max sqrt sin cos; for robustness, a
+    formula"""
     statistic: Annotated[
         Statistic, BeforeValidator(_statistic, json_schema_input_type=Literal[STATISTICS])
-    ]
-    """statistic of the quantity in 'of' over the control ticks of the time window"""
+    ] = Statistic.ROBUSTNESS
+    """statistic of the quantity in 'of' over the control ticks of the time window; default:
+    robustness"""
+    response: Response | None = None
+    """short form of a formula: response of the quantity in 'of' to the steps of a reference"""
     limit: Annotated[float, Field(ge=0.0)] | None = None
     """limit for the *_outside statistics, or smallest change that counts as a reversal, in the
     unit of the quantity in 'of'"""
@@ -93,21 +99,20 @@ class MetricEntry(StrictModel):
                 f"the statistic '{self.statistic.word}' needs a limit",
                 "'limit', in the unit of 'of'",
             )
-        if self.limit is not None and self.statistic not in TAKES_LIMIT:
-            raise Refusal(
-                f"the statistic '{self.statistic.word}' does not use a limit",
-                f"'limit' only with {quoted([statistic.word for statistic in TAKES_LIMIT], 'or')}",
-                ("limit",),
-            )
-        if (self.share is None) == (self.statistic == Statistic.QUANTILE):
-            problem = (
-                "the statistic 'quantile' needs a share"
-                if self.share is None
-                else f"the statistic '{self.statistic.word}' does not use a share"
-            )
-            raise Refusal(
-                problem, "a share such as 95 % if, and only if, the statistic is 'quantile'"
-            )
+        is_formula = self.statistic == Statistic.ROBUSTNESS
+        is_quantile = self.statistic == Statistic.QUANTILE
+        uses = {
+            "limit": self.statistic in TAKES_LIMIT,
+            "share": is_quantile,
+            "settled": not is_formula,
+            "response": is_formula,
+        }
+        for key, is_used in uses.items():
+            if key in self.model_fields_set and not is_used:
+                problem = f"the statistic '{self.statistic.word}' does not use '{key}'"
+                raise Refusal(problem, f"no key '{key}', or another statistic", (key,))
+        if is_quantile and self.share is None:
+            raise Refusal("the statistic 'quantile' needs a share", "a share such as 95 %")
         if self.to is not None and self.to <= self.from_:
             raise Refusal("the time window is empty", "'from' before 'to'", ("to",))
         if self.phase is not None and (self.from_ or self.to is not None):
@@ -130,22 +135,16 @@ def declare_metrics(
     where: tuple[str, ...],
     errors: list[InputError],
     *,
-    windows: Mapping[str, tuple[float, float]],
+    mission: Mission | None = None,
     effectors: tuple[str, ...] = (),
     states: tuple[tuple[str, str, bool], ...] = (),
 ) -> tuple[Metric, ...]:
     """Return the records of the declared metrics; append problems to ``errors``.
 
-    ``effectors`` are the effectors with actuators.
+    ``effectors`` are the effectors with actuators; ``mission`` defines phases and steps.
     """
     sources = source_rows(pack_sources(user_channels), effectors, states)
     taken = _TAKEN | {metric.name for metric in effector_metrics(effectors)}
-    if len(entries) > MAX_DECLARED:
-        errors.append(
-            document.key_error(
-                where, f"found {counted(len(entries), 'metric')}", f"at most {MAX_DECLARED}"
-            )
-        )
     records = []
     for name, entry in entries.items():
         if name in taken:
@@ -155,23 +154,13 @@ def declare_metrics(
                 )
             )
         try:
-            nonnegative = compile_expression(entry.of, sources).nonnegative
+            records.append(_record(name, entry, sources, mission))
         except Refusal as refusal:
-            errors.append(document.error((*where, name, "of"), refusal.found, refusal.expected))
-            nonnegative = False
-        window = entry.from_, np.inf if entry.to is None else entry.to
-        if entry.phase is not None and entry.phase not in windows:
-            expected = (
-                one_of(windows, entry.phase)
-                if windows
-                else "a mission that has a phase with this name"
-            )
-            errors.append(
-                document.error((*where, name, "phase"), f"unknown phase '{entry.phase}'", expected)
-            )
-        elif entry.phase is not None:
-            window = windows[entry.phase]
-        records.append(_record(name, entry, sources, nonnegative, window))
+            keys = refusal.keys or ("of",)
+            errors.append(document.error((*where, name, *keys), refusal.found, refusal.expected))
+    if (count := len(list_programs(records))) > MAX_DECLARED:
+        problem = f"found {count} metrics and channels of formulas"
+        errors.append(document.key_error(where, problem, f"at most {MAX_DECLARED}"))
     return tuple(records)
 
 
@@ -181,14 +170,27 @@ def pack_sources(user_channels: Sequence[tuple[str, str]]) -> NDArray[np.str_]:
 
 
 def _record(
-    name: str,
-    entry: MetricEntry,
-    sources: Mapping[str, SourceRow],
-    nonnegative: bool,
-    window: tuple[float, float],
+    name: str, entry: MetricEntry, sources: Mapping[str, SourceRow], mission: Mission | None
 ) -> Metric:
+    """Return the record of a declared metric. Raise Refusal if its entry is invalid."""
+    statistic, of = entry.statistic, entry.of.strip()
+    windows = mission.windows() if mission else {}
+    window = entry.from_, np.inf if entry.to is None else entry.to
+    if entry.phase is not None and entry.phase not in windows:
+        expected = one_of(windows, entry.phase) if windows else "a phase of the mission"
+        raise Refusal(f"unknown phase '{entry.phase}'", expected, ("phase",))
+    if entry.phase is not None:
+        window = windows[entry.phase]
     unit = _unit(name, entry, sources)
-    statistic = entry.statistic
+    if mission and (response := entry.response):
+        last = min(window[1], mission.duration) - response.within
+        steps = [time for time in step_times(mission, response.to) if window[0] <= time <= last]
+        if not steps:
+            problem = f"'{response.to}' has no step from {window[0]:g} to {last:g} s"
+            raise Refusal(problem, _STEPPED, ("response", "to"))
+        of = response.write_formula(of, unit, [time - window[0] for time in steps])
+    rate = float(statistic == Statistic.ROBUSTNESS)
+    nonnegative = compile_expression(of, sources, rate).nonnegative
     record = Metric(
         name=name,
         unit=unit,
@@ -196,7 +198,7 @@ def _record(
         label=entry.label or label_of(name, unit),
         bad=entry.bad or default_bad(statistic),
         group="user",
-        of=entry.of.strip(),
+        of=of,
         statistic=statistic,
         limit=entry.limit or entry.share or 0.0,
         start=window[0],
@@ -218,7 +220,7 @@ def _unit(name: str, entry: MetricEntry, sources: Mapping[str, SourceRow]) -> st
         return "s"
     source = sources.get(entry.of.strip())
     if source is None:
-        return next((unit for unit in _NAMED_UNITS if name.endswith(f"_{name_end(unit)}")), "-")
+        return unit_of(name)
     if entry.statistic != Statistic.INTEGRAL:
         return source.unit
     return {"W/m2": "J/m2", "-": "s", "m/s": "m", "deg/s": "deg"}.get(
@@ -234,32 +236,19 @@ def find_user_channels(path: Path) -> tuple[tuple[str, str], ...]:
     tree = compile_text(read_source(path), ast.PyCF_ONLY_AST)
     channels: list[tuple[str, str]] = []
     for node in tree.body:
-        if isinstance(node, ast.FunctionDef):
-            for mark in node.decorator_list:
-                if isinstance(mark, ast.Call) and getattr(mark.func, "id", "") == "channel":
-                    units = [word.value for word in mark.keywords if word.arg == "unit"]
-                    if len(units) != 1 or not isinstance(units[0], ast.Constant):
-                        raise InputError(
-                            path,
-                            "the decorator @channel has no unit",
-                            '@channel(unit="deg")',
-                            mark.lineno,
-                        )
+        for mark in node.decorator_list if isinstance(node, ast.FunctionDef) else ():
+            match mark:
+                case ast.Call(ast.Name("channel"), _, [ast.keyword("unit", ast.Constant(unit))]):
                     if node.name in (*SOURCES, *FUNCTIONS, "min", "max"):
-                        raise InputError(
-                            path,
-                            f"the name '{node.name}' is reserved by the program",
-                            "another name",
-                            node.lineno,
-                        )
+                        problem = f"the name '{node.name}' is reserved by the program"
+                        raise InputError(path, problem, "another name", node.lineno)
                     if len(channels) == MOST_CHANNELS:
-                        raise InputError(
-                            path,
-                            "found another channel",
-                            f"at most {MOST_CHANNELS} custom channels",
-                            node.lineno,
-                        )
-                    channels.append((node.name, str(units[0].value)))
+                        expected = f"at most {MOST_CHANNELS} custom channels"
+                        raise InputError(path, "found another channel", expected, node.lineno)
+                    channels.append((node.name, str(unit)))
+                case ast.Call(ast.Name("channel")):
+                    problem = "the decorator @channel has no unit"
+                    raise InputError(path, problem, '@channel(unit="deg")', mark.lineno)
     if not channels:
         raise InputError(
             path,

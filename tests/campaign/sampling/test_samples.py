@@ -8,8 +8,9 @@ from fake_flight import write_campaign
 from scipy import stats
 
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.campaign.sampling.derived_parameters import compile_derived, sine
+from abhv_mc.campaign.sampling.derived_parameters import compile_derived
 from abhv_mc.campaign.sampling.samples import read_sample_file
+from abhv_mc.flights.expressions import sine
 from abhv_mc.io.messages import InputError, Refusal
 from abhv_mc.search.space import make_space
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
@@ -93,7 +94,7 @@ def test_functions_and_infinite_values(tmp_path):
     derived = compile_derived("initial.bank", text, OURS)
     rows = np.zeros((3, 1 + max(PARAMETER_INDEX.values())))
     rows[:, PARAMETER_INDEX["initial.heading"]] = 0.3, -1.0, 0.0
-    assert derived.evaluate(rows) == pytest.approx([np.sin(0.3) / 2, -0.25, 0.0], abs=1e-16)
+    assert derived.program.evaluate(rows) == pytest.approx([np.sin(0.3) / 2, -0.25, 0.0], abs=1e-16)
     _, _, rows = drawn(
         tmp_path,
         dispersions="{failure.aileron.stuck_time: {distribution: uniform, low: 5 s, high: 50 s, "

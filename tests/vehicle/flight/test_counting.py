@@ -15,6 +15,8 @@ from abhv_mc.flights.metrics import TAKES_LIMIT, pack_metrics, unpack_metrics
 from abhv_mc.flights.outcomes import LAW_LOST, SENTENCES, Outcome
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.io.documents import Document
+from abhv_mc.shipped import shipped_files
+from abhv_mc_vehicle.control.mission import read_mission
 from abhv_mc_vehicle.flight.channels import (
     CHANNEL_INDEX,
     CHANNELS,
@@ -49,12 +51,12 @@ def repeat(metric):
     return entry | ({"empty": metric.empty} if math.isfinite(metric.empty) else {})
 
 
-def declare(plan, **entries):
+def declare(plan, mission=None, **entries):
     errors = []
     models = {name: MetricEntry(**entry) for name, entry in entries.items()}
     document = Document("metrics.yaml", {}, {(): (1, 1)}, {})
-    declared = declare_metrics(models, (), document, (), errors, windows={})
-    assert not errors
+    declared = declare_metrics(models, (), document, (), errors, mission=mission)
+    assert not errors, errors
     return dataclasses.replace(plan, declared=pack_metrics(declared))
 
 
@@ -194,6 +196,36 @@ def test_every_statistic_agrees_with_numpy(plan, parameters):
             )
 
 
+def test_formulas_are_evaluated_at_every_tick_of_the_record(plan, parameters):
+    """Check windows, flights that end early, and a response to the bank step at 0 s."""
+    response = {"to": "transients", "within": "2 s", "holds": "3 s", "below": "3 deg"}
+    formula = "abs(bank_error_deg) < 3 until[0.5, 4] abs(pitch_rate_dps) < 1"
+    mission = read_mission(shipped_files("mission")["s_manoeuvre"])
+    declared = declare(
+        plan,
+        mission,
+        settles={"of": "bank_error_deg", "response": response, "to": "8 s"},
+        calm={"of": formula, "from": "2 s", "to": "6 s", "empty": -9.0},
+    )
+    block = fly(declared, parameters, 1)
+    assert declared.metrics[-2].unit == "deg" and declared.metrics[-2].bad == "low"
+    for history, metrics in zip(block.history.astype(np.float64), block.metrics, strict=True):
+        bank, rate = (
+            limit - np.abs(history[:, CHANNEL_INDEX[name]])
+            for name, limit in (("bank_error_deg", 3.0), ("pitch_rate_dps", 1.0))
+        )
+        count = int(np.isfinite(history[:, CHANNEL_INDEX["altitude_m"]]).sum())
+        settles = max(bank[k : min(k + 301, count)].min() for k in range(min(201, count)))
+        calm = max(
+            (min(rate[k], bank[200:k].min()) for k in range(250, min(601, count))), default=-9.0
+        )
+        assert np.isclose(metrics[-2:], [settles, calm], rtol=2e-5, atol=2e-4).all()
+    assert {-9.0} < set(block.metrics[:, -1])
+    late = {"of": "mach", "response": response | {"to": "speed_reference_mps"}, "to": "7 s"}
+    with pytest.raises(AssertionError, match="has no step from 0 to 5 s"):
+        declare(plan, mission, late=late)
+
+
 def test_a_declared_metric_that_repeats_a_built_in_one_gives_its_bits(plan, parameters):
     counted = compile_metrics(
         METRICS, source_rows(NO_SOURCES)
@@ -228,7 +260,7 @@ def test_a_tick_that_is_not_a_number_makes_the_metric_not_a_number(plan, paramet
             limit = {"limit": 1.0} if statistic in TAKES_LIMIT else {}
             limit |= {"share": 0.5} if statistic == Statistic.QUANTILE else {}
             entries[f"m{i}_{statistic.word}"] = {
-                "of": source,
+                "of": f"always({source} < 1)" if statistic == Statistic.ROBUSTNESS else source,
                 "statistic": statistic.word,
                 "empty": 0.0,
                 **limit,

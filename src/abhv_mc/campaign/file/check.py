@@ -64,7 +64,10 @@ def check_derived(model: Campaign, parameters: Parameters, errors: Problems) -> 
             for operand in sorted({name, *derived_input.of}):
                 if parameters[operand].seed:
                     raise Refusal(f"'{operand}' is a random seed", "a parameter that is a quantity")
-            value, usual = float(derived_input.evaluate(nominal)[0]), parameters[name].nominal
+            value, usual = (
+                float(derived_input.program.evaluate(nominal)[0]),
+                parameters[name].nominal,
+            )
             if not (value == usual or math.isclose(value, usual, rel_tol=_SAME, abs_tol=_SAME)):
                 raise Refusal(
                     f"the value is {value:g} if all parameters are nominal",

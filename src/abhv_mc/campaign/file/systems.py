@@ -1,7 +1,7 @@
 """Campaign files of registered simulators; keys of systems with inputs in any units."""
 
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeGuard
 
@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.config import Campaign, MetricName, Name
 from abhv_mc.entry_points import SIMULATORS, find_entry_points, load_entry_point
-from abhv_mc.flights.metrics import MARGIN_NAMES, Bad, Metric, label_of
+from abhv_mc.flights.expressions import SourceRow, compile_expression
+from abhv_mc.flights.metrics import MARGIN_NAMES, Bad, Metric, default_bad, label_of
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.flights.signals import Signal
@@ -18,7 +19,7 @@ from abhv_mc.flights.statistic import Statistic
 from abhv_mc.interfaces import Simulator
 from abhv_mc.io.documents import Document, Problems, StrictModel, YesNo
 from abhv_mc.io.messages import Refusal, one_of, quoted
-from abhv_mc.io.units import check_angle, parse_in_any_unit
+from abhv_mc.io.units import Time, check_angle, parse_in_any_unit
 
 SYSTEMS = "systems"
 _TAKEN = {
@@ -71,25 +72,61 @@ class Input(Quantity):
     """whether the input is a random seed, an integer drawn for each flight"""
 
 
-class OwnMetric(Quantity):
-    """Metric that a custom simulator returns for a flight."""
+class Response(StrictModel):
+    """Limit on an error after each step of a reference."""
 
+    to: str
+    """reference whose steps and ramps count: transients, a reference channel of the mission, or a
+    channel of the histories"""
+    within: Annotated[Time, Field(ge=0.0)]
+    """time after the end of the step or ramp within which the error must be below the limit"""
+    holds: Annotated[Time, Field(ge=0.0)]
+    """time for which the error must then stay below the limit"""
+    below: float | str
+    """limit on the absolute value of the quantity in 'of'"""
+
+    def write_formula(self, of: str, unit: str, steps: Sequence[float] = ()) -> str:
+        """Return the formula for steps at known times (s), or at those of the channel ``to``."""
+        limit = parse_in_any_unit(self.below, unit)
+        holds = f"(always[0, {self.holds:g}](abs({of}) < {limit:.9g}))"
+        after = [f"eventually[{step:.9g}, {step + self.within:.9g}]{holds}" for step in steps]
+        default = f"always(step({self.to}) implies eventually[0, {self.within:g}]{holds})"
+        return " and ".join(after) or default
+
+
+class OwnMetric(Quantity):
+    """Metric of a flight of a custom simulator."""
+
+    of: str = ""
+    """formula over the channels of the histories, or with 'response' a channel; default: the
+    flight returns the metric"""
+    response: Response | None = None
+    """short form of a formula: response to the steps of a reference"""
     bad: Bad | None = None
     """which values are worse: high, low, or large in magnitude; default: high"""
     label: str | None = None
     """name of the metric in the report, without unit; default: the key"""
 
-    def record(self, name: str) -> Metric:
-        """Return the metric as a record, in the same form as built-in metrics."""
+    def record(self, name: str, channels: Iterable[str]) -> Metric:
+        """Return the metric as a record, in the same form as built-in metrics.
+
+        Raise Refusal if its formula of the named channels is invalid.
+        """
+        of = self.of
+        if self.response:
+            of = self.response.write_formula(of, self.unit)
+        if of:
+            compile_expression(of, dict.fromkeys(channels, SourceRow("-", 0, 1.0)), 1.0)
+        statistic = Statistic.ROBUSTNESS if of else Statistic.MAX
         return Metric(
             name=name,
             unit=self.unit,
             doc=self.doc,
             label=self.label or label_of(name, "-"),
-            bad=self.bad or "high",
+            bad=self.bad or default_bad(statistic),
             group="user",
-            of="",
-            statistic=Statistic.MAX,
+            of=of,
+            statistic=statistic,
         )
 
 
@@ -156,11 +193,18 @@ def read_systems(document: Document, model: SystemsCampaign, errors: Problems) -
     if "envelopes" in model.keep.model_fields_set and not model.histories:
         problem = "envelopes cannot be computed without 'histories'"
         errors.add_key(("keep", "envelopes"), problem, "the key 'histories'")
+    units = {channel.name: channel.unit for channel in model.returned_channels}
+    metrics = []
+    for name, entry in model.metrics.items():
+        with errors.collect("metrics", name):
+            # Installed simulators compute all metrics themselves.
+            channels = () if isinstance(model, PackageCampaign) else units
+            metrics.append(entry.record(name, channels))
     return Contents(
         systems=tuple(model.systems),
         parameters=model.parameters,
-        metrics=tuple(entry.record(name) for name, entry in model.metrics.items()),
-        units={channel.name: channel.unit for channel in model.returned_channels},
+        metrics=tuple(metrics),
+        units=units,
     )
 
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abhv_mc.array_types import Floats
+from abhv_mc.flights.robustness import find_steps
 from abhv_mc_vehicle.control import mission as m
 from abhv_mc_vehicle.control.mission_tables import read_trajectory
 
@@ -34,6 +35,19 @@ def ramp_times(mission: m.Mission) -> tuple[tuple[float, float], ...]:
         for first in (begin, begin + manoeuvre.length - manoeuvre.bank_time)
         if first <= mission.duration
     )
+
+
+def step_times(mission: m.Mission, reference: str) -> list[float]:
+    """Return the times (s) at which steps and ramps of a reference end.
+
+    The reference is 'transients' for the bank angle, or a channel of a quantity of the profile.
+    """
+    if reference == "transients":
+        return [end for _, end in ramp_times(mission)]
+    times = np.arange(0.0, mission.duration, 0.01)
+    profile = make_profile(mission, times)
+    values = getattr(profile, reference.partition("_reference_")[0], np.zeros(times.size))
+    return [float(time) for time in times[find_steps(values) > 0.0]]
 
 
 def make_profile(mission: m.Mission, times: Floats) -> Profile:

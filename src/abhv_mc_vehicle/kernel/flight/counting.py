@@ -78,10 +78,11 @@ N_ROWS = MAX_LEAN + ROWS * MAX_PROGRAMS
     _ROOT,
     _SINE,
     _COSINE,
+    *_,
 ) = map(int, Operation)
 (
     _MIN, _MAX, _MAX_ABS, _MEAN, _RMS, _FINAL, _INTEGRAL, _PEAK, _TRAVEL, _TIME, _LAST, _FIRST,
-    _REVERSALS, _SUM, _QUANTILE,
+    _REVERSALS, _SUM, _QUANTILE, *_,
 ) = map(int, Statistic)  # fmt: skip
 
 
