@@ -118,6 +118,25 @@ Fresh = Annotated[
 ]
 
 
+def parse_pairs(
+    option: str, texts: Sequence[str], expected: str, parse: Callable[[str], T]
+) -> dict[str, T]:
+    """Return the values of texts such as ``NAME=VALUE`` by name.
+
+    Raise InputError if a text is invalid, if a name is repeated or if `parse` raises ValueError.
+    """
+    pairs: dict[str, T] = {}
+    for text in texts:
+        name, _, value = map(str.strip, text.partition("="))
+        if name in pairs:
+            raise InputError(option, f"'{name}' is given twice", "each name only once")
+        try:
+            pairs[name] = parse(value)
+        except ValueError:
+            raise InputError(option, f"found '{text}'", expected) from None
+    return pairs
+
+
 class CheckedRequest:
     """Base class of requests, whose values are converted and checked on construction."""
 

@@ -33,20 +33,12 @@ def campaign(tmp_path):
 
 def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campaign, monkeypatch):
     monkeypatch.setattr("abhv_mc_vehicle.stability.fly_with_margins.fly", fly_line)
-    code, out, _ = abhv_mc(
-        "worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "worst.json"
-    )
+    command = ("worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json")
+    code, out, _ = abhv_mc(*command, "worst.json")
     assert code == 0
     numbers = read_json("worst.json")
-    assert {
-        "metric",
-        "controller",
-        "value",
-        "flights",
-        "parameters",
-        "random_worst",
-        "at_bounds",
-    } <= numbers.keys()
+    keys = "metric controller value flights parameters random_worst at_bounds"
+    assert {*keys.split()} <= numbers.keys()
     assert numbers["flights"] <= 400
     assert numbers["value"] >= numbers["random_worst"]
     assert (
@@ -58,9 +50,7 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
     again = ("replay", "out", "--flight", numbers["flight"], "--controller", "one")
     code, out, _ = abhv_mc(*again, "--json", "-")
     assert code == 0 and json.loads(out)["differences"] == []
-    again = abhv_mc(
-        "worst", campaign, "--metric", METRIC, "--flights", 400, "-o", "out", "--json", "-"
-    )
+    again = abhv_mc(*command, "-")
     assert json.loads(again[1]) == numbers  # standard output has only JSON
     low = ("--metric", METRIC, "--below", "--flights", 160)
     assert abhv_mc("worst", campaign, *low, "-o", "small", "--json", "s.json")[0] == 0
@@ -68,33 +58,14 @@ def test_worst_writes_its_numbers_a_page_and_flights_that_replay(abhv_mc, campai
 
 
 def test_rare_prints_an_estimate_or_exits_with_1(abhv_mc, campaign):
-    command = (
-        "rare",
-        campaign,
-        "--requirement",
-        METRIC,
-        "--flights",
-        5000,
-        "--target-cov",
-        "20 %",
-        "-o",
-        "out",
-    )
-    code, out, _ = abhv_mc(*command, "--json", "rare.json")
+    command = "rare", campaign, "--requirement"
+    options = "--flights 5000 --target-cov 20% -o out --json rare.json"
+    code, out, _ = abhv_mc(*command, METRIC, *options.split())
     numbers = read_json("rare.json")
     assert code == 0 and "95 %" in out
     assert 0.0 < numbers["low"] < numbers["probability"] < numbers["high"] < 1.0
-    impossible = (
-        "--requirement",
-        "sideslip_max_deg",
-        "--flights",
-        2000,
-        "-o",
-        "no",
-        "--json",
-        "no.json",
-    )
-    code, out, err = abhv_mc("rare", campaign, *impossible)
+    impossible = "sideslip_max_deg --flights 2000 -o no --json no.json"
+    code, out, err = abhv_mc(*command, *impossible.split())
     refused = read_json("no.json")
     assert refused["probability"] is None and refused["refusal"]
     assert code == 1 and refused["refusal"] in err and "95 %" not in out

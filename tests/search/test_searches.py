@@ -1,5 +1,4 @@
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import SampleReader
 from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.interfaces import Engine
-from abhv_mc.io.messages import InputError, grouped_digits
+from abhv_mc.io.messages import InputError
 from abhv_mc.requests import RareRequest, WorstRequest
 from abhv_mc.search.rare import find_rare, find_requirement
 from abhv_mc.search.worst import find_worst, find_worst_margins
@@ -192,29 +191,19 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
     assert len(np.unique(seeds)) == len(seeds)
     assert stats.kstest(seeds, "uniform").pvalue > 1e-3
     worst = find_worst(WorstRequest(campaign, tmp_path / "worst", METRIC, flights=400), engine)
-    assert (
-        len(
-            np.unique(
-                worst.flights.samples[:-64, worst.flights.names.index("wind.turbulence_seed")]
-            )
-        )
-        == 1
-    )
-    assert worst.names == ("aero.lift", "wind.turbulence")
+    rows = worst.flights
+    seeds = rows.samples[:, rows.names.index("wind.turbulence_seed")]
+    assert len(np.unique(seeds[:-64])) == 1 and worst.names == ("aero.lift", "wind.turbulence")
     # 64 flights of the worst point follow with seeds of their own; the random ones stay as many as
     # the search's.
-    rows = worst.flights
-    own = rows.samples[-64:, rows.names.index("wind.turbulence_seed")]
-    assert len(np.unique(own)) == 64 and worst.random == worst.searched
+    assert len(np.unique(seeds[-64:])) == 64 and worst.random == worst.searched
     assert np.all(rows.samples[-64:, :2] == rows.samples[worst.worst, :2])
     value = worst.value(worst.worst)
     assert worst.other_seeds == (64, 0, (value, value, value))  # this flight has no noise
     assert worst.numbers()["other_seeds"]["range"] == (value, value, value)
     assert rare.noise_share == 0.0 and rare.includes_unwarned
     assert rare.estimate.high >= rare.estimate.unwarned_high
-    bound = f"{rare.estimate.unwarned_high:.1e}"
-    flights = grouped_digits(rare.estimate.plain[1])
-    assert bound in rare.unwarned or flights in rare.unwarned
+    assert f"{rare.estimate.unwarned_high:.1e}" in rare.unwarned
 
 
 def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
@@ -246,25 +235,16 @@ def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path
 
 
 @pytest.mark.parametrize("kind", ["dispersions", "unknowns"])
-def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(
-    repository, monkeypatch, tmp_path, kind
-):
+def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(monkeypatch, tmp_path, kind):
     """Return the margins of a synthetic loop.
 
     They are least at the maximum of density and at a lift of 0.94; drag has no effect.
     """
-    text = (
-        (repository / "campaigns/s_manoeuvre.yaml")
-        .read_text()
-        .replace("../configs", str(repository / "configs"))
-    )
-    if kind == "unknowns":
-        text = text.replace("dispersions:", "unknowns:")
-        text = re.sub(
-            r"distribution: uniform, half_width: (\d+) %", r"low: -\1 %, high: \1 %", text
-        )
-    (tmp_path / "campaign.yaml").write_text(text)
-    campaign = read_campaign(tmp_path / "campaign.yaml")
+    law = "{low: -10 %, high: 10 %}"
+    if kind == "dispersions":
+        law = "{distribution: uniform, half_width: 10 %}"
+    laws = f"{{atmosphere.density: {law}, aero.lift: {law}, aero.drag: {law}}}"
+    campaign = read_campaign(write_campaign(tmp_path, **{"dispersions": "{}", kind: laws}))
     assert bool(campaign.unknowns.names) == (kind == "unknowns")
 
     def margins(rows):

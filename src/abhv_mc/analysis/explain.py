@@ -49,9 +49,8 @@ class Failure:
         if self.requirement is None:
             return np.where(early, -end_time, -np.inf)
         value = metrics[:, self.column]
-        limits = self.requirement.limits
-        failed = limits.failures(value, early & self.requirement.early_is_failure)
-        return np.where(failed, np.nan_to_num(limits.worse(value), nan=np.inf), -np.inf)
+        worse = np.nan_to_num(self.requirement.limits.worse(value), nan=np.inf)
+        return np.where(self.requirement.failures(value, early), worse, -np.inf)
 
 
 @dataclass(frozen=True)

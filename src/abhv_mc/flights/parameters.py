@@ -39,6 +39,11 @@ class Parameter:
         """True if the parameter is a factor (1 = nominal) rather than an increment."""
         return self.nominal == 1.0 and (self.unit == "-" or not self.of_user)
 
+    @property
+    def unit_suffix(self) -> str:
+        """Unit after a number in a campaign file; '' if a plain number has the parameter's unit."""
+        return "" if self.of_user or self.unit == "-" else f" {self.unit}"
+
     def read(
         self, value: float | str, of_nominal: bool = False, bare_unit: str | None = None
     ) -> float:

@@ -160,11 +160,10 @@ def identify(
                 spread=spread if len(labels) > 1 else None,
             )
         )
-        unit = "" if parameter.of_user or parameter.unit == "-" else f" {parameter.unit}"
         numbers = {"mean": mean, "sigma": float(np.hypot(spread, error))}
         renewed[columns[i]] = {
             "distribution": "normal",
-            **{key: f"{value:.6g}{unit}" for key, value in numbers.items()},
+            **{key: f"{value:.6g}{parameter.unit_suffix}" for key, value in numbers.items()},
             "varies_by": "vehicle" if shared[i] else "flight",
         }
     residuals = result.residuals.reshape(tests.shape)

@@ -36,6 +36,7 @@ from abhv_mc.search.search_flights import (
     FAILS_ABOVE,
     DrawnFlights,
     Severity,
+    binding_requirements,
     ended_early,
     open_search,
     rank_distinct,
@@ -270,9 +271,7 @@ def find_requirement(campaign: Experiment, controller: str, name: str) -> Requir
 
     Raise InputError if there is not exactly one such requirement, or if the metric has plateaus.
     """
-    bound = [
-        item for item in campaign.requirements if not item.named or controller in item.controllers
-    ]
+    bound = binding_requirements(campaign, controller)
     own = [item for item in bound if item.traced.get("id") == name]
     own = own or [item for item in bound if item.metric == name]
     metric = own[0].metric if own else name

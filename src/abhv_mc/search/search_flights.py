@@ -167,15 +167,11 @@ def find_metric(
     return metrics[name]
 
 
-def binding_requirements(
-    campaign: Experiment, controller: str, metric: str
-) -> tuple[Requirement, ...]:
-    """Return the requirements on a metric that apply to the searched controller."""
-    return tuple(
-        item
-        for item in campaign.requirements
-        if item.metric == metric and (not item.named or controller in item.controllers)
-    )
+def binding_requirements(campaign: Experiment, controller: str) -> list[Requirement]:
+    """Return the requirements that apply to the searched controller."""
+    return [
+        item for item in campaign.requirements if not item.named or controller in item.controllers
+    ]
 
 
 @dataclass(frozen=True)
@@ -425,7 +421,7 @@ def _check_same(
     """Raise InputError if the folder does not contain the beginning of the same search."""
     root, manifest = flown.folder.root, flown.manifest
     before = manifest.search
-    expected = "a folder of this search, another folder (-o DIR), or --fresh to delete the flights"
+    expected = "the folder of this search, another folder (-o DIR), or --fresh (worst, rare)"
     if before is None:
         raise InputError(root, "the folder already contains the flights of a campaign", expected)
     both = (inputs, stored := read_folder_inputs(flown.folder, manifest))
@@ -450,11 +446,6 @@ def _check_same(
         for key, value in settings.items()
         if before.get(key) != value
     ]
-    if len(changes) == 1 and changes[0].startswith("flights:"):
-        expected = (
-            "another folder (-o DIR), because the points of a search depend on its total number of "
-            "flights"
-        )
     if changes:
         raise InputError(
             root, f"the folder contains another search ({'; '.join(changes)})", expected

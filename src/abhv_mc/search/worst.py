@@ -91,8 +91,8 @@ class WorstFound:
 
     def failures(self, requirement: Requirement) -> int:
         """Return the number of search flights that violate a requirement."""
-        early = ended_early(self.flights) & requirement.early_is_failure
-        failed = requirement.limits.failures(self.flights.column(self.metric.name), early)
+        values = self.flights.column(self.metric.name)
+        failed = requirement.failures(values, ended_early(self.flights))
         return int(np.sum((failed & ~not_computed(self.flights))[: self.searched]))
 
     def value(self, flight: int) -> float:
@@ -198,7 +198,11 @@ def find_worst(request: WorstRequest, engine: Engine | None = None) -> WorstFoun
             failed_to_run=search.failed_to_run,
             drawn=search.draw(severities[:searched]),
             known=campaign.parameters,
-            requirements=binding_requirements(campaign, controller, metric.name),
+            requirements=tuple(
+                item
+                for item in binding_requirements(campaign, controller)
+                if item.metric == metric.name
+            ),
             random=len(random),
         )
         search.finish(result.numbers())

@@ -17,8 +17,7 @@ def requirement_failures(flights: ControllerFlights, requirement: Requirement) -
 
     Early terminations count as failures unless the requirement judges their measured values.
     """
-    values, early = flights.metrics[requirement.metric], flights.failed
-    return requirement.limits.failures(values, early & requirement.early_is_failure)
+    return requirement.failures(flights.metrics[requirement.metric], flights.failed)
 
 
 def failed_anyhow(flights: ControllerFlights, requirements: tuple[Requirement, ...]) -> Mask:

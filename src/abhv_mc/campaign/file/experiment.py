@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats
+from abhv_mc.array_types import Floats, Mask
 from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.config import BY_REQUIREMENTS, Compared
 from abhv_mc.campaign.file.systems import find_simulator
@@ -54,6 +54,10 @@ class Requirement:
     named: bool  # whether the file names the controllers of the requirement
     early_is_failure: bool  # whether an early termination counts as a failure
     traced: dict[str, str]  # id, text, source and rationale, if present
+
+    def failures(self, values: Floats, early: Mask) -> Mask:
+        """Return the mask [flight] of failed flights, given metric and early terminations."""
+        return self.limits.failures(values, early & self.early_is_failure)
 
     def judge(self, failures: int, flights: int, uncomputed: int = 0) -> Verdict:
         """Return the verdict for given numbers of failures and flights.

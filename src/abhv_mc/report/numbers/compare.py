@@ -12,8 +12,9 @@ from abhv_mc.campaign.file.unknowns import Unknowns
 from abhv_mc.folder.controller_flights import ControllerFlights, common_rows, distances
 from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.layout import CampaignFolder
-from abhv_mc.io.messages import InputError, Refusal, check_names, counted, grouped_digits, quoted
+from abhv_mc.io.messages import InputError, check_names, counted, grouped_digits, quoted
 from abhv_mc.io.units import parse_in_unit
+from abhv_mc.requests import parse_pairs
 from abhv_mc.statistics.gate import RISK, Gate, judge_change
 from abhv_mc.statistics.winner import PairedFailures
 from abhv_mc.topics.comparison.model import ControllerPair, compare_any_failures, compare_pair
@@ -107,25 +108,13 @@ def _drawn(results: FlownCampaign) -> dict[str, Floats]:
 
 def parse_margins(texts: Sequence[str]) -> dict[str, float]:
     """Parse texts such as ``METRIC=5%`` into shares. Raise InputError for an invalid text."""
-    margins = {}
-    for text in texts:
-        metric, sign, value = text.partition("=")
-        try:
-            margin = parse_in_unit(value.strip(), "-") if sign else -1.0
-        except Refusal:
-            margin = -1.0
-        if margin < 0.0:
-            raise InputError(
-                "--fail-if-worse", f"found '{text}'", "METRIC=SHARE with a share such as 5%"
-            )
-        if metric.strip() in margins:
-            raise InputError(
-                "--fail-if-worse",
-                f"metric '{metric.strip()}' is given twice",
-                "each metric only once",
-            )
-        margins[metric.strip()] = margin
-    return margins
+
+    def parse(text: str) -> float:
+        if (margin := parse_in_unit(text, "-")) < 0.0:
+            raise ValueError(text)
+        return margin
+
+    return parse_pairs("--fail-if-worse", texts, "METRIC=SHARE with a share such as 5%", parse)
 
 
 def pair_campaigns(a: FlownCampaign, b: FlownCampaign) -> tuple[FlownCampaign, FlownCampaign]:

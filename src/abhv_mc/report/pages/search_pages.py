@@ -9,8 +9,6 @@ import numpy as np
 from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.flights.metrics import Metric
-from abhv_mc.flights.parameters import Parameters
-from abhv_mc.folder.flights import FlightRows
 from abhv_mc.report.figures.searches import (
     FLIGHT_PANELS,
     plot_convergence,
@@ -98,16 +96,10 @@ def margin_text(requirement: Requirement, metric: Metric, worst: float) -> str:
 
 
 def flights_table(
-    flights: FlightRows,
-    severities: Floats,
-    dimensions: int,
-    metric: Metric,
-    controller: str,
-    *,
-    folder: Path,
-    parameters: Parameters,
+    result: WorstFound | RareFound, severities: Floats, dimensions: int, folder: Path
 ) -> Fold:
     """Return the collapsible table of the worst flights, with commands to re-run them."""
+    flights, metric, controller = result.flights, result.metric, result.controller
     numbers = rank_distinct(
         severities, flights.samples[: len(severities), :dimensions], _LISTED, DRAWN_APART
     )
@@ -118,7 +110,7 @@ def flights_table(
             f"{flights.column(metric.name)[k]:.5g}",
             f"{flights.outcome[k]}, {flights.end_time[k]:.4g} s",
             ", ".join(
-                f"{name} {shown_value(name, x, parameters)}"
+                f"{name} {shown_value(name, x, result.known)}"
                 for name, x in zip(
                     flights.names[:dimensions], flights.samples[k].tolist(), strict=False
                 )
@@ -134,18 +126,10 @@ def flights_table(
 
 def make_worst_answer(result: WorstFound, folder: Path) -> Answer:
     """Return the page content of a worst-case search whose flights are in ``folder``."""
-    metric = result.metric
-    flights = flights_table(
-        result.flights,
-        result.severities[: result.searched],
-        len(result.names),
-        metric,
-        result.controller,
-        folder=folder,
-        parameters=result.known,
-    )
+    severities = result.severities[: result.searched]
+    flights = flights_table(result, severities, len(result.names), folder)
     pictures = (Picture(name) for name in ("convergence", "place", "flights"))
-    title = f"Worst case of {controller_label(result.controller)}: {metric.phrase}"
+    title = f"Worst case of {controller_label(result.controller)}: {result.metric.phrase}"
     items: tuple[Item, ...] = (_worst_records(result), *pictures, _range_table(result), flights)
     return Answer(title, "Worst-case search", Section("Summary", items), _draw_worst(result))
 
@@ -271,23 +255,14 @@ def _range_table(result: WorstFound) -> Table:
 
 def make_rare_answer(result: RareFound, folder: Path) -> Answer:
     """Return the page content of a rare-event search whose flights are in ``folder``."""
-    metric, dimensions = result.metric, len(result.space.names)
-    flights = flights_table(
-        result.flights,
-        result.severities,
-        dimensions,
-        metric,
-        result.controller,
-        folder=folder,
-        parameters=result.known,
-    )
+    flights = flights_table(result, result.severities, len(result.space.names), folder)
     items = (
         _rare_records(result),
         *map(Picture, ("levels", "mixing", "learning", "failures", "flights")),
         *((_combinations(result),) if result.strata else ()),
         flights,
     )
-    label = limit_words(metric, result.requirement.limits)
+    label = limit_words(result.metric, result.requirement.limits)
     title = f"Probability of violation, {controller_label(result.controller)}: {label}"
     return Answer(title, "Rare-event search", Section("Summary", items), _draw_rare(result))
 
