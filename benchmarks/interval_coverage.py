@@ -1,6 +1,6 @@
 """Coverage study of intervals on each side: python benchmarks/interval_coverage.py
 
-The intervals are those of `whatif` in widened tails, and of differences of quantiles of dependent
+The intervals are those of `tighten` in widened tails, and of differences of quantiles of dependent
 pairs.
 """
 
@@ -33,7 +33,7 @@ def whatif(fails, inputs, scale, flights, truth, campaigns=CAMPAIGNS, widened=Tr
     """Return the share of answered campaigns, and their misses of share and quantile.
 
     Misses are on each side. With ``widened`` the unobserved probability is included, as in
-    `whatif`.
+    `tighten`.
     """
     draw = np.random.default_rng(7)
     old, new = stats.norm(), stats.norm(shift, scale)

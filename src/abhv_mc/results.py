@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from abhv_mc.analysis.explain import Explanation
     from abhv_mc.campaign.file.requirement_set import RequirementSource
     from abhv_mc.folder.flown_campaign import FlownCampaign
+    from abhv_mc.search.tighten import Tightening
     from abhv_mc.topics.topic import Models, Records
 
 _AXES = {
@@ -69,6 +70,9 @@ class Results:
         self._requirements = requirements
         self._paths = CampaignFolder(self.folder)
         self.manifest = read_checked(self._paths)
+
+    def _refuse_changes(self) -> None:
+        refuse_changes(self._paths, self.manifest)
 
     @property
     def complete(self) -> bool:
@@ -122,7 +126,7 @@ class Results:
         from abhv_mc.report.numbers.report_numbers import make_numbers
 
         numbers = make_numbers(self._models)
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         return numbers
 
     def judge(self, requirements: "RequirementSource") -> "Results":
@@ -194,7 +198,7 @@ class Results:
 
         topic_figures = make_figures(self._models).values()
         figures = {text.name: figure for pairs in topic_figures for text, figure in pairs}
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         return figures
 
     @property
@@ -264,7 +268,7 @@ class Results:
         """Write the report to the folder and return the path of the page."""
         from abhv_mc.report.pages.build import build_report
 
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         if self._requirements is not None:
             raise InputError(
                 "make_report",
@@ -284,7 +288,7 @@ class Results:
         from abhv_mc.folder.tables import run_query
 
         table = run_query(self.folder, sql, lambda answer: answer.df())
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         return pd.DataFrame() if table is None else table
 
     def replay(self, flight: int, controller: str | None = None) -> "pd.DataFrame":
@@ -299,7 +303,7 @@ class Results:
 
         name = self._results.campaign.choose_controller(controller)
         again = replay_flight(self.folder, name, flight)
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         if again.differences:
             raise RuntimeError(
                 f"flight {flight} differs from the stored flight: {'; '.join(again.differences)}"
@@ -319,7 +323,7 @@ class Results:
         """
         from abhv_mc.analysis.explain import explain_flight
 
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         name = self._results.campaign.choose_controller(controller)
         return explain_flight(self.folder, name, flight, requirement=requirement)
 
@@ -339,38 +343,55 @@ class Results:
         """
         import pandas as pd
 
+        from abhv_mc.analysis.reweight import parse_settings
         from abhv_mc.report.numbers.whatif import make_whatif
         from abhv_mc.topics.formatting import ends_of
 
-        nested: dict[str, dict[str, Any]] = {}
-        for key, value in check_mapping(settings, "settings").items():
-            name, _, entry = str(key).rpartition(".")
-            nested.setdefault(name, {})[entry] = value
-        refuse_changes(self._paths, self.manifest)
-        answer = make_whatif(self.folder, nested, self._requirements)
+        pairs = check_mapping(settings, "settings").items()
+        changes = parse_settings([f"{key}={value}" for key, value in pairs])
+        self._refuse_changes()
+        answer = make_whatif(self.folder, changes, self._requirements)
         rows = [
-            {"metric": metric, "controller": name, "level": level}
+            {"metric": row.metric, "controller": name, "level": row.level}
             | {
                 f"{when}{end}": value
-                for when, cell in vars(pair).items()
-                for end, value in zip(("", "_low", "_high"), ends_of(cell), strict=True)
+                for when in ("before", "after")
+                for end, value in zip(
+                    ("", "_low", "_high"), ends_of(getattr(row, when)), strict=True
+                )
             }
-            for name, reweighted in answer.controllers.items()
-            for metric, levels in reweighted.metrics.items()
-            for level, pair in levels.items()
+            for name, own in answer.controllers.items()
+            for row in own.estimates
+            if row.level != "share"
         ]
         table = pd.DataFrame(rows).set_index(["metric", "controller", "level"])
         table.attrs["effective_flights"] = {
-            n: reweighted.effective_flights for n, reweighted in answer.controllers.items()
+            name: own.effective_flights for name, own in answer.controllers.items()
         }
         return table
+
+    def tighten(
+        self,
+        controller: str | None = None,
+        dispersions: Sequence[str] = (),
+        output: Path | None = None,
+    ) -> "Tightening":
+        """Return the width to which each dispersion must shrink so that a controller passes.
+
+        The command ``abhv-mc tighten`` prints the same result.
+        """
+        from abhv_mc.search.tighten import tighten
+
+        self._refuse_changes()
+        judged_by = self._requirements
+        return tighten(self.folder, controller, dispersions, output=output, requirements=judged_by)
 
     @cached_property
     def _results(self) -> "FlownCampaign":
         from abhv_mc.folder.flown_campaign import read_flown
 
         results = read_flown(self.folder, self._requirements)
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         return results
 
     @cached_property
@@ -402,7 +423,7 @@ class Results:
             pq.read_table(file, partitioning=None)
             for file in table_files(self._paths, self.manifest)[name]
         ]
-        refuse_changes(self._paths, self.manifest)
+        self._refuse_changes()
         arrow_table = pa.concat_tables(tables, promote_options="default")
         # Ignore the pandas metadata of a file, which may rename columns.
         table = arrow_table.to_pandas(ignore_metadata=True)

@@ -94,7 +94,7 @@ def test_all_commands_with_numbers_write_json():
             "tune",
             "compare",
             "explain",
-            "whatif",
+            "tighten",
             "identify",
             "runs",
             "query",

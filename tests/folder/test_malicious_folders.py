@@ -86,7 +86,7 @@ def commands(campaign, folder):
     yield "report", folder
     yield "verify", "campaign", folder
     yield "compare", folder, folder
-    yield "whatif", folder, "--set", "aero.lift.sigma=4%"
+    yield "tighten", folder, "aero.lift.sigma=4%"
     yield "replay", folder, "--flight", 3, "--controller", "one"
     yield "explain", folder, "--flight", 3
     yield "run", campaign, "-o", folder, "--no-report"

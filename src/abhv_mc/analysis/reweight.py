@@ -14,46 +14,44 @@ from abhv_mc.array_types import Floats
 from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.campaign.sampling.designs import INDEPENDENT, Copula
 from abhv_mc.campaign.sampling.marginals import (
-    ContinuousMarginal,
     DiscreteMarginal,
     Marginal,
     MixtureMarginal,
     SometimesMarginal,
+    find_atoms,
+    outside,
 )
 from abhv_mc.io.document_reader import compose
 from abhv_mc.io.documents import validate
-from abhv_mc.io.messages import InputError, Refusal, joined, one_of
+from abhv_mc.io.messages import InputError, Refusal, one_of
+from abhv_mc.requests import parse_pairs
 from abhv_mc.statistics.reweight import Unseen, join_unseen, unseen_of_range, unseen_of_values
 
-_SET = "--set"
-_SLACK = (
-    1e-9  # tolerance within which interval ends count as equal, relative to the interval's width
-)
+_SOURCE = "dispersions"
+_PROBABILITIES = np.linspace(0.0, 1.0, 1001)  # probabilities at which new values are checked
 
 
 class Change(NamedTuple):
     """Changes to the distributions of some parameters of a campaign."""
 
-    # entries of the campaign file before the change, by parameter
-    before: dict[str, dict[str, Any]]
-    after: dict[str, dict[str, Any]]
+    after: dict[str, dict[str, Any]]  # changed entries of the campaign file, by parameter
     marginals: dict[str, Marginal]  # new distributions, by parameter
 
 
 def parse_settings(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Parse strings such as ``PARAMETER.KEY=VALUE`` into values by parameter and key."""
+
+    def parse(text: str) -> Any:
+        data: Any = compose(Path(_SOURCE), f"value: {text}\n".encode())[0]
+        return data["value"]
+
+    expected = "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%"
     settings: dict[str, dict[str, Any]] = {}
-    for text in texts:
-        key, sign, value = text.partition("=")
-        name, _, entry = key.strip().rpartition(".")
-        if not (sign and name and entry and value.strip()):
-            raise InputError(
-                _SET, f"found '{text}'", "PARAMETER.KEY=VALUE, such as aero.drag.half_width=12%"
-            )
-        if entry in settings.get(name, {}):
-            raise InputError(_SET, f"'{key.strip()}' is set twice", "each setting only once")
-        data = compose(Path(_SET), f"value: {value.strip()}\n".encode())[0]
-        settings.setdefault(name, {})[entry] = data["value"] if isinstance(data, dict) else data
+    for name, value in parse_pairs(_SOURCE, texts, expected, parse).items():
+        parameter, _, key = name.rpartition(".")
+        if not parameter or value is None:
+            raise InputError(_SOURCE, f"found '{name}'", expected)
+        settings.setdefault(parameter, {})[key] = value
     return settings
 
 
@@ -63,11 +61,10 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
     Raise InputError if the flights do not support the new distributions.
     """
     if not campaign.independent:
-        problem = "re-weighting requires independent flights, but " + campaign.dependence
         problem = (
             "the flights were simulated at fixed points of the unknowns"
             if campaign.unknowns.names
-            else problem
+            else "re-weighting requires independent flights, but " + campaign.dependence
         )
         raise InputError(
             campaign.document.path, problem, f"a campaign with sampling: {INDEPENDENT}"
@@ -79,11 +76,15 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
         if name not in entries and (dotted := f"{name}.{next(iter(keys))}") in entries:
             sizes = [key for key in entries[dotted] if key not in ("distribution", "probability")]
             problem = f"'{dotted}' does not name a key of the distribution"
-            raise InputError(_SET, problem, " or ".join(f"{dotted}.{key}=VALUE" for key in sizes))
+            raise InputError(
+                _SOURCE, problem, " or ".join(f"{dotted}.{key}=VALUE" for key in sizes)
+            )
         if name not in entries:
             problem = f"the campaign does not disperse '{name}'"
             raise InputError(
-                _SET, problem, one_of(entries, name) if entries else "a campaign with dispersions"
+                _SOURCE,
+                problem,
+                one_of(entries, name) if entries else "a campaign with dispersions",
             )
         after[name] = {**({} if "distribution" in keys else entries[name]), **keys}
     document = replace(campaign.document, data={**data, "dispersions": {**entries, **after}})
@@ -93,25 +94,31 @@ def make_change(campaign: Experiment, settings: Mapping[str, Mapping[str, Any]])
             name: model.dispersions[name].make_marginal(campaign.parameters[name]) for name in after
         }
     except (InputError, Refusal) as error:
-        raise InputError(_SET, error.found, error.expected) from None
+        raise InputError(_SOURCE, error.found, error.expected) from None
     mixed = [campaign.names[column] for column in campaign.copula.columns]
     for name, marginal in marginals.items():
         if fault := _unsupported(name, campaign.marginals[name], marginal):
-            raise InputError(_SET, *fault)
-        if name in mixed and any(map(_has_choice, (campaign.marginals[other] for other in mixed))):
+            raise InputError(_SOURCE, *fault)
+        if name in mixed and any(find_atoms(campaign.marginals[other]).size for other in mixed):
             problem = f"'{name}' is correlated with a discrete choice"
             raise InputError(
-                _SET, problem, "a parameter that is not correlated with a discrete choice"
+                _SOURCE, problem, "a parameter that is not correlated with a discrete choice"
             )
-    return Change({name: dict(entries[name]) for name in after}, after, marginals)
+    return Change(after, marginals)
 
 
 def _parts(marginal: Marginal) -> tuple[Marginal, ...]:
     return marginal.parts if isinstance(marginal, MixtureMarginal) else (marginal,)
 
 
-def _has_choice(marginal: Marginal) -> bool:
-    return any(isinstance(component, DiscreteMarginal) for component in _parts(marginal))
+def _kind(marginal: Marginal) -> str:
+    if isinstance(marginal, SometimesMarginal):
+        return "a distribution with the key 'probability'"
+    if isinstance(marginal, DiscreteMarginal):
+        return "a discrete choice"
+    if find_atoms(marginal).size:
+        return "a mixture with a discrete choice"
+    return "a continuous distribution"
 
 
 def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | None:
@@ -120,43 +127,18 @@ def _unsupported(name: str, old: Marginal, new: Marginal) -> tuple[str, str] | N
     The new distribution must have zero probability where no flights were simulated.
     """
     if isinstance(old, SometimesMarginal) and isinstance(new, SometimesMarginal):
-        return _unsupported(name, old.drawn, new.drawn)
-    if isinstance(old, SometimesMarginal) != isinstance(new, SometimesMarginal):
-        problem = f"the change adds or removes the key 'probability' of '{name}'"
-        return problem, "the key 'probability' both before and after the change, or neither"
-    if isinstance(old, MixtureMarginal) or isinstance(new, MixtureMarginal):
-        if _has_choice(old) or _has_choice(new):
-            return (
-                f"'{name}' is a mixture with a discrete choice",
-                "a mixture of continuous distributions, or a new campaign",
-            )
-        # Each component of the new distribution must lie within a component of the old
-        # distribution.
-        for component in _parts(new):
-            faults = [_unsupported(name, flown, component) for flown in _parts(old)]
-            if all(faults):
-                return faults[-1]
-        return None
-    if isinstance(old, DiscreteMarginal) and isinstance(new, DiscreteMarginal):
-        missing = np.setdiff1d(new.values, old.values)
-        expected = f"a subset of the values {joined([f'{value:g}' for value in old.values])}"
-        return (
-            (f"no flights were simulated with '{name}' = {missing[0]:g}", expected)
-            if missing.size
-            else None
-        )
-    if not (isinstance(old, ContinuousMarginal) and isinstance(new, ContinuousMarginal)):
-        problem = (
-            f"the change of '{name}' replaces a discrete choice by a continuous distribution, or "
-            "vice versa"
-        )
-        return problem, "a distribution of the same kind as in the campaign"
-    (low, high), (first, last) = old.frozen.support(), new.frozen.support()
-    slack = _SLACK * (high - low) if np.isfinite(high - low) else 0.0
-    if low - slack <= first and last <= high + slack:
-        return None
-    problem = f"'{name}' from {first:g} to {last:g} exceeds the simulated range"
-    return problem, f"a distribution between {low:g} and {high:g}, or a new campaign"
+        old, new = old.drawn, new.drawn
+    if (kind := _kind(new)) != _kind(old) or "mixture" in kind:
+        problem = f"'{name}' changes from {_kind(old)} to {kind}"
+        return problem, "distributions of the same kind, without a mixture that has a choice"
+    low, high = old.at_fraction(np.array([0.0, 1.0]))
+    for component in _parts(new):
+        values = component.ppf(_PROBABILITIES)
+        if outside(old, values).any():
+            first, last = values.min(), values.max()
+            problem = f"'{name}' from {first:g} to {last:g} exceeds the simulated values"
+            return problem, f"values that occur between {low:g} and {high:g}, or a new campaign"
+    return None
 
 
 def weigh_flights(campaign: Experiment, change: Change, samples: Floats) -> Floats:
@@ -207,7 +189,7 @@ def unseen_probability(campaign: Experiment, change: Change, samples: Floats) ->
         if isinstance(marginal, SometimesMarginal):
             values = values[values != marginal.nominal]
             share, drawn = marginal.probability, marginal.drawn
-            before = before.drawn if isinstance(before, SometimesMarginal) else before
+            before = getattr(before, "drawn", before)
         if isinstance(drawn, DiscreteMarginal):
             parts.append(
                 unseen_of_values(drawn.values, share * drawn.density(drawn.values), values)

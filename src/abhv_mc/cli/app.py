@@ -93,9 +93,9 @@ _PANELS = {  # Names stand for commands that packages add.
         *(reporting.report, reporting.compare, reporting.runs),
     ),
     "Run": (starting.imports, running.merge, "fly", replaying.replay),
-    "Search": (searching.worst, searching.rare, "tune"),
+    "Search": (searching.worst, searching.rare, searching.tighten, "tune"),
     "Results": (
-        *(reporting.show, "explore", replaying.explain, reporting.whatif),
+        *(reporting.show, "explore", replaying.explain),
         *(searching.identify, querying.query, querying.lists),
     ),
     "Analyse": ("trim", "margins", "linearize"),

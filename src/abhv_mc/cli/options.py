@@ -14,7 +14,7 @@ import typer
 
 from abhv_mc.io.address import read_address
 from abhv_mc.io.messages import InputError, Refusal, joined
-from abhv_mc.requests import Option, options_of
+from abhv_mc.requests import Option, options_of, parse_pairs
 from abhv_mc.shipped import find_input, shipped_files
 
 _INPUTS = (".yaml", ".yml", ".py", ".csv", ".parquet")
@@ -277,18 +277,13 @@ def parse_names(text: str | None, option: str = "--controllers") -> tuple[str, .
 
 def parse_noise(settings: list[str] | None) -> dict[str, float]:
     """Parse the noise of each channel. Raise InputError unless all values are positive."""
-    noise = {}
-    for setting in settings or ():
-        channel, _, number = setting.partition("=")
-        try:
-            noise[channel] = float(number)
-        except ValueError:
-            noise[channel] = -1.0
-        if not 0.0 < noise[channel] < inf:
-            raise InputError(
-                "--measured", f"invalid setting '{setting}'", "NAME=SIGMA with a positive number"
-            )
-    return noise
+
+    def parse(text: str) -> float:
+        if not 0.0 < (number := float(text)) < inf:
+            raise ValueError(text)
+        return number
+
+    return parse_pairs("--measured", settings or (), "NAME=SIGMA with a positive number", parse)
 
 
 def parse_option(option: str, text: str, dimension: Any, bare_unit: str | None = None) -> float:

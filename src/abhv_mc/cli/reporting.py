@@ -1,4 +1,4 @@
-"""Commands ``report``, ``show``, ``compare``, ``whatif`` and ``runs``."""
+"""Commands ``report``, ``show``, ``compare`` and ``runs``."""
 
 import shlex
 import shutil
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from abhv_mc.report.numbers.runs import CampaignRun
-    from abhv_mc.report.numbers.whatif import Whatif
 
 _REPORTS = Path("reports")
 _TEXT_WIDTH = 100  # maximum line width of printed sentences, in columns
@@ -261,69 +260,6 @@ def compare(
         say(f"newly terminated early, {names}: {pair.newly_lost}", file=text_stream(json))
     if not all(gate.shown for gate in gates) or max(newly_lost, default=0) >= (fail_if_loses or 1):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def whatif(
-    folder: Annotated[Path, folder_argument("Results folder of a campaign with random sampling.")],
-    settings: Annotated[
-        list[str],
-        typer.Option(
-            "--set",
-            metavar="K=V",
-            help="Changed dispersion, for example aero.drag.half_width=12%; repeatable.",
-        ),
-    ],
-    requirements: Requirements = None,
-    json: Json = None,
-) -> None:
-    """Estimate the results for other dispersions by re-weighting existing flights.
-
-    The command fails if the flights do not cover the new distribution or their effective number is
-    too small.
-    """
-    from abhv_mc.analysis.reweight import parse_settings
-    from abhv_mc.report.numbers.whatif import make_whatif
-
-    estimates = make_whatif(folder, parse_settings(settings), requirements)
-    show_result(estimates, json, lambda: _print_whatif(estimates))
-
-
-def _print_whatif(estimates: "Whatif") -> None:
-    from abhv_mc.topics.formatting import percent, significant
-    from abhv_mc.topics.topic import Cell, Table, controller_label, interval_cell, make_row
-
-    for name, after in estimates.after.items():
-        before = estimates.before[name]
-        changes = [
-            f"{key} {before.get(key, 'none')} -> {after.get(key, 'none')}"
-            for key in dict.fromkeys((*before, *after))
-            if before.get(key) != after.get(key)
-        ]
-        say(f"{name}: {', '.join(changes)}")
-    if estimates.stopped_when_proven:
-        say("stopped when proven: intervals without correction for early stopping")
-    for name, controller in estimates.controllers.items():
-        worth = significant(controller.effective_flights)
-        title = (
-            f"{controller_label(name)}: {grouped_digits(controller.flights)} flights, effective "
-            f"number for the changed dispersions {worth}"
-        )
-        required = dict.fromkeys(entry.metric for entry in controller.requirements)
-        rows = [
-            (
-                *make_row(estimates.words[metric]["label"], f"{level[1:]} %"),
-                *map(interval_cell, (pair.before, pair.after)),
-            )
-            for metric in required or estimates.asked
-            for level, pair in controller.metrics.get(metric, {}).items()
-        ]
-        for entry in controller.requirements:
-            cells = (
-                Cell(percent(share.value), f"{percent(share.low)} to {percent(share.high)}")
-                for share in (entry.failure_share.before, entry.failure_share.after)
-            )
-            rows.append((*make_row(f"Failed: {entry.words}", ""), *cells))
-        print_section_table(Table(title, ("", "Quantile", "Stored", "Changed"), (tuple(rows),)))
 
 
 def runs(

@@ -13,11 +13,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.report_numbers import make_numbers
-from abhv_mc.report.numbers.whatif import (
-    _reweight_quantiles,
-    _reweight_requirement,
-    make_whatif,
-)
+from abhv_mc.report.numbers.whatif import estimate_controller, make_whatif
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.topics.topic import Models
 
@@ -54,25 +50,17 @@ def agree(
     """Assert that each interval of a fresh campaign overlaps that of the re-weighted flights."""
     numbers = make_numbers(Models(read_flown(fresh_folder)))
     for name, controller in reweighted.controllers.items():
+        estimates = {(row.metric, row.level): row for row in controller.estimates}
         for metric in metrics:
+            fresh = numbers["metrics"]["table"][metric]["controllers"][name]["quantiles"]
             for level in ("q50", "q95"):
-                after, quantiles = (
-                    controller.metrics[metric][level].after,
-                    numbers["metrics"]["table"][metric]["controllers"][name]["quantiles"],
-                )
-                assert (
-                    after.low <= quantiles[level]["high"] and quantiles[level]["low"] <= after.high
-                ), (
-                    metric,
-                    level,
-                )
-            assert after != controller.metrics[metric]["q95"].before
-        share, verdict = (
-            controller.requirements[0].failure_share,
-            numbers["verdicts"]["requirements"][0]["controllers"][name],
-        )
+                after, interval = estimates[metric, level].after, fresh[level]
+                assert after.low <= interval["high"] and interval["low"] <= after.high, metric
+            assert after != estimates[metric, "q95"].before
+        share = estimates["altitude_error_max_m", "share"].after
+        verdict = numbers["verdicts"]["requirements"][0]["controllers"][name]
         low, high = clopper_pearson(verdict["failures"], verdict["flights"])
-        assert share.after.low <= high and low <= share.after.high
+        assert share.low <= high and low <= share.high
 
 
 def test_it_agrees_with_a_fresh_campaign(flown, tmp_path):
@@ -111,16 +99,16 @@ def test_weights_are_the_ratio_of_the_joint_densities(tmp_path):
 
 def test_upper_bounds_include_what_no_flight_represents(flown):
     results = read_flown(flown)
-    flights, (item,) = results.flights["one"], results.campaign.requirements
-    weights = np.ones(flights.flight.size)
-    (quantile, share), (wide_quantile, wide_share) = (
-        (
-            _reweight_quantiles(flights, item.metric, weights, unseen)["q50"].after.high,
-            _reweight_requirement(flights, item, weights, unseen).failure_share.after.high,
-        )
+    weights = np.ones(results.flights["one"].flight.size)
+    plain, wide = (
+        [
+            row.after.high
+            for row in estimate_controller(results, "one", weights, unseen)
+            if row.metric == "altitude_error_max_m"
+        ]
         for unseen in (0.0, 0.04)
     )
-    assert wide_quantile > quantile and wide_share == pytest.approx(share + 0.04)
+    assert wide[0] > plain[0] and wide[-1] == pytest.approx(plain[-1] + 0.04)
 
 
 @pytest.mark.parametrize(("settings", "message"), [
@@ -145,10 +133,11 @@ def test_designs_without_independent_flights_are_refused(tmp_path):
 
 
 def test_the_command(flown):
-    arguments = ["whatif", flown, "--set", "aero.lift.sigma=4%"]
+    arguments = ["tighten", flown, "aero.lift.sigma=4%"]
     result = invoke(*arguments)
     assert result.exit_code == 0 and "Altitude error, max < 1.85" in result.stdout
-    assert "aero.lift: sigma 5 % -> 4%" in result.stdout
+    assert "aero.lift: distribution normal, sigma 4%" in result.stdout
+    assert isinstance(invoke(*arguments, "-o", "x").exception, InputError)
     numbers = json.loads(invoke(*arguments, "--json", "-").stdout)
     assert numbers["controllers"].keys() == {"one", "two"}
 

@@ -1,18 +1,17 @@
 """Estimates for a campaign with other dispersions, by re-weighting stored flights."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from abhv_mc.analysis.reweight import make_change, unseen_probability, weigh_flights
 from abhv_mc.array_types import Floats
-from abhv_mc.campaign.file.experiment import Requirement
 from abhv_mc.campaign.file.requirement_set import RequirementSource
-from abhv_mc.folder.controller_flights import ControllerFlights, severities
-from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.controller_flights import severities
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown
 from abhv_mc.folder.inputs import read_folder_campaign
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.messages import InputError
@@ -28,22 +27,14 @@ LEAST_EFFECTIVE = 0.5
 MOST_UNSEEN = 0.01  # maximum probability of values outside the range covered by the flights
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Estimate with the simulated dispersions and with the changed dispersions."""
-
-    before: Interval
-    after: Interval
-
-
-@dataclass(frozen=True)
-class WhatifRequirement:
-    """Share of flights that fail to meet a requirement."""
+class Estimate(NamedTuple):
+    """Quantile of a metric, or share of flights that fail to meet a requirement."""
 
     metric: str
-    words: str
-    probability: float
-    failure_share: Pair
+    label: str
+    level: str  # such as 'q95', or 'share'
+    before: Interval
+    after: Interval  # estimate with the changed dispersions
 
 
 @dataclass(frozen=True)
@@ -53,19 +44,16 @@ class WhatifController:
     flights: int
     effective_flights: float
     unseen: float  # probability of values outside the range of all flights
-    requirements: tuple[WhatifRequirement, ...]
-    metrics: Mapping[str, Mapping[str, Pair]]  # estimates by metric and level
+    estimates: tuple[Estimate, ...]
 
 
 @dataclass(frozen=True)
 class Whatif:
     """Estimates for a campaign under changed settings of its dispersions."""
 
-    before: Mapping[str, Mapping[str, object]]
-    after: Mapping[str, Mapping[str, object]]
+    after: Mapping[str, Mapping[str, object]]  # changed entries of the campaign file
     stopped_when_proven: bool
     asked: tuple[str, ...]
-    words: Mapping[str, Mapping[str, str]]
     controllers: Mapping[str, WhatifController]
 
 
@@ -101,41 +89,26 @@ def make_whatif(
             problem = f"the effective number of flights is {effective:.0f} of {total}"
             remedy = "use a smaller change, more flights, or a new campaign"
             raise InputError(root, problem, f"at least {least:g} ({remedy})")
-        metrics = {
-            metric: _reweight_quantiles(flights, metric, weights, unseen.joint)
-            for metric in results.metrics
-        }
-        reweighted = tuple(
-            _reweight_requirement(flights, item, weights, unseen.joint)
-            for item in results.campaign.requirements
-        )
-        controllers[name] = WhatifController(total, effective, unseen.joint, reweighted, metrics)
+        estimates = tuple(estimate_controller(results, name, weights, unseen.joint))
+        controllers[name] = WhatifController(total, effective, unseen.joint, estimates)
     results.refuse_changes()
-    labels = {name: results.campaign.metrics[name].as_texts() for name in results.metrics}
-    stopped = campaign.model.stop is not None
-    return Whatif(change.before, change.after, stopped, results.compared, labels, controllers)
+    return Whatif(change.after, campaign.model.stop is not None, results.asked, controllers)
 
 
-def _reweight_requirement(
-    flights: ControllerFlights, item: Requirement, weights: Floats, unseen: float
-) -> WhatifRequirement:
-    failed = requirement_failures(flights, item)
-    count = failed.sum()
-    before = Interval(count / failed.size, *clopper_pearson(count, failed.size))
-    shares = Pair(before, weighted_share(failed, weights, unseen))
-    return WhatifRequirement(
-        item.metric, requirement_words(item, flights.records), item.probability, shares
-    )
-
-
-def _reweight_quantiles(
-    flights: ControllerFlights, metric: str, weights: Floats, unseen: float
-) -> dict[str, Pair]:
-    values, sense = severities(flights, metric), flights.records[metric].bad
-    return {
-        level_name(level): Pair(
-            quantile(values, level).in_sense(sense),
-            weighted_quantile(values, weights, level, unseen).in_sense(sense),
-        )
-        for level in LEVELS
-    }
+def estimate_controller(
+    results: FlownCampaign, name: str, weights: Floats, unseen: float
+) -> Iterator[Estimate]:
+    """Yield the estimates of a controller from the `weights` [flight] of its flights."""
+    flights = results.flights[name]
+    for metric in results.metrics:
+        values, record = severities(flights, metric), flights.records[metric]
+        for level in LEVELS:
+            pair = quantile(values, level), weighted_quantile(values, weights, level, unseen)
+            before, after = (interval.in_sense(record.bad) for interval in pair)
+            yield Estimate(metric, record.label, level_name(level), before, after)
+    for item in results.campaign.requirements:
+        failed = requirement_failures(flights, item)
+        before = Interval(failed.mean(), *clopper_pearson(failed.sum(), failed.size))
+        after = weighted_share(failed, weights, unseen)
+        words = f"Failed: {requirement_words(item, flights.records)}"
+        yield Estimate(item.metric, words, "share", before, after)
