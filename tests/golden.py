@@ -102,7 +102,7 @@ QUICK = {
         show envelopes a
         compare a b --json ab.json
         compare a a --controllers one,two --fail-if-worse altitude_error_max_m=5% --fail-if-loses 1
-        whatif a --set aero.lift.sigma=4% --json whatif.json
+        tighten a aero.lift.sigma=4% --json tighten.json
         explain a --all --controller two --json explain.json
         report a -o r --requirements r.yaml --junit r.xml
     """,

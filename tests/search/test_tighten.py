@@ -14,7 +14,6 @@ from abhv_mc.interfaces import Engine
 from abhv_mc.io.messages import InputError
 from abhv_mc.search.tighten import narrow, tighten
 
-LIMIT, DRAG_SHARE = 0.835, 0.2
 LAWS = (
     "{aero.drag: {distribution: uniform, low: 0.8, high: 1.2}, aero.lift: {distribution: normal, "
     "sigma: 5 %}, atmosphere.density: {distribution: discrete, values: [0.99, 1.01]}}"
@@ -24,7 +23,7 @@ LAWS = (
 def fly_sum(plan, parameters, record_every=None):
     """A metric that is the lift's normal number, plus that of the drag's uniform number."""
     block = fly_line(plan, parameters, record_every)
-    block.metrics[:] += DRAG_SHARE * stats.norm.ppf((parameters[:, [DRAG]] - 0.8) / 0.4)
+    block.metrics[:] += 0.2 * stats.norm.ppf((parameters[:, [DRAG]] - 0.8) / 0.4)
     return block
 
 
@@ -47,7 +46,7 @@ def flown(tmp_path_factory):
 
 def passing(width):
     """Return the probability that a flight passes if the lift has a share of its width."""
-    return stats.norm.cdf(LIMIT / np.hypot(width, DRAG_SHARE))
+    return stats.norm.cdf(0.835 / np.hypot(width, 0.2))
 
 
 def test_the_width_is_the_known_one_and_an_interrupted_search_resumes(flown, tmp_path):

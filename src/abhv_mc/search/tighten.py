@@ -109,8 +109,8 @@ def tighten(
 
     def meets(name: str, steps: int) -> Any:
         weights = weigh_flights(campaign, narrow_to(name, steps), samples)
-        missable = [(1.0 - item.probability) * weights.sum() for item in items]
-        return (failed @ weights < missable).all()
+        allowed = [(1.0 - item.probability) * weights.sum() for item in items]
+        return (failed @ weights < allowed).all()
 
     verdict = judge(failed.sum(axis=1) + flights.not_computed, total)
     if verdict.status == "PASS":
