@@ -483,9 +483,10 @@ def _read_lines(path: Path, content: bytes, may_have_units: bool) -> ForeignTabl
             while is_plain and start < len(content):
                 stop = content.find(b"\n", start + _BLOCK) + 1 or len(content)
                 block, start = content[start - 1 : stop], stop
-                blocks.append(_parse_cells(block[1:], len(table.heads), table.separator))
-                is_regular = block.isascii() and not _IRREGULAR.search(block)
-                is_plain = is_regular and len(blocks[-1]) == block[1:-1].count(b"\n") + 1
+                cells = _parse_cells(block[1:], len(table.heads), table.separator)
+                is_plain = block.isascii() and not _IRREGULAR.search(block)
+                is_plain &= len(cells) == block[1:-1].count(b"\n") + 1
+                blocks.append(cells)
             if is_plain:
                 data = pa.concat_tables(blocks)
                 added = 1 + len(text.splitlines()) + np.arange(len(data) - len(table))
@@ -545,10 +546,7 @@ def _read_text(path: Path, text: str, may_have_units: bool) -> ForeignTable:
     else:
         units = [""] * len(heads)
     for number, line in zip(numbers, texts, strict=True):
-        count = line.count(separator) + 1
-        if '"' in line or separator == _BLANKS:
-            count = len(split_line(line, separator))
-        if count != len(heads):
+        if (count := len(split_line(line, separator))) != len(heads):
             raise InputError(
                 path,
                 f"found {counted(count, 'cell')}",
