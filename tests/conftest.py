@@ -162,10 +162,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def abhv_mc(monkeypatch, capfd):
     """Return a function that runs the program: exit code, standard output, standard error."""
 
+    from programs import words_of
+
     from abhv_mc.cli.app import main
 
     def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["abhv-mc", *map(str, arguments)])
+        monkeypatch.setattr(sys, "argv", ["abhv-mc", *words_of(*arguments)])
         with pytest.raises(SystemExit) as caught:
             main()
         out, err = capfd.readouterr()

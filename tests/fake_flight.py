@@ -7,12 +7,10 @@ depend on nothing else. Density below ``LOST_BELOW`` ends a flight early.
 import time
 import typing
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abhv_mc.flights.blocks import FlightBlock, Recording, make_recording
+from abhv_mc.flights.blocks import FlightBlock, make_recording
 from abhv_mc.flights.metrics import NO_METRICS
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.statistic import Statistic
@@ -27,12 +25,9 @@ from abhv_mc_vehicle.flight.plan import NO_SOURCES, FlightPlan, Limits
 from abhv_mc_vehicle.kernel.laws.columns import REFERENCE, TLC_GAINS, TLC_SETTINGS
 from abhv_mc_vehicle.kernel.plant.air_data import no_profile
 from abhv_mc_vehicle.kernel.plant.state import N_STATES
-from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, PARAMETER_INDEX, Vehicle
+from abhv_mc_vehicle.kernel.plant.vehicle import CHUNK, PARAMETER_INDEX
 from abhv_mc_vehicle.plant.effectiveness import make_effectiveness
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
-
-if TYPE_CHECKING:
-    from abhv_mc.execution.runner import RunResult
 
 DENSITY, LIFT, DRAG = (
     PARAMETER_INDEX[name] for name in ("atmosphere.density", "aero.lift", "aero.drag")
@@ -46,7 +41,7 @@ _EXTREMES = {
 }
 
 
-def make_plan(name: str, gain: float = 1.0, vehicle: Vehicle | None = None) -> FlightPlan:
+def make_plan(name, gain=1.0, vehicle=None):
     """Return a plan with small arrays; the fake flight reads its first gain."""
     plan = _fill(FlightPlan)
     vehicle = vehicle or load_vehicle(shipped_configs() / "vehicle/nesc/brick.yaml")
@@ -90,17 +85,15 @@ def _fill(kind):
     return np.arange(4.0) / 3.0
 
 
-def prepare(vehicle: Path, mission: Path, controller: Path, name: str) -> FlightPlan:
+def prepare(vehicle, mission, controller, name):
     """Return a plan with the gain in the controller's file."""
-    text = controller.read_text(encoding="utf-8")
+    text = controller.read_text("utf-8")
     if "gain:" not in text:
         raise InputError(controller, "no gain", "gain: 1.0", 1, 1)
     return make_plan(name, float(text.partition("gain:")[2]), load_vehicle(vehicle))
 
 
-def fly(
-    plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
-) -> FlightBlock:
+def fly(plan, parameters, record_every=None):
     """Fly rows of parameters."""
     density, lift, drag = parameters[:, DENSITY], parameters[:, LIFT], parameters[:, DRAG]
     error = np.sin(40.0 * density) + np.cos(9.0 * lift) * drag
@@ -130,7 +123,7 @@ def fly(
     )
 
 
-def record(block: FlightBlock, recording: Recording) -> FlightBlock:
+def record(block, recording):
     """Return the requested channels and ticks of a block that has all."""
     if not recording.every:
         return replace(block, history=block.history[:, :0], times=np.empty(0))
@@ -147,16 +140,14 @@ def record(block: FlightBlock, recording: Recording) -> FlightBlock:
     )
 
 
-def around(samples_of: np.ndarray, every: int, extreme: np.ufunc) -> np.ndarray:
+def around(samples_of, every, extreme):
     """Return extremes [sample, channel] of all flights between the neighbours of each sample."""
     samples = range(0, samples_of.shape[1], every)
     pieces = [samples_of[:, max(0, k - every) : k + every + 1] for k in samples]
     return np.stack([extreme.reduce(piece, axis=(0, 1)) for piece in pieces]) + np.float32(0.0)
 
 
-def fly_slowly(
-    plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
-) -> FlightBlock:
+def fly_slowly(plan, parameters, record_every=None):
     """Fly slowly enough to be interrupted."""
     time.sleep(0.02)
     return fly(plan, parameters, record_every)
@@ -166,13 +157,11 @@ ENGINE = Engine(prepare, fly, "fake")
 SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
 
 
-def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
+def interrupted_after(calls, engine=ENGINE):
     """Return an engine that is interrupted after a number of blocks; the first are trials."""
     left = iter(range(calls))
 
-    def fly_until(
-        plan: FlightPlan, parameters: np.ndarray, record_every: Recording | int | None = None
-    ) -> FlightBlock:
+    def fly_until(plan, parameters, record_every=None):
         if len(parameters) and next(left, None) is None:
             raise KeyboardInterrupt
         return engine.fly(plan, parameters, record_every)
@@ -180,7 +169,7 @@ def interrupted_after(calls: int, engine: Engine = ENGINE) -> Engine:
     return replace(engine, fly=fly_until)
 
 
-def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "RunResult":
+def run(campaign, out, engine=ENGINE, **options):
     """Run a campaign with the options of a request."""
     from abhv_mc.execution.runner import run_campaign  # not where workers import this file
     from abhv_mc.requests import Request
@@ -188,19 +177,19 @@ def run(campaign: Path, out: Path, engine: Engine = ENGINE, **options: Any) -> "
     return run_campaign(Request(campaign, out, **options), engine)
 
 
-def write_campaign(folder: Path, **entries: str) -> Path:
+def write_campaign(folder, **entries):
     """Write a campaign file and its inputs; ``entries`` (YAML) replace or add top-level keys."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "tables").mkdir(exist_ok=True)
-    (folder / "tables/cl.csv").write_text("mach,value\n1,2\n2,3\n", encoding="utf-8")
-    brick = (shipped_configs() / "vehicle/nesc/brick.yaml").read_text(encoding="utf-8")
+    (folder / "tables/cl.csv").write_text("mach,value\n1,2\n2,3\n", "utf-8")
+    brick = (shipped_configs() / "vehicle/nesc/brick.yaml").read_text("utf-8")
     brick = brick.replace("tables:\n", "tables:\n  lift: {file: tables/cl.csv}\n")
     lift = "aerodynamics:\n  lift:\n    - {table: lift}\n"
-    (folder / "vehicle.yaml").write_text(brick.replace("aerodynamics:\n", lift), encoding="utf-8")
-    mission = (shipped_configs() / "mission/paper_s.yaml").read_text(encoding="utf-8")
-    (folder / "mission.yaml").write_text(mission, encoding="utf-8")
-    (folder / "one.yaml").write_text("gain: 1.0\n", encoding="utf-8")
-    (folder / "two.yaml").write_text("gain: 2.0\n", encoding="utf-8")
+    (folder / "vehicle.yaml").write_text(brick.replace("aerodynamics:\n", lift), "utf-8")
+    mission = (shipped_configs() / "mission/paper_s.yaml").read_text("utf-8")
+    (folder / "mission.yaml").write_text(mission, "utf-8")
+    (folder / "one.yaml").write_text("gain: 1.0\n", "utf-8")
+    (folder / "two.yaml").write_text("gain: 2.0\n", "utf-8")
     lines = {
         "name": "fake",
         "vehicle": "vehicle.yaml",
@@ -219,5 +208,5 @@ def write_campaign(folder: Path, **entries: str) -> Path:
         **entries,
     }
     path = folder / "campaign.yaml"
-    path.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()), encoding="utf-8")
+    path.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()), "utf-8")
     return path

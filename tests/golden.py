@@ -17,7 +17,6 @@ import re
 import shlex
 import sys
 import tempfile
-from collections.abc import Iterator
 from contextlib import ExitStack, chdir, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from unittest.mock import patch
 import numpy as np
 from fake_flight import ENGINE
 from fake_flight import write_campaign as write_fake
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from own_simulators import DIVE_CHANNELS, DIVE_HISTORY, dive_campaign
 from report import synthetic
 
@@ -60,6 +60,7 @@ _OTHER = {
     "machine",
     "versions",
     "labels",
+    "label",
 }
 _STATUS = re.compile(r"[A-Za-z][\w.]*|NOT SHOWN")
 _DIGITS = 12  # that are stored
@@ -105,13 +106,50 @@ QUICK = {
         tighten a aero.lift.sigma=4% --json tighten.json
         explain a --all --controller two --json explain.json
         report a -o r --requirements r.yaml --junit r.xml
+        explain a --flight 5 --controller two -o e.png
+        replay a --flight 5 --controller two -o h.png
+        compare a b -o ab
+        show metrics b --json metrics.json
+        show nothing a
+        list metrics
+        list channels
+        list controllers
+        list missions
+        query a --json x.json
+        margins level --worst
+        margins s_manoeuvre --worst --bank 5
+        margins s_manoeuvre --worst --at 2s
+        margins s_manoeuvre --worst --hold speed
+        margins s_manoeuvre --worst -o x
+        margins s_manoeuvre --worst --vehicle abhv
+        run c/campaign.yaml -o x --baseline a --no-report
+        run c/campaign.yaml -o x --runs 0
+        run c/campaign.yaml -o x --shard 4/3
+        explain a
+        explain a --all --flight 3
+        replay a --flight 300 --controller one
+        replay a --flight 5 --controller three
+        compare a b --controllers one
+        compare a b --fail-if-worse altitude_error_max_m
+        tighten a aero.drag.sigma=4%
+        tighten a aero.lift.sigma=60%
+        tighten a aero.lift.sigma=-1%
+        merge a a -o x
+        report nowhere
+        trim nowhere
     """,
     "searches": """
         run d/campaign.yaml -o a
         worst d/campaign.yaml --metric altitude_error_max_m --flights 200 -o w --json w.json
         worst d/campaign.yaml --metric altitude_error_max_m --below --flights 160 --box 2 -o x
         rare c/campaign.yaml --requirement high --flights 3000 -o y --json y.json
-        place t.csv d/campaign.yaml --controller one --json place.json
+        rare c/campaign.yaml --requirement sideslip_max_deg --flights 2000 --controller two -o z
+        place t.csv d/campaign.yaml --controller one --json place.json -o p
+        place t.csv d/campaign.yaml --controller two --measured altitude_error_max_m=0.5
+        place t.csv d/campaign.yaml
+        worst d/campaign.yaml --metric nothing -o x
+        worst d/campaign.yaml --metric altitude_error_max_m --flights 0 -o x
+        rare c/campaign.yaml --requirement nothing -o x
         explain a --flight 5 --controller two --requirement altitude_error_max_m
     """,
     "physics": """
@@ -127,7 +165,9 @@ QUICK = {
         query x "from flights order by flight, controller" --csv -
         trim s_manoeuvre --bank 0,40 --rotating
         trim f16 --altitude 3048 --speed 170 --flight-path-angle 5
-        margins s_manoeuvre --bank 30 --controllers tlc,lqr
+        margins s_manoeuvre --bank 30 --controllers tlc,lqr --json m.json
+        fly level --controllers tlc,lqr --json f.json
+        show failure_cases b
     """,
     "sections": """
         show summary s
@@ -147,6 +187,7 @@ _PRINTED = re.compile(
     r"(?<![\w.-])-?\d{1,6}(?:\.\d+)?(?:e[-+]?\d{1,2})?(?!\.?\w|-)"
     r"|\b(?:PASS|FAIL|NOT SHOWN|ESTIMATE|one|two|TLC|LQR)\b"
 )
+_CANVAS = "abhv_mc.topics.figure_style.FigureCanvasAgg"
 _MIXED = """{atmosphere.density: {distribution: triangular, half_width: 10 %}, aero.lift:
   {distribution: truncated_normal, sigma: 5 %, half_width: 8 %, probability: 0.5}, aero.drag:
   {distribution: discrete, values: [0.9, 1, 1.2], weights: [1, 2, 1]}}"""
@@ -162,7 +203,7 @@ _CAMPAIGNS = {
 }
 
 
-def run_program(folder: Path, *arguments: object) -> int | str | None:
+def run_program(folder, *arguments):
     """Run a command of the program in this process; exit codes of verdicts are ignored."""
     with ExitStack() as stack:
         stack.enter_context(patch.dict(os.environ, {"XDG_CONFIG_HOME": str(folder / "config")}))
@@ -172,13 +213,13 @@ def run_program(folder: Path, *arguments: object) -> int | str | None:
         try:
             main()
         except SystemExit as ended:
-            if ended.code not in (None, 0, 1):
+            if ended.code not in (None, 0, 1, 2):
                 raise
             return ended.code
     return None
 
 
-def make_report(case: str, folder: Path) -> Any:
+def make_report(case, folder):
     """Return the numbers and statuses of a case's ``report.json``, made in an empty folder."""
     if case in QUICK:
         return make_outputs(case, folder)
@@ -209,7 +250,7 @@ def make_report(case: str, folder: Path) -> Any:
     return keep_numbers(report)
 
 
-def make_outputs(case: str, folder: Path) -> Any:
+def make_outputs(case, folder):
     """Return exit codes of a quick case's commands, and the numbers that they print or write."""
     outputs: dict[str, Any] = {}
     if case == "sections":
@@ -227,25 +268,29 @@ def make_outputs(case: str, folder: Path) -> Any:
     (folder / "r.yaml").write_text(f"requirements: {_LIMITS.replace('3.4', '2')}")
     engine = replace(make_engine(), find_stability=None) if case == "physics" else ENGINE
     simulator = patch("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: engine)
-    with chdir(folder), simulator:
+    drawn: list[Any] = []
+    canvas = patch(_CANVAS, lambda figure: drawn.append(figure) or FigureCanvasAgg(figure))
+    with chdir(folder), simulator, canvas:
         for command in filter(None, map(str.strip, QUICK[case].splitlines())):
             with redirect_stdout(io.StringIO()) as printed:
                 code = run_program(folder, *shlex.split(command))
-            outputs[command] = [int(code or 0), *read_printed(printed.getvalue())]
-    for path in sorted([*folder.glob("*.[jx]*"), *folder.glob("r/*.csv")]):
-        text = path.read_text("utf-8")
-        is_json = path.suffix == ".json"
+            curves = [row for figure in drawn for row in describe_figure(figure)]
+            outputs[command] = [int(code or 0), *read_printed(printed.getvalue()), *curves]
+            drawn.clear()
+    for path in sorted([*folder.glob("*.[jx]*"), *folder.glob("r/*.[ch]*")]):
+        text = path.read_text("utf-8").rpartition('id="page-data">')[2].partition("</script>")[0]
+        is_json = path.suffix in (".json", ".html")
         outputs[path.name] = json.loads(text) if is_json else list(read_printed(text))
     return keep_numbers(outputs)
 
 
-def read_printed(text: str) -> Iterator[float | str]:
+def read_printed(text):
     """Yield the numbers, statuses and controllers in a text."""
     for part in _PRINTED.findall(text.replace("\u202f", "").replace("\u2212", "-")):
         yield part if part[-1].isalpha() else float(part)
 
 
-def describe_figure(figure: Any) -> Iterator[list[Any]]:
+def describe_figure(figure):
     """Yield the limits of each axes, and the number and weighted sums of the points of artists."""
     for axes in figure.axes:
         yield [*axes.get_xlim(), *axes.get_ylim()]
@@ -259,7 +304,7 @@ def describe_figure(figure: Any) -> Iterator[list[Any]]:
             yield [len(values), *(np.linspace(1.0, 2.0, len(values)) @ values).tolist()]
 
 
-def keep_numbers(value: Any) -> Any:
+def keep_numbers(value):
     """Return a value of ``report.json`` without texts and entries that depend on the folder."""
     if isinstance(value, dict):
         return {
@@ -274,13 +319,11 @@ def keep_numbers(value: Any) -> Any:
     return value
 
 
-def _is_text(value: Any) -> bool:
+def _is_text(value):
     return isinstance(value, str) and not _STATUS.fullmatch(value)
 
 
-def find_differences(
-    stored: Any, value: Any, tolerance: float = _TOLERANCE, path: str = ""
-) -> Iterator[str]:
+def find_differences(stored, value, tolerance=_TOLERANCE, path=""):
     """Yield stored numbers and statuses that are missing or differ; new entries are ignored."""
     if isinstance(stored, dict) and isinstance(value, dict):
         for name, entry in stored.items():
@@ -298,24 +341,24 @@ def find_differences(
         yield f"{path}: {value!r} instead of {stored!r}"
 
 
-def _is_same(stored: Any, value: Any, tolerance: float) -> bool:
+def _is_same(stored, value, tolerance):
     if isinstance(stored, float) and isinstance(value, float):
         return math.isclose(stored, value, rel_tol=tolerance, abs_tol=_ZERO)
     return type(stored) is type(value) and bool(stored == value)
 
 
-def compare_report(case: str, folder: Path) -> list[str]:
+def compare_report(case, folder):
     """Return the differences of a case's report, made in an empty folder, from the stored one."""
     tolerance = _TOLERANCES.get(case, _TOLERANCE)
     return list(find_differences(read_stored(case), make_report(case, folder), tolerance))
 
 
-def read_stored(case: str) -> Any:
+def read_stored(case):
     """Return the stored numbers of a case."""
     return json.loads(gzip.decompress((STORED / f"{case}.json.gz").read_bytes()))
 
 
-def write_stored(case: str, numbers: Any) -> Path:
+def write_stored(case, numbers):
     """Store the numbers of a case, in the same bytes for the same numbers."""
     text = json.dumps(numbers, separators=(",", ":"))
     path = STORED / f"{case}.json.gz"
@@ -323,7 +366,7 @@ def write_stored(case: str, numbers: Any) -> Path:
     return path
 
 
-def _renew() -> None:
+def _renew():
     parser = argparse.ArgumentParser(description="Renew the stored numbers of small reports.")
     parser.add_argument(
         "--renew", nargs="*", metavar="NAME", choices=[*CASES, *QUICK], required=True

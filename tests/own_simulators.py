@@ -2,8 +2,6 @@
 
 import json
 import re
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -52,7 +50,7 @@ DIVE_CHANNELS = {
 }
 
 
-def write_study(folder: Path, source: str, **changes: Any) -> Path:
+def write_study(folder, source, **changes):
     """Write a campaign with two inputs and the metric ``total``; ``source`` is its simulator."""
     folder.mkdir(exist_ok=True)
     (folder / "sim.py").write_text(source)
@@ -73,7 +71,7 @@ def write_study(folder: Path, source: str, **changes: Any) -> Path:
     return path
 
 
-def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
+def dive_campaign(folder, source=DIVE, **changes):
     """Write a campaign of a dive recovery with the simulator ``source``; None removes a key."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dive.py").write_text(source)
@@ -111,7 +109,7 @@ def dive_campaign(folder: Path, source: str = DIVE, **changes: Any) -> Path:
     return path
 
 
-def shown_text(page: Path) -> str:
+def shown_text(page):
     """Return the text of a page without its scripts."""
     return re.sub(r"(?s)<(script|style|noscript).*?</\1>|<[^>]*>", " ", page.read_text("utf-8"))
 
@@ -129,7 +127,7 @@ def fly(inputs, settings):
 """
 
 
-def glide_campaign(folder: Path, **changes: Any) -> Path:
+def glide_campaign(folder, **changes):
     """Write a campaign with the simulator ``GLIDE`` and declared measurement errors."""
     spread = {"distribution": "normal", "sigma": "5 %"}
     wind = {"distribution": "normal", "sigma": "0.2 m/s", "varies_by": "flight"}
@@ -144,9 +142,7 @@ def glide_campaign(folder: Path, **changes: Any) -> Path:
     return write_study(folder, GLIDE, **entries | changes)
 
 
-def write_glide(
-    folder: Path, flights: Sequence[tuple[float, float, str, float]], ripple: float = 0.0
-) -> Path:
+def write_glide(folder, flights, ripple=0.0):
     """Write records of flights with (drag, lift, vehicle, clock offset); return their table.
 
     Four samples of the speed are missing in each record.
@@ -168,5 +164,5 @@ def write_glide(
         np.savetxt(folder / f"{k}.csv", table, delimiter=",", header=heads, comments="")
         lines.append(f"{k}.csv,{vehicle}")
     path = folder / "flights.csv"
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.write_text("\n".join(lines) + "\n", "utf-8")
     return path

@@ -9,8 +9,13 @@ from abhv_mc.cli.app import app
 
 
 def invoke(*arguments, **options):
-    """Return the result of a command that runs in this process."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments], **options)
+    """Return the result of a command, in one or several texts, that runs in this process."""
+    return CliRunner().invoke(app, words_of(*arguments), **options)
+
+
+def words_of(first, *further):
+    """Return the arguments of a command; a single text is split at its blanks."""
+    return [str(first), *map(str, further)] if further else str(first).split()
 
 
 def run_python(*arguments, check=False, **options):

@@ -3,25 +3,21 @@
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.shipped import find_input, shipped_configs
 from abhv_mc_vehicle.flight.fly import nominal_parameters
-from abhv_mc_vehicle.flight.plan import FlightPlan
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 from abhv_mc_vehicle.one_flight.fly_once import make_flight_plan
 
 
 def short_plan(
-    ticks: int,
-    controller: str | Path = "tlc",
-    mission: str | Path = "s_manoeuvre",
-    vehicle: str | Path | Mapping[str, Any] = "ghame_x",
-) -> FlightPlan:
+    ticks,
+    controller="tlc",
+    mission="s_manoeuvre",
+    vehicle="ghame_x",
+):
     """Return a plan of the first control ticks of a mission.
 
     Inputs are shipped names or paths; the vehicle can also be given by its changes.
@@ -30,32 +26,30 @@ def short_plan(
     return cut(make_flight_plan(str(mission), vehicle, str(controller)), ticks)
 
 
-def change_vehicle(folder: Path, *changes: tuple[str, str], name: str = "ghame_x") -> Path:
+def change_vehicle(folder, *changes, name="ghame_x"):
     """A shipped vehicle's file with other words; its tables stay where they are."""
-    text = find_input(name, "vehicle").read_text(encoding="utf-8")
+    text = find_input(name, "vehicle").read_text("utf-8")
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
     path = folder / "vehicle.yaml"
-    path.write_text(
-        re.sub(r"file: (?=\w+/)", f"file: {shipped_configs()}/vehicle/", text), encoding="utf-8"
-    )
+    path.write_text(re.sub(r"file: (?=\w+/)", f"file: {shipped_configs()}/vehicle/", text), "utf-8")
     return path
 
 
-def write_law(folder: Path, text: str) -> Path:
+def write_law(folder, text):
     """The file of a controller that is a user's law in Python, beside the law."""
-    (folder / "law.py").write_text(text, encoding="utf-8")
-    (folder / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n", encoding="utf-8")
+    (folder / "law.py").write_text(text, "utf-8")
+    (folder / "law.yaml").write_text("law: python\nfile: law.py\nrate: 100 Hz\n", "utf-8")
     return folder / "law.yaml"
 
 
-def cut(plan: FlightPlan, ticks: int) -> FlightPlan:
+def cut(plan, ticks):
     rows = {name: getattr(plan, name)[: ticks + 1] for name in ("reference", "gains")}
     return replace(plan, timing=plan.timing._replace(ticks=ticks), **rows)
 
 
-def rows_of(*cases: dict[str, float]) -> np.ndarray:
+def rows_of(*cases):
     """Parameters ``[flight, parameter]``: nominal but for what each flight's case names."""
     rows = nominal_parameters(len(cases))
     for row, case in zip(rows, cases, strict=True):
@@ -64,7 +58,7 @@ def rows_of(*cases: dict[str, float]) -> np.ndarray:
     return rows
 
 
-def disperse(flights: int) -> np.ndarray:
+def disperse(flights):
     """Return rows of which every third flight ends at the start, so that its lane is reused."""
     rows = nominal_parameters(flights)
     generator = np.random.default_rng(7)
@@ -79,7 +73,7 @@ def disperse(flights: int) -> np.ndarray:
     return rows
 
 
-def assert_same(first: FlightBlock, second: FlightBlock, rows: Any = slice(None)) -> None:
+def assert_same(first, second, rows=slice(None)):
     """Assert that rows of one block equal another block."""
     for name in ("outcome", "end_time", "metrics", "history", "states"):
         assert np.array_equal(

@@ -49,7 +49,7 @@ def test_help_lists_what_is_public_and_no_more(repository):
     assert listed - {"Exception", "ValueError"} == {
         name for name in public if callable(getattr(abhv_mc, name))
     }
-    page = (repository / "docs/reference/python.md").read_text(encoding="utf-8")
+    page = (repository / "docs/reference/python.md").read_text("utf-8")
     assert {name for name in public if f"abhv_mc.{name}" not in page} == set()
 
 

@@ -125,11 +125,11 @@ def test_what_cannot_be_explained_is_refused(flown, table):
 @pytest.mark.usefixtures("fake_engine")
 def test_the_command_prints_the_causes_and_draws_the_flight(flown, table, tmp_path, abhv_mc):
     flight = int(table.query("outcome != 'ok'").index[0])
-    code, output, _ = abhv_mc("explain", flown, "--flight", flight, "--controller", "two")
+    code, output, _ = abhv_mc(f"explain {flown} --flight {flight} --controller two")
     assert code == 0 and re.search(r"\b1\D+2\b", output) and "atmosphere.density" in output
     assert (flown / f"explained/two-{flight}.png").stat().st_size > 10_000
     numbers = json.loads(
-        abhv_mc("explain", flown, "--flight", flight, "--json", "-", "-o", tmp_path / "x.png")[1]
+        abhv_mc(f"explain {flown} --flight {flight} --json - -o {tmp_path / 'x.png'}")[1]
     )
     assert numbers["controller"] == "one" and list(numbers["causes"]) == ["atmosphere.density"]
     assert numbers["smallest"]
@@ -191,8 +191,8 @@ def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
     digest = read_manifest(CampaignFolder(flown).manifest).digest
     path = write_map(flown, mapped[1])
     assert read_map(flown, digest) == mapped[1] and read_map(flown, "another") is None
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace('"failed"', '"broken"'), encoding="utf-8")
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('"failed"', '"broken"'), "utf-8")
     with pytest.raises(InputError, match="explain"):
         read_map(flown, digest)
     path.unlink()
@@ -204,21 +204,18 @@ def test_a_map_is_kept_for_its_flights_alone(flown, mapped):
 def test_the_command_keeps_it_and_the_report_shows_it(flown, abhv_mc):
     build_page(flown)
     assert is_up_to_date(flown)
-    code, output, _ = abhv_mc("explain", flown, "--all", "--json", "-")
+    code, output, _ = abhv_mc(f"explain {flown} --all --json -")
     assert code == 0 and not is_up_to_date(flown)
     assert not list(verify_campaign(flown))  # the map does not make the older report wrong
     numbers = json.loads(output)
-    page = build_page(flown).read_text(encoding="utf-8")
-    assert (
-        json.loads((flown / "report.json").read_text(encoding="utf-8"))["failures"]["map"]
-        == numbers
-    )
+    page = build_page(flown).read_text("utf-8")
+    assert json.loads((flown / "report.json").read_text("utf-8"))["failures"]["map"] == numbers
     flight = numbers["two"]["groups"][0]["flights"][0]
     assert "density low" in page and "--controller two --flight NUMBER</code>" in page
     assert f'data-show="two {flight}"' in page
-    assert "density low" in abhv_mc("explain", flown, "--all", "--controller", "two")[1]
+    assert "density low" in abhv_mc(f"explain {flown} --all --controller two")[1]
     assert list(
-        json.loads((flown / "explained/failures.json").read_text(encoding="utf-8"))["controllers"]
+        json.loads((flown / "explained/failures.json").read_text("utf-8"))["controllers"]
     ) == ["two"]
     for wrong in (["--all", "--flight", "1"], [], ["--all", "--controller", "three"]):
         assert abhv_mc("explain", flown, *wrong)[0] == 2

@@ -28,7 +28,7 @@ def test_fly_prints_every_metric_of_every_controller():
     for metric in METRICS:
         values = next(row[1:] for row in rows if row and row[0] == metric.name)
         assert len(values) == 2 and np.isfinite([float(value) for value in values]).all()
-    figures = json.loads(invoke("fly", "level", "--controllers", "lqr,tlc", "--json", "-").stdout)
+    figures = json.loads(invoke("fly level --controllers lqr,tlc --json -").stdout)
     assert list(figures["controllers"]) == ["lqr", "tlc"] and figures["vehicle"] == "abhv"
     flown = figures["controllers"]["tlc"]
     assert flown["outcome"] == "ok" and flown["end_time_s"] == 60.0
@@ -96,7 +96,7 @@ def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository)
         )
         assert (point["altitude_m"], point["speed_mps"]) == (20e3, 1400.0)
         assert point["points"][0]["angle_of_attack_deg"] == pytest.approx(3.160, abs=0.001)
-    climb = json.loads(invoke("trim", "f16_level", "--vehicle", "f16", "--json", "-").stdout)
+    climb = json.loads(invoke("trim f16_level --vehicle f16 --json -").stdout)
     assert climb["altitude_m"] == pytest.approx(3051.96, abs=0.01)
     error = invoke("trim", repository / "configs/vehicle/nesc/sphere.yaml").exception
     assert isinstance(error, InputError) and error.file.endswith("sphere.yaml")
@@ -113,12 +113,12 @@ def test_trim_prints_degrees_and_exits_with_1_if_a_point_has_no_trim(repository)
     ],
 )
 def test_definitions_are_listed_as_text_and_as_json(kind, names):
-    listed = json.loads(invoke("list", kind, "--json", "-").stdout)
+    listed = json.loads(invoke(f"list {kind} --json -").stdout)
     assert [entry["name"] for entry in listed] == names
     table = invoke("list", kind).stdout
     assert all(f"{entry['name']} " in table and entry["doc"] in table for entry in listed)
     if kind == "schemas":
-        assert json.loads(invoke("list", "schemas", "vehicle").stdout) == make_schema("vehicle")
+        assert json.loads(invoke("list schemas vehicle").stdout) == make_schema("vehicle")
 
 
 KEYS = [
@@ -262,7 +262,7 @@ def test_linearize_at_several_times_stacks_the_models_of_each_time(tmp_path):
 
 
 def test_linearize_can_write_only_the_gains_of_a_controller(tmp_path):
-    result = invoke("linearize", "level", "--controller", "lqr", "--gains", tmp_path / "gains.mat")
+    result = invoke(f"linearize level --controller lqr --gains {tmp_path / 'gains.mat'}")
     assert result.exit_code == 0, result.exception
     assert scipy.io.loadmat(tmp_path / "gains.mat") and len([*tmp_path.iterdir()]) == 1
 

@@ -1,10 +1,13 @@
 """Tests of tables on a terminal, which are wrapped, then split, but never cut."""
 
+import io
 import os
+import sys
 from itertools import pairwise
 
 import pytest
 
+from abhv_mc.cli.errors import open_streams
 from abhv_mc.cli.printing import new_table, print_section_table, print_table
 from abhv_mc.topics.topic import Cell, Table, grouped
 
@@ -80,3 +83,10 @@ def test_the_last_column_is_not_cut(capsys):
     table.add_row("flight", *["123456789012"] * 5)
     print_table(table)
     assert capsys.readouterr().out.count("123456789012") == 5
+
+
+def test_characters_that_a_stream_cannot_encode_are_escaped(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(file := io.BytesIO(), "ascii"))
+    open_streams()
+    print("\u2212", flush=True)
+    assert file.getvalue() == b"\\u2212\n"

@@ -62,7 +62,7 @@ def test_the_recommended_next_command_works(abhv_mc, tmp_path, probability, met)
     requirements = f"[{{metric: altitude_error_max_m, {limit}}}]"
     campaign = write_campaign(tmp_path / "files", requirements=requirements)
     runs = 20 if met == "yes" else 300
-    output = abhv_mc("run", campaign, "--runs", runs)[1]
+    output = abhv_mc(f"run {campaign} --runs {runs}")[1]
     (command,) = re.findall(r"^Next +`abhv-mc (.*)`:", output, re.M)
     code, output, err = abhv_mc(*shlex.split(command))
     if met == "yes":
@@ -79,11 +79,11 @@ def test_an_interrupt_is_exit_code_3_and_the_same_command_resumes(abhv_mc, tmp_p
     assert code == 3 and "interrupted" in out and "resume" in err
     assert not (tmp_path / "reports/fake/report.html").exists()
     assert "interrupted" in abhv_mc("runs", "reports/fake")[1]
-    assert abhv_mc("run", campaign, "--no-report")[0] == 0
+    assert abhv_mc(f"run {campaign} --no-report")[0] == 0
 
 
 def test_runs_shows_one_campaign_or_lists_several(abhv_mc, flown):
-    code, out, _ = abhv_mc("runs", flown, "--json", "-")
+    code, out, _ = abhv_mc(f"runs {flown} --json -")
     status = json.loads(out)
     assert (
         code == 0
@@ -94,13 +94,13 @@ def test_runs_shows_one_campaign_or_lists_several(abhv_mc, flown):
     assert "complete, 60 of 60" in abhv_mc("runs", flown)[1]
     (flown.parent / "other").mkdir()
     (flown.parent / "other/manifest.json").write_text("{}")
-    listed = json.loads(abhv_mc("runs", "--json", "-")[1])
+    listed = json.loads(abhv_mc("runs --json -")[1])
     assert [entry["name"] for entry in listed] == ["fake"]
     assert status["digest"][:12] in abhv_mc("runs")[1]
     assert abhv_mc("runs", flown / "nowhere")[0] == 2
     manifest = flown / "manifest.json"
     write_manifest(manifest, replace(read_manifest(manifest), state="running"))  # killed
-    assert json.loads(abhv_mc("runs", flown, "--json", "-")[1])["state"] == "interrupted"
+    assert json.loads(abhv_mc(f"runs {flown} --json -")[1])["state"] == "interrupted"
 
 
 def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
@@ -115,8 +115,8 @@ def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
     code, _, err = abhv_mc(*flight, "-o", tmp_path / "h.csv")
     assert code == 2 and ".parquet" in err and not (tmp_path / "h.csv").exists()
     assert (
-        abhv_mc("replay", flown, "--flight", 60)[0] == 2
-        and abhv_mc("replay", flown, "--flight", 59)[0] == 0
+        abhv_mc(f"replay {flown} --flight 60")[0] == 2
+        and abhv_mc(f"replay {flown} --flight 59")[0] == 0
     )
 
 
@@ -130,7 +130,7 @@ def test_replay_lists_differing_metrics(abhv_mc, flown, monkeypatch):
         "abhv_mc_vehicle.vehicle_simulator.simulator.make_engine",
         lambda: replace(ENGINE, fly=other),
     )
-    code, out, _ = abhv_mc("replay", flown, "--flight", 17, "--controller", "two")
+    code, out, _ = abhv_mc(f"replay {flown} --flight 17 --controller two")
     assert code == 1 and "speed_error_max_mps" in out and "differ" in out
 
 
@@ -139,7 +139,7 @@ def test_query(abhv_mc, flown):
         'select controller, count(*) n, max(abs("aero.lift" - 1)) d from flights '
         "group by controller order by 1"
     )
-    code, out, _ = abhv_mc("query", flown, sql, "--json", "-")
+    code, out, _ = abhv_mc(f"query {flown} {sql} --json -")
     rows = json.loads(out)
     assert code == 0 and [(row["controller"], row["n"]) for row in rows] == [
         ("one", 60),
@@ -189,7 +189,7 @@ def test_an_endless_query_can_be_interrupted(flown, delay):
 
 
 def test_exported_numbers_are_exact(abhv_mc, flown, tmp_path):
-    code, out, _ = abhv_mc("query", flown, "--csv", tmp_path / "csv")
+    code, out, _ = abhv_mc(f"query {flown} --csv {tmp_path / 'csv'}")
     assert code == 0 and str(tmp_path / "csv/flights.csv") in out
     with (tmp_path / "csv/flights.csv").open() as file:
         rows = list(csv.DictReader(file))

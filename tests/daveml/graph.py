@@ -4,7 +4,6 @@ It is recursive and uses ElementTree and scipy.
 """
 
 import math
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,7 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 class Graph:
     """Values of a file's variables by varID, for inputs by varID."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path):
         root = ElementTree.parse(path).getroot()
         for node in root.iter():
             node.tag = node.tag.rpartition("}")[2]  # the name without its name space
@@ -47,11 +46,11 @@ class Graph:
             values = _numbers(table.find("dataTable")).reshape([axis.size for axis in axes])
             self.tables[name] = RegularGridInterpolator(axes, values)
 
-    def evaluate(self, inputs: dict[str, float]) -> dict[str, float]:
+    def evaluate(self, inputs):
         computed: dict[str, float] = {}
         return {name: self._value(name, inputs, computed) for name in self.outputs}
 
-    def _value(self, name: str, inputs: dict[str, float], computed: dict[str, float]) -> float:
+    def _value(self, name, inputs, computed):
         if name not in computed:
             node = self.variables[name]
             calculation = node.find("calculation")
@@ -66,7 +65,7 @@ class Graph:
             computed[name] = min(value, float(node.get("maxValue", "inf")))
         return computed[name]
 
-    def _look_up(self, name: str, inputs, computed) -> float:
+    def _look_up(self, name, inputs, computed):
         table, point = self.tables[name], []
         for reference, axis in zip(
             self.functions[name].findall("independentVarRef"), table.grid, strict=True
@@ -79,7 +78,7 @@ class Graph:
             point.append(np.clip(x, axis[0], axis[-1]))
         return float(table(point)[0])
 
-    def _formula(self, node, inputs, computed) -> float:
+    def _formula(self, node, inputs, computed):
         if node.tag == "cn":
             return float(node.text)
         if node.tag == "ci":
@@ -109,5 +108,5 @@ class Graph:
         }[operator]()
 
 
-def _numbers(node: ElementTree.Element) -> np.ndarray:
+def _numbers(node):
     return np.array("".join(node.itertext()).replace(",", " ").split(), float)

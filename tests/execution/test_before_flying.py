@@ -19,15 +19,14 @@ def test_the_estimated_disk_space_is_needed(tmp_path, capfd):
     campaign = write_campaign(tmp_path / "files", execution="{workers: 2, batch: 60}")
     cost = estimate_campaign(read_campaign(campaign), ENGINE)
     run(campaign, tmp_path / "out")
-    rows = sum(path.stat().st_size for path in (tmp_path / "out/flights").iterdir())
-    assert cost.rows_bytes == pytest.approx(rows, rel=0.2)
-    assert (cost.flights, cost.controllers, cost.workers, cost.batch, cost.kept) == (
-        300,
-        2,
-        2,
-        60,
-        6,
+    rows, histories = (
+        sum(path.stat().st_size for path in (tmp_path / "out" / name).iterdir())
+        for name in ("flights", "histories")
     )
+    assert cost.rows_bytes == pytest.approx(rows, rel=0.2)
+    assert 0.1 < cost.histories_bytes / histories < 1.0  # a file holds few flights
+    counts = cost.flights, cost.controllers, cost.workers, cost.batch, cost.kept
+    assert counts == (300, 2, 2, 60, 6)
 
 
 def test_the_estimated_time_follows_the_number_of_flights(tmp_path):

@@ -44,7 +44,7 @@ def _write(path, margins, requirements="[]", batch="auto"):
     text = CAMPAIGN.format(
         configs=shipped_configs(), margins=margins, requirements=requirements, batch=batch
     )
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, "utf-8")
     return path
 
 
@@ -107,15 +107,13 @@ def test_invalid_corners_do_not_end_a_campaign(engine, tmp_path, seed):
         name: chance.choice(LAWS) for name in chance.sample(FACTORS, 3)
     }
     path = _write(tmp_path / "c.yaml", "{at: [trim, 1 s], flights: all}")
-    head, _, tail = path.read_text(encoding="utf-8").partition("  control.rudder")
+    head, _, tail = path.read_text("utf-8").partition("  control.rudder")
     entries = "".join(f"  {name}: {{distribution: {law}}}\n" for name, law in laws.items())
     text = f"{head}{entries}requirements{tail.partition('requirements')[2]}"
-    path.write_text(
-        text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), encoding="utf-8"
-    )
+    path.write_text(text.replace(f", lqr: {shipped_configs()}/control/lqr.yaml", ""), "utf-8")
     manifest = run(path, tmp_path / "c", engine, runs=6, workers=1).manifest
     assert manifest.state == "complete" and manifest.runs_failed == 0
-    stability = json.loads((tmp_path / "c/margins.json").read_text(encoding="utf-8"))["controllers"]
+    stability = json.loads((tmp_path / "c/margins.json").read_text("utf-8"))["controllers"]
     assert not any("not computed" in entry.get("fault", "") for entry in stability.values())
 
 
@@ -223,7 +221,7 @@ def test_late_delays_and_samples_are_rejected(flights_only, tmp_path, margins, l
     path = _write(tmp_path / "e.yaml", margins)
     path.write_text(
         path.read_text("utf-8").replace("requirements:", f"  {late}\nrequirements:"),
-        encoding="utf-8",
+        "utf-8",
     )
     with pytest.raises(InputError, match=pattern):
         run(path, tmp_path / "e", flights_only, workers=1)

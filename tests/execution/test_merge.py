@@ -211,7 +211,7 @@ def test_plans_of_another_folder_are_used(tmp_path):
 
     request = Request(campaign, tmp_path / "b", shard=(1, 2), plans=parts[0])
     assert run_campaign(request, replace(ENGINE, prepare=never)).complete
-    (campaign.parent / "one.yaml").write_text("gain: 3.0\n", encoding="utf-8")
+    (campaign.parent / "one.yaml").write_text("gain: 3.0\n", "utf-8")
     with pytest.raises(InputError, match=r"inputs/controllers/one/one\.yaml"):
         run(campaign, tmp_path / "c", plans=parts[0])
 

@@ -149,10 +149,8 @@ def test_a_run_judges_its_folder_and_lists_neighbours(abhv_mc, tmp_path):
     campaign = write_campaign(
         tmp_path / "f", requirements=ASKED.replace("0.93", "0.99"), runs="400"
     )
-    assert abhv_mc("run", campaign, "-o", "s1", "--seed", 1, "--no-report")[0] == 1
-    code, out, _ = abhv_mc(
-        "run", campaign, "-o", "s2", "--seed", 2, "--runs", 60, "--junit", "s2.xml"
-    )
+    assert abhv_mc(f"run {campaign} -o s1 --seed 1 --no-report")[0] == 1
+    code, out, _ = abhv_mc(f"run {campaign} -o s2 --seed 2 --runs 60 --junit s2.xml")
     own = json.loads(Path("s2/manifest.json").read_text())["requirements"][0]
     assert (code, own["verdict"], own["flights"]) == (0, "NOT SHOWN", 60)
     assert own["words"] in Path("s2.xml").read_text() and "of 60 flights" in own["words"]
@@ -163,6 +161,6 @@ def test_a_run_judges_its_folder_and_lists_neighbours(abhv_mc, tmp_path):
     assert "'s1' (400 flights: 1 FAIL)" in html.unescape(
         Path("s2/report.html").read_text()
     ) and is_up_to_date(Path("s2"))
-    assert abhv_mc("merge", "s2", "s1", "-o", "s2_merged", "--no-report")[0] == 1
-    abhv_mc("run", campaign, "-o", "s3", "--seed", 3, "--runs", 60, "--no-report")
+    assert abhv_mc("merge s2 s1 -o s2_merged --no-report")[0] == 1
+    abhv_mc(f"run {campaign} -o s3 --seed 3 --runs 60 --no-report")
     assert not is_up_to_date(Path("s2"))

@@ -84,7 +84,7 @@ def test_a_killed_fork_server_is_replaced(pool):
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux")
 def test_workers_ignore_interrupts(pool):
     """Ctrl-C reaches all processes of a terminal, and the parent handles it."""
-    status = Path(f"/proc/{find_worker(pool)}/status").read_text(encoding="ascii")
+    status = Path(f"/proc/{find_worker(pool)}/status").read_text("ascii")
     masks = [
         int(line.split()[1], 16)
         for line in status.splitlines()

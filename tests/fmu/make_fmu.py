@@ -37,12 +37,12 @@ LAYOUT = [("angle_of_attack", 2), ("bank_limit", 0)]
 
 
 def make_fmu(
-    file: Path,
-    version: int,
-    repository: Path,
-    units: dict[str, str] | None = None,
-    memory: str = "",
-) -> None:
+    file,
+    version,
+    repository,
+    units=None,
+    memory="",
+):
     """Write an FMU with ``units`` of some variables; only ``deg`` is defined.
 
     With ``memory`` the law has an integral of the speed error, which is a declared state
@@ -76,7 +76,7 @@ def make_fmu(
                 archive.write(path, path.relative_to(folder).as_posix())
 
 
-def describe(version: int, units: dict[str, str], memory: str) -> str:
+def describe(version, units, memory):
     end = len(INPUTS) + len(PARAMS) + len(OUTPUTS)  # a state and its rate
     kinds = [
         ("input", 0, INPUTS),
@@ -134,7 +134,7 @@ def describe(version: int, units: dict[str, str], memory: str) -> str:
 """
 
 
-def write_controller(file: Path, fmu: str, repository: Path) -> None:
+def write_controller(file, fmu, repository):
     """Write the controller file of such an FMU, and its design next to it."""
     shutil.copy(repository / "configs" / "control" / "lqr_c" / "lqr_design.py", file.parent)
     lines = [
@@ -149,7 +149,7 @@ def write_controller(file: Path, fmu: str, repository: Path) -> None:
     file.write_text("\n".join(lines) + "\n")
 
 
-def measure_leak(plan, rounds: int) -> tuple[int, int]:
+def measure_leak(plan, rounds):
     """Return the bytes and handles used by the second half of the calls; run in the child."""
     parameters, usage = nominal_parameters(LANES), []
     for _ in range(rounds):

@@ -113,8 +113,8 @@ def test_a_key_is_never_written(store, fake_engine, abhv_mc, tmp_path, monkeypat
     ]
     stored = contents(store.system)
     assert {"manifest.json", "report.html"} < set(stored)
-    answers += [abhv_mc("runs", url, "--json", "-"), abhv_mc("verify", "campaign", url)]
-    answers.append(abhv_mc("run", campaign, "--runs", 80, "--no-report", "-o", url))
+    answers += [abhv_mc(f"runs {url} --json -"), abhv_mc(f"verify campaign {url}")]
+    answers.append(abhv_mc(f"run {campaign} --runs 80 --no-report -o {url}"))
 
     def refuse(self, name, content, write=Objects.write):
         if not name.startswith(LEASE_NAME):
@@ -122,7 +122,7 @@ def test_a_key_is_never_written(store, fake_engine, abhv_mc, tmp_path, monkeypat
         write(self, name, content)
 
     monkeypatch.setattr(Objects, "write", refuse)
-    answers.append(abhv_mc("run", campaign, "--runs", 96, "--no-report", "-o", url))
+    answers.append(abhv_mc(f"run {campaign} --runs 96 --no-report -o {url}"))
     assert [code for code, *_ in answers] == [0, 0, 0, 0, 3]
     local = Path(re.search(r"kept in (\S+):", answers[-1][2])[1])
     assert '"runs_done": 96' in (local / "manifest.json").read_text()

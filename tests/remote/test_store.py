@@ -55,14 +55,14 @@ def manifest_of(store, base):
 def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     store, address, base = bucket
     campaign = write_campaign(tmp_path / "f")
-    assert abhv_mc("run", campaign, "-o", tmp_path / "whole", "--no-report")[0] == 0
+    assert abhv_mc(f"run {campaign} -o {tmp_path / 'whole'} --no-report")[0] == 0
     with monkeypatch.context() as patched:
         stopped = interrupted_after(6)
         patched.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: stopped)
-        assert abhv_mc("run", campaign, "-o", address)[0] == 3
+        assert abhv_mc(f"run {campaign} -o {address}")[0] == 3
     flights = {name for name in names(store, base) if name.startswith("flights/")}
     assert flights and manifest_of(store, base)["state"] == "interrupted"
-    code, out, _ = abhv_mc("run", campaign, "-o", address)
+    code, out, _ = abhv_mc(f"run {campaign} -o {address}")
     assert code == 0 and f"folder    {address}" in out
     stored = names(store, base)
     assert flights < stored and {"report.html", "envelopes.parquet", "samples.parquet"} < stored
@@ -74,19 +74,19 @@ def test_run_resume_report_and_query(bucket, abhv_mc, tmp_path, monkeypatch):
     assert manifest_of(store, base)["digest"] == reference["digest"]
     code, out, _ = abhv_mc("query", address, "select count(*) as n from flights", "--json", "-")
     assert (code, json.loads(out)) == (0, [{"n": 600}])
-    code, out, _ = abhv_mc("runs", address, "--json", "-")
+    code, out, _ = abhv_mc(f"runs {address} --json -")
     status = json.loads(out)
     assert (status["folder"], status["runs_done"], status["holder"]) == (address, 300, None)
     assert status["bytes"] > 50_000
-    assert abhv_mc("verify", "campaign", address)[0] == 0
+    assert abhv_mc(f"verify campaign {address}")[0] == 0
     assert (
-        abhv_mc("query", address, "--csv", tmp_path / "csv")[0] == 0
+        abhv_mc(f"query {address} --csv {tmp_path / 'csv'}")[0] == 0
         and (tmp_path / "csv/flights.csv").is_file()
     )
     assert abhv_mc("query", address)[0] == 2
     code, out, _ = abhv_mc("runs", address.replace("/first", "/"), "--json", "-")
     assert [(row["folder"], row["flights"]) for row in json.loads(out)] == [("first", 300)]
-    code, out, _ = abhv_mc("report", address, "-o", tmp_path / "here")
+    code, out, _ = abhv_mc(f"report {address} -o {tmp_path / 'here'}")
     assert (
         code == 0
         and (tmp_path / "here/report.html").is_file()

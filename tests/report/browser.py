@@ -125,7 +125,7 @@ def open_browser(profile):
     async def connect():
         while True:
             try:
-                port = (profile / "DevToolsActivePort").read_text(encoding="utf-8").split()[0]
+                port = (profile / "DevToolsActivePort").read_text("utf-8").split()[0]
                 listed = await http.AsyncHTTPClient().fetch(f"http://127.0.0.1:{port}/json/list")
                 (target,) = [entry for entry in json.loads(listed.body) if entry["type"] == "page"]
                 return await client.websocket_connect(

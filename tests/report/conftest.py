@@ -33,9 +33,9 @@ def models(report_folder):
 
 @pytest.fixture(scope="session")
 def report_page(report_folder):
-    return (report_folder / "report.html").read_text(encoding="utf-8")
+    return (report_folder / "report.html").read_text("utf-8")
 
 
 @pytest.fixture(scope="module")
 def report_json(report_folder):
-    return json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
+    return json.loads((report_folder / "report.json").read_text("utf-8"))

@@ -1,8 +1,6 @@
 """S manoeuvre from formulas, in place of the compiled flight, for tests of reports."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -155,17 +153,17 @@ def metrics_of(channels, reference):
 
 
 def write_campaign(
-    folder: Path,
-    runs: int = 60,
-    sampling: str = "random",
-    failing: int = 0,
-    seed: int = 2014,
-    controllers: Sequence[str] = CONTROLLERS,
-    requirements: Sequence[str] = REQUIREMENTS,
-    end: float = TICKS * TICK,
-    dispersions: str = DISPERSIONS,
-    **entries: str,
-) -> Path:
+    folder,
+    runs=60,
+    sampling="random",
+    failing=0,
+    seed=2014,
+    controllers=CONTROLLERS,
+    requirements=REQUIREMENTS,
+    end=TICKS * TICK,
+    dispersions=DISPERSIONS,
+    **entries,
+):
     """Run a campaign in which `failing` flights with the highest density are lost at ``end`` s.
 
     TLC loses none.
@@ -204,7 +202,7 @@ def write_campaign(
     return run(path, folder, Engine(prepare, fly, "synthetic"), workers=1).folder
 
 
-def build_page(folder: Path, baseline: Path | None = None) -> Path:
+def build_page(folder, baseline=None):
     """Build a campaign's report without its figures, which take most of the time."""
     make_figures = registry.make_figures
     with pytest.MonkeyPatch.context() as patch:

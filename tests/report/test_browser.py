@@ -52,7 +52,7 @@ def test_no_other_script_runs(page, report_page, tmp_path):
         "onerror='document.body.dataset.foreign = 1'>"
     )
     path = tmp_path / "foreign.html"
-    path.write_text(report_page.replace("</body>", foreign + "</body>"), encoding="utf-8")
+    path.write_text(report_page.replace("</body>", foreign + "</body>"), "utf-8")
     page.show(path)
     assert page.ask("document.body.dataset.foreign") is None
     assert "Content Security Policy" in str(page.told)

@@ -183,7 +183,7 @@ def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_pa
     campaign = tmp_path / "other files/campaign.yaml"
     with pytest.raises(InputError, match=r"'atmosphere\.density' is .*\b0\b"):
         check_baseline(read_campaign(campaign), before)
-    code, _, err = abhv_mc("run", campaign, "-o", tmp_path / "out", "--baseline", before)
+    code, _, err = abhv_mc(f"run {campaign} -o {tmp_path / 'out'} --baseline {before}")
     assert code == 2 and "'atmosphere.density' is " in err and not (tmp_path / "out").exists()
 
 
@@ -213,10 +213,10 @@ def fly(i, s):
 def versions(tmp_path_factory):
     """Write campaign files of versions 0, 1 (another worst point) and 2 (worse at one corner)."""
     root = tmp_path_factory.mktemp("versions")
-    (root / "law.py").write_text(LAW, encoding="utf-8")
+    (root / "law.py").write_text(LAW, "utf-8")
     for new in range(3):
         text = GATE % new + "outcomes: {crash: lost}\n"
-        (root / f"{new}.yaml").write_text(text, encoding="utf-8")
+        (root / f"{new}.yaml").write_text(text, "utf-8")
     return root
 
 

@@ -84,7 +84,7 @@ def figures(failing):
 
 def test_a_figure_that_fails_is_named_on_the_page(failing_folder, monkeypatch):
     monkeypatch.setattr(registry, "make_figures", lambda *_: {"margins": (1 // 0 for _ in "a")})
-    page = build_report(failing_folder).read_text(encoding="utf-8")
+    page = build_report(failing_folder).read_text("utf-8")
     assert re.search(r"\bmargins\b[^(]*\(ZeroDivisionError", page)
 
 

@@ -100,7 +100,7 @@ def test_axe_finds_nothing(page, name, request):
     page.show(request.getfixturevalue(name) / "report.html")
     page.ask("for (const part of document.querySelectorAll('details')) part.open = true")
     page.ask("document.querySelector('#flight-rows button').click()")
-    page.ask(axe.AXE_FILE_PATH.read_text(encoding="utf-8"))
+    page.ask(axe.AXE_FILE_PATH.read_text("utf-8"))
     violations = json.loads(
         page.ask("axe.run().then((found) => JSON.stringify(found.violations))", wait=True)
     )

@@ -40,7 +40,7 @@ aero.lift: {{distribution: normal, sigma: 5 %}}}}"
             ),
             folder / "out",
         ).folder
-        page = build_page(out).read_text(encoding="utf-8")
+        page = build_page(out).read_text("utf-8")
         numbers = json.loads((out / "report.json").read_text("utf-8"))
         table = pq.read_table(out / "flights").to_pandas()
         return SimpleNamespace(

@@ -49,7 +49,7 @@ def write_line(folder, **entries):
 
 
 ERROR, TRAVEL = METRIC_INDEX["altitude_error_rms_m"], METRIC_INDEX["elevator_travel_deg"]
-CONTROLLER = (Path(__file__).parents[2] / "configs/control/tlc.yaml").read_text(encoding="utf-8")
+CONTROLLER = (Path(__file__).parents[2] / "configs/control/tlc.yaml").read_text("utf-8")
 BLOCK = """\
 free: [{key: altitude.damping, factor: 3}, {key: altitude.bandwidth, factor: 4}]
 minimise: {metric: altitude_error_rms_m, quantile: 0.9}
@@ -97,6 +97,6 @@ def write_tuned(folder):
     campaign = write_campaign(
         folder / "files", dispersions="{aero.lift: {distribution: normal, sigma: 5 %}}"
     )
-    (folder / "files/one.yaml").write_text(CONTROLLER, encoding="utf-8")
-    (folder / "block.yaml").write_text(BLOCK, encoding="utf-8")
+    (folder / "files/one.yaml").write_text(CONTROLLER, "utf-8")
+    (folder / "block.yaml").write_text(BLOCK, "utf-8")
     return TuneRequest(campaign, folder / "new.yaml", block=folder / "block.yaml", workers=2)

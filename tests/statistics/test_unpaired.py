@@ -36,4 +36,5 @@ def test_no_interval_without_flights_beyond_the_quantile():
     values = np.arange(100.0)
     assert quantile_difference(values, values, 0.9973) is None
     assert quantile_difference(values, np.full(100, np.inf), 0.5) is None
+    assert quantile_difference(values[:20], np.arange(1e4), 0.99) is None
     assert quantile_difference(values, values + 2.0, 0.5).value == 2.0

@@ -17,7 +17,7 @@ from abhv_mc.statistics.evidence import (
 )
 from abhv_mc.statistics.family import hold_family, holm, judge_family
 from abhv_mc.statistics.flights_planned import ever_chance, pass_chance, together
-from abhv_mc.statistics.verdicts import advise, predict_pass, tolerance_limit
+from abhv_mc.statistics.verdicts import about, advise, predict_pass, tolerance_limit, verdict_words
 
 AT = 0.9973, 0.10
 
@@ -55,6 +55,16 @@ def test_worked_thresholds():
 )
 def test_what_the_counts_show(failures, flights, options, status):
     assert judge(failures, flights, *AT, **options).status == status
+
+
+def test_verdicts_are_printed_with_what_a_pass_needs():
+    needed = advise([judge(0, 500, *AT)]).flights
+    chance = about(predict_pass(judge(0, 500, *AT), needed))
+    words = verdict_words(judge(0, 500, *AT))
+    assert f"0 of 500 flights failed; {needed} " in words
+    assert f"--runs {needed}), " in words and words.endswith(chance)
+    assert verdict_words(judge(5, 500, *AT)).endswith("more failures than the requirement allows")
+    assert (about(0.0), about(0.534), about(1.0)) == ("about 1 %", "about 53 %", "about 99 %")
 
 
 def test_the_predicted_chance_is_the_mean_over_the_rates_that_the_flights_leave():

@@ -9,10 +9,13 @@ from scipy import integrate
 from scipy.stats import binom
 
 from abhv_mc.statistics.winner import (
+    Decision,
+    agree,
     compare_failures,
     compare_metric,
     decide,
     log_coin_evidence,
+    median_ratio,
     pairing_gain,
 )
 
@@ -120,6 +123,17 @@ def test_pairing_gain_is_the_ratio_of_variances():
     a, b = draw.normal(size=20000), draw.normal(size=20000)
     assert pairing_gain(a, b) == pytest.approx(1.0, abs=0.05)  # independent: nothing saved
     assert pairing_gain(a, a) is None
+
+
+def test_points_agree_on_one_side_and_collect_what_speaks_against_it():
+    first, second = Decision("a", (0.95,), (0.9973,)), Decision("a", (0.9,), (), loses_more=True)
+    assert agree([first, second]) == Decision("a", (0.9, 0.95), (0.9973,), loses_more=True)
+    assert agree([first, Decision("b")]) == agree([first, Decision("")]) == Decision("")
+
+
+def test_ratios_are_of_finite_positive_pairs():
+    a, b = np.array([2.0, 3.0, 8.0, np.inf, 0.0, 5.0]), np.array([1.0, 1.0, 2.0, 1.0, 1.0, -1.0])
+    assert median_ratio(a, b).value == 3.0 and median_ratio(a[1:], b[1:]) is None
 
 
 def test_failures_are_cross_counted():

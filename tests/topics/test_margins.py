@@ -60,7 +60,7 @@ def _steady():
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
     folder = write_campaign(tmp_path_factory.mktemp("stability") / "campaign", runs=40)
-    (folder / "margins.json").write_text(json.dumps(_steady()), encoding="utf-8")
+    (folder / "margins.json").write_text(json.dumps(_steady()), "utf-8")
     return Models(read_flown(folder))
 
 

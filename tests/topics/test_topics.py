@@ -226,6 +226,9 @@ def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
         row = replace(models[VERDICTS].glance[0], below=True, cells=cells)
         ((entry, _),) = chart_rows([row], names, names)
         assert entry.size == pytest.approx(size)
+    cells = ({"tlc": GlanceCell(k, k, k, k, status="PASS")} for k in range(10))
+    rows = [replace(row, limit=9.0, size=9.0, metric=k, cells=cell) for k, cell in enumerate(cells)]
+    assert [entry.metric for entry, _ in chart_rows(rows, names, names)] == [*range(9, 1, -1)]
 
 
 EXAMPLE = Path(__file__).parents[2] / "docs/how-to/correlate.py"
@@ -243,20 +246,20 @@ def topic():
 
 def test_it_stands_everywhere(topic, tmp_path):
     folder = write_campaign(tmp_path / "c", runs=40)
-    page = build_page(folder).read_text(encoding="utf-8")
+    page = build_page(folder).read_text("utf-8")
     assert (
         '<section id="correlate"' in page and '<a href="#correlate">Rank correlations</a>' in page
     )
-    stored = json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"][
-        "correlate"
-    ]["controllers"]
+    stored = json.loads((folder / "report.json").read_text("utf-8"))["topics"]["correlate"][
+        "controllers"
+    ]
     controllers = abhv_mc.open_results(folder).correlate.controllers
     assert (
         controllers["lqr"]["sideslip_max_deg"]["aero.lift"]
         == stored["lqr"]["sideslip_max_deg"]["aero.lift"]
         > 0.3
     )
-    printed = invoke("show", "correlate", folder)
+    printed = invoke(f"show correlate {folder}")
     assert printed.exit_code == 0 and "Speed error, max" in printed.stdout
     assert list(verify_campaign(folder)) == []
     REGISTERED.clear()
@@ -267,9 +270,7 @@ def test_one_that_raises_is_left_out_and_named(topic, tmp_path, capsys):
     register(Topic("broken", topic.model, lambda results: 1 / 0, topic.section))
     folder = write_campaign(tmp_path / "c", runs=40)
     build_page(folder)
-    assert list(json.loads((folder / "report.json").read_text(encoding="utf-8"))["topics"]) == [
-        "correlate"
-    ]
+    assert list(json.loads((folder / "report.json").read_text("utf-8"))["topics"]) == ["correlate"]
     errors = capsys.readouterr().err
     assert len(re.findall(r"(?m)\bbroken\b.*:$", errors)) == errors.count("ZeroDivisionError:") == 1
 

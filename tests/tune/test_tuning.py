@@ -38,7 +38,7 @@ def test_finds_the_best_numbers_within_the_limit_and_writes_them(tuned):
     assert law.altitude.bandwidth == pytest.approx(0.045, rel=0.02)  # 1.5 times the start's travel
     assert law.altitude.bandwidth <= 0.045
     assert result.shown and result.validation.high < 0.0
-    text = request.output.read_text(encoding="utf-8")
+    text = request.output.read_text("utf-8")
     assert text.startswith("# Made by `abhv-mc tune ") and "95 % interval" in text
     numbers = result.as_json()
     assert numbers["shown_better"] and len(numbers["front"]) > 1
@@ -100,7 +100,7 @@ def test_no_file_is_written_without_an_improvement(request_, tmp_path):
     """The start is already the best candidate."""
     (tmp_path / "files/one.yaml").write_text(
         CONTROLLER.replace("damping: 2.4, bandwidth: 0.03", "damping: 3.0, bandwidth: 0.06"),
-        encoding="utf-8",
+        "utf-8",
     )
     result = tune_controller(request_, TUNED)
     assert not result.shown
@@ -110,12 +110,12 @@ def test_no_file_is_written_without_an_improvement(request_, tmp_path):
 def test_the_best_candidate_outside_the_limits_is_written_as_rejected(request_, tmp_path):
     """If no candidate meets the limits, the best one is kept as rejected."""
     text = BLOCK.replace("below_start_times: 1.5", "below: 0.01")
-    request_.block.write_text(text, encoding="utf-8")
+    request_.block.write_text(text, "utf-8")
     result = tune_controller(request_, TUNED)
     assert not result.shown and not request_.output.exists()
     rejected = module.rejected_file(request_.output)
     assert rejected == tmp_path / "new.rejected.yaml"
-    assert rejected.read_text(encoding="utf-8").startswith("# REJECTED: ")
+    assert rejected.read_text("utf-8").startswith("# REJECTED: ")
     values = result.numbers.values(result.tuning.best_point)
     assert read_controller(rejected).altitude.bandwidth == pytest.approx(
         float(str(values["altitude.bandwidth"]).split()[0])
@@ -130,7 +130,7 @@ def test_validate_checks_the_names_of_free_numbers(tmp_path):
         lines = "".join(f"  {line}\n" for line in block.splitlines())
         path = write_campaign(tmp_path, tune=f"\n{lines}")
         for name in ("one", "two"):
-            (tmp_path / f"{name}.yaml").write_text(CONTROLLER, encoding="utf-8")
+            (tmp_path / f"{name}.yaml").write_text(CONTROLLER, "utf-8")
         return read_campaign(path)
 
     check_free_numbers(read(BLOCK))
@@ -157,7 +157,7 @@ def test_a_stability_margin_is_a_limit_of_the_nominal_vehicle_or_of_all_corners(
     )
     start = BLOCK[: BLOCK.index("limits:")]
     for vehicles, vehicle_count, expected in (("", 1, 0.05), (", vehicles: corners", 3, 0.02)):
-        request_.block.write_text(start + text % vehicles, encoding="utf-8")
+        request_.block.write_text(start + text % vehicles, "utf-8")
         out = request_.output.with_name(f"new{vehicle_count}.yaml")
         result = tune_controller(
             TuneRequest(request_.campaign, out, block=request_.block, workers=2), TUNED
@@ -191,9 +191,7 @@ def test_invalid_controllers_are_skipped(request_):
 
 def test_the_block_may_be_in_the_campaign_or_below_its_key(request_, tmp_path):
     wrapped = tmp_path / "wrapped.yaml"
-    wrapped.write_text(
-        "tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), encoding="utf-8"
-    )
+    wrapped.write_text("tune:\n" + "".join(f"  {line}\n" for line in BLOCK.splitlines()), "utf-8")
     campaign = read_campaign(request_.campaign)
     alone, _, _ = module.read_tune_block(campaign, request_.block)
     below, _, _ = module.read_tune_block(campaign, wrapped)
@@ -224,7 +222,7 @@ def test_the_block_may_be_in_the_campaign_or_below_its_key(request_, tmp_path):
     ],
 )
 def test_a_wrong_block_is_rejected_with_its_location(request_, old, new, match):
-    request_.block.write_text(BLOCK.replace(old, new), encoding="utf-8")
+    request_.block.write_text(BLOCK.replace(old, new), "utf-8")
     with pytest.raises(InputError, match=match):
         tune_controller(request_, TUNED)
     assert not request_.output.exists()
@@ -239,7 +237,7 @@ def test_an_existing_or_reserved_name_is_rejected(request_, tmp_path, name, patt
     """Names of the candidates' folder, of the page and of existing files are rejected."""
     with pytest.raises(InputError, match=pattern):
         tune_controller(replace(request_, output=tmp_path / name), TUNED)
-    assert not list(tmp_path.glob("new.*")) and request_.block.read_text(encoding="utf-8") == BLOCK
+    assert not list(tmp_path.glob("new.*")) and request_.block.read_text("utf-8") == BLOCK
 
 
 SHIFTS = np.random.default_rng(5).normal(0.0, 0.3, (200, 1, 4))

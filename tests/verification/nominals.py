@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abhv_mc.array_types import Floats, Numbers
+from abhv_mc.array_types import Floats
 from abhv_mc.shipped import shipped_configs
 from abhv_mc_vehicle.control.controller_file import TlcController, read_controller
 from abhv_mc_vehicle.control.design.design_model import (
@@ -71,7 +71,7 @@ class Design(NamedTuple):
     tlc: TlcController
 
 
-def make_design() -> Design:
+def make_design():
     """Return nominals of the S manoeuvre.
 
     The thrust of the vehicle is inclined and offset, so every term contributes.
@@ -86,7 +86,7 @@ def make_design() -> Design:
     )
 
 
-def draw_nominals(design: Design, count: int, seed: int = 2014) -> list[Nominal]:
+def draw_nominals(design, count, seed=2014):
     """Random nominals over _RANGES."""
     low, high = np.array(list(_RANGES.values())).T
     draws = np.random.default_rng(seed).uniform(low, high, (count, low.size))
@@ -96,7 +96,7 @@ def draw_nominals(design: Design, count: int, seed: int = 2014) -> list[Nominal]
     ]
 
 
-def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
+def _make_nominal(vehicle, values):
     around = make_environment(SPHERE, values["altitude"], values["latitude"])
     speed = values["mach"] * around.sound_speed
     alpha, bank, gamma = values["angle_of_attack"], values["bank"], values["flight_path_angle"]
@@ -104,10 +104,10 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
     elevator = float(trim_elevator(vehicle, around, conditions[0], conditions[1], conditions[2])[0])
 
     # What the law reads from its tables: forces and their slopes over alpha and beta.
-    def forces_of(x: Numbers) -> Numbers:
+    def forces_of(x):
         """Force across and along the velocity, thrust along it."""
 
-        def force(eta: float) -> Numbers:
+        def force(eta):
             deflections = (0.0, 0.0, elevator)
             return wrench_at(
                 vehicle, around, values["mass"], speed, x[0], x[1], _STILL, deflections, eta
@@ -142,7 +142,7 @@ def _make_nominal(vehicle: Vehicle, values: dict[str, float]) -> Nominal:
     return Nominal(around, values | {"speed": speed}, elevator, rates, attitude)
 
 
-def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
+def velocity_jacobian(design, nominal):
     """[4, 7]: rates of altitude, gamma, chi, V over these and alpha, bank, eta, from (1)."""
     names = (
         "altitude",
@@ -154,7 +154,7 @@ def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
         "equivalence_ratio",
     )
 
-    def rates_of(x: Numbers) -> Numbers:
+    def rates_of(x):
         mass = nominal.values["mass"]
         return guidance_rates(
             design.vehicle, design.trim_tables, nominal.around, mass, x[:4], x[4:]
@@ -163,7 +163,7 @@ def velocity_jacobian(design: Design, nominal: Nominal) -> Floats:
     return slope(rates_of, [nominal.values[name] for name in names])
 
 
-def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
+def attitude_jacobian(design, nominal):
     """Return the derivatives [3, 6] of the rates of alpha, beta and bank, from (13).
 
     Columns are these and p, q, r; forces do not depend on the rates.
@@ -171,7 +171,7 @@ def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
     values, around = nominal.values, nominal.around
     mass, speed = values["mass"], values["speed"]
 
-    def rates_of(x: Numbers) -> Numbers:
+    def rates_of(x):
         deflections, eta = (0.0, 0.0, nominal.elevator), values["equivalence_ratio"]
         flow = mass, speed, x[0], x[1], _STILL
         force = wrench_at(design.vehicle, around, *flow, deflections, eta).force
@@ -182,7 +182,7 @@ def attitude_jacobian(design: Design, nominal: Nominal) -> Floats:
     return slope(rates_of, [values["angle_of_attack"], 0.0, values["bank"], *nominal.rates])
 
 
-def inertia_of(design: Design, nominal: Nominal) -> Floats:
+def inertia_of(design, nominal):
     """The inertia matrix [3, 3] at the nominal's mass, kg m2."""
     angle = np.array([nominal.values["angle_of_attack"]])
     mass, speed = nominal.values["mass"], nominal.values["speed"]
@@ -192,10 +192,10 @@ def inertia_of(design: Design, nominal: Nominal) -> Floats:
     return np.asarray(np.real(wrench.inertia[..., 0]))
 
 
-def rate_jacobian(inertia: Floats, rates: tuple[float, ...], moment: tuple[float, ...]) -> Floats:
+def rate_jacobian(inertia, rates, moment):
     """[3, 6]: rates of p, q, r over these and the moments, from (3)."""
 
-    def rates_of(x: Numbers) -> Numbers:
+    def rates_of(x):
         return body_rate_rates(
             np.broadcast_to(inertia[..., None], (3, 3, x.shape[1])), x[3:], x[:3]
         )

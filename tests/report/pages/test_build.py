@@ -107,9 +107,9 @@ def test_flights_are_checked_without_a_report(copy):
 
 def test_a_verdict_changed_in_the_matrix_is_found(copy):
     matrix = copy / "verification_matrix.csv"
-    text = matrix.read_text(encoding="utf-8")
+    text = matrix.read_text("utf-8")
     assert ",FAIL," in text
-    matrix.write_text(text.replace(",FAIL,", ",PASS,", 1), encoding="utf-8")
+    matrix.write_text(text.replace(",FAIL,", ",PASS,", 1), "utf-8")
     assert [line.split(":")[0] for line in verify_campaign(copy)] == [matrix.name]
     assert not is_up_to_date(copy)
 
@@ -130,7 +130,7 @@ def test_a_report_elsewhere_leaves_the_folder_as_it_was(copy, tmp_path):
     assert page == out / "report.html" and contents(copy) == before
     tables = {"report.html", "metrics.csv", "verification_matrix.csv"}
     assert {path.name for path in contents(out)} == {*tables, "report.json"}
-    written = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    written = json.loads((out / "report.json").read_text("utf-8"))
     assert written["pages"] == hash_pages(out, tables)
 
 
@@ -187,7 +187,7 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
     monkeypatch.setattr("abhv_mc_vehicle.vehicle_simulator.simulator.make_engine", lambda: ENGINE)
     path = write_fake(tmp_path / "f", requirements=REQUIREMENTS)
     out, junit = tmp_path / "out", tmp_path / "verdicts.xml"
-    done = invoke("run", path, "-o", out, "--no-report", "--junit", junit)
+    done = invoke(f"run {path} -o {out} --no-report --junit {junit}")
     assert done.exit_code == 1, done.output
     suite = ElementTree.parse(junit).getroot()
     cases = {case.get("name"): case for case in suite.iter("testcase")}
@@ -196,7 +196,7 @@ def test_a_run_writes_junit_and_the_report_its_matrix(tmp_path, monkeypatch):
         assert int(suite.get(count)) == len(list(suite.iter(kind))) > 0
     assert cases["GNC-1 altitude_error_max_m below 50 in 50 % (one)"].find("failure") is None
     assert cases["GNC-2 altitude_error_max_m below 4.9 in 99 % (two)"].find("failure") is not None
-    page = build_page(out).read_text(encoding="utf-8")
+    page = build_page(out).read_text("utf-8")
     assert ">GNC-1 " in page and "stay, near · SRD" in page
     CampaignFolder(out).refuse_foreign_files(fresh=True)  # a fresh run deletes all of it
     with (out / "verification_matrix.csv").open(newline="") as file:

@@ -23,13 +23,13 @@ class Case:
     rates: np.ndarray | None = None  # of switches
 
 
-def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: int = 99) -> Case:
+def switched(number, rate, limit, step=0.0, fatal=99):
     """Severity of u1 above a limit that each switch lowers by ``step``.
 
     ``fatal`` switches together always fail.
     """
 
-    def severity(u: np.ndarray, on: np.ndarray) -> np.ndarray:
+    def severity(u, on):
         count = on.sum(axis=1)
         return np.where(count >= fatal, 1.0, u[:, 0] - limit + step * count)
 
@@ -39,7 +39,7 @@ def switched(number: int, rate: float, limit: float, step: float = 0.0, fatal: i
     return Case(name, 1, severity, 0.0, float(shares @ fails), np.full(number, rate))
 
 
-def switched_cases() -> list[Case]:
+def switched_cases():
     """Cases with switches.
 
     One fatal switch beside 8.5e-5 and rarer; two; eight; two that only fail together; many.
@@ -54,12 +54,12 @@ def switched_cases() -> list[Case]:
     ]
 
 
-def _any_of(number: int, chance: float) -> float:
+def _any_of(number, chance):
     """Chance that one at least of so many independent events happens."""
     return float(-np.expm1(number * np.log1p(-chance)))
 
 
-def linear(dimension: int, beta: float) -> Case:
+def linear(dimension, beta):
     probability = stats.norm.sf(beta)
     return Case(
         f"linear {dimension}",
@@ -70,7 +70,7 @@ def linear(dimension: int, beta: float) -> Case:
     )
 
 
-def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
+def paraboloid(dimension, beta, curvature=0.15):
     """Severity of u1 plus ``curvature`` times the other coordinates' squares.
 
     The limit state bends towards the origin, or away from it if ``curvature`` is negative.
@@ -87,7 +87,7 @@ def paraboloid(dimension: int, beta: float, curvature: float = 0.15) -> Case:
     return Case(f"quadratic {dimension}", dimension, severity, beta, value)
 
 
-def ball(dimension: int, probability: float) -> Case:
+def ball(dimension, probability):
     """Outside of a ball."""
     threshold = stats.chi2.isf(probability, dimension)
     return Case(
@@ -95,13 +95,13 @@ def ball(dimension: int, probability: float) -> Case:
     )
 
 
-def four_branch(threshold: float) -> Case:
+def four_branch(threshold):
     """Series system of four branches (Schueremans and Van Gemert).
 
     Two bent branches cross x, two straight ones cross y.
     """
 
-    def severity(u: np.ndarray) -> np.ndarray:
+    def severity(u):
         x, y = (
             (u[:, 0] + u[:, 1]) / np.sqrt(2.0),
             (u[:, 0] - u[:, 1]) / np.sqrt(2.0),
@@ -117,7 +117,7 @@ def four_branch(threshold: float) -> Case:
     )
 
 
-def onion(dimension: int, threshold: float, ripple: float = 0.3, width: float = 0.7) -> Case:
+def onion(dimension, threshold, ripple=0.3, width=0.7):
     """Severity that rises with the radius in waves.
 
     The failures are shells with gaps between.
@@ -130,7 +130,7 @@ def onion(dimension: int, threshold: float, ripple: float = 0.3, width: float = 
     return Case(f"onion {dimension}", dimension, severity, threshold, float(probability))
 
 
-def series(dimension: int, parts: int, beta: float) -> Case:
+def series(dimension, parts, beta):
     """One of ``parts`` independent components fails."""
     probability = _any_of(parts, stats.norm.sf(beta))
     return Case(
@@ -138,11 +138,11 @@ def series(dimension: int, parts: int, beta: float) -> Case:
     )
 
 
-def parallel(dimension: int, parts: int, beta: float) -> Case:
+def parallel(dimension, parts, beta):
     """All of ``parts`` independent components fail, each the mean of equally many coordinates."""
     share = dimension // parts
 
-    def severity(u: np.ndarray) -> np.ndarray:
+    def severity(u):
         return (
             u[:, : parts * share].reshape(len(u), parts, share).sum(axis=2) / np.sqrt(share)
         ).min(axis=1)
@@ -152,7 +152,7 @@ def parallel(dimension: int, parts: int, beta: float) -> Case:
     )
 
 
-def masked(dimension: int) -> Case:
+def masked(dimension):
     """Severity of two branches.
 
     One fails at 4.5 sigma and rises early; the other is steep and fails at 4.0 sigma.
@@ -162,7 +162,7 @@ def masked(dimension: int) -> Case:
     return Case(f"masked {dimension}", dimension, severity, 0.0, float(probability))
 
 
-def corner(dimension: int) -> Case:
+def corner(dimension):
     """Severity of two failure modes, one without warning.
 
     Three coordinates above 1.6 together fail abruptly; a gradual branch has 1.3e-5.
@@ -174,14 +174,14 @@ def corner(dimension: int) -> Case:
     )
 
 
-def random_crash(seed: int) -> Case:
+def random_crash(seed):
     """Severity with noise, beside a gradual branch of 1.3e-5.
 
     One flight in 50 beyond 3 sigma of u1 fails by its own noise.
     """
     noise = np.random.default_rng(seed)
 
-    def severity(u: np.ndarray) -> np.ndarray:
+    def severity(u):
         crashed = (u[:, 0] > 3.0) & (noise.random(len(u)) < 0.02)
         return np.where(crashed, 1.0, u[:, 1] - 4.2)
 
@@ -190,7 +190,7 @@ def random_crash(seed: int) -> Case:
     return Case("random crash", 2, severity, 0.0, float(probability))
 
 
-def held_out_cases() -> list[Case]:
+def held_out_cases():
     """Cases on which nothing of the method was chosen: other shapes, other dimensions."""
     # A corner of the box of uniform factors fails (Irwin-Hall).
     uniform = lambda u: stats.norm.cdf(u).sum(axis=1)  # noqa: E731
@@ -219,7 +219,7 @@ def held_out_cases() -> list[Case]:
     ]
 
 
-def all_cases() -> list[Case]:
+def all_cases():
     """The cases of the coverage study: from 1e-2 to 1e-7, dimension 2 to 100."""
     return [
         linear(2, 4.2649),  # 1e-5

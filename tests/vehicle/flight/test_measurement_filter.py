@@ -29,13 +29,13 @@ def law(measured, memory, time, dt):
 
 
 def write_filter(folder, value, around="tlc"):
-    (folder / "filter.py").write_text(FILTER.replace("MEASURED", value), encoding="utf-8")
+    (folder / "filter.py").write_text(FILTER.replace("MEASURED", value), "utf-8")
     (folder / "filter.yaml").write_text(
-        f"law: python\nfile: filter.py\naround: {around}.yaml\n", encoding="utf-8"
+        f"law: python\nfile: filter.py\naround: {around}.yaml\n", "utf-8"
     )
 
-    text = find_input(around, "control").read_text(encoding="utf-8")
-    (folder / f"{around}.yaml").write_text(text, encoding="utf-8")
+    text = find_input(around, "control").read_text("utf-8")
+    (folder / f"{around}.yaml").write_text(text, "utf-8")
     return str(folder / "filter.yaml")
 
 
@@ -73,7 +73,7 @@ def test_a_filter_that_is_not_finite_is_rejected_with_its_line(tmp_path):
 
 def test_a_filter_needs_a_controller_around_it(tmp_path):
     write_filter(tmp_path, "last")
-    (tmp_path / "filter.yaml").write_text("law: python\nfile: filter.py\n", encoding="utf-8")
+    (tmp_path / "filter.yaml").write_text("law: python\nfile: filter.py\n", "utf-8")
     with pytest.raises(InputError, match=r"filter\.\w+\S*: .*'around'"):
         make_flight_plan("level", "abhv", str(tmp_path / "filter.yaml"))
 
@@ -102,9 +102,9 @@ def law(measured, reference, settings):
 
 
 def test_a_setting_of_a_law_is_a_parameter_of_its_flights(tmp_path):
-    (tmp_path / "own.py").write_text(LAW, encoding="utf-8")
+    (tmp_path / "own.py").write_text(LAW, "utf-8")
     (tmp_path / "own.yaml").write_text(
-        "law: python\nfile: own.py\nsettings: {gain: 2.0}\n", encoding="utf-8"
+        "law: python\nfile: own.py\nsettings: {gain: 2.0}\n", "utf-8"
     )
     file = tmp_path / "campaign.yaml"
     file.write_text(
@@ -117,7 +117,7 @@ runs: 40
 dispersions:
   law.gain: {{distribution: uniform, half_width: 50 %}}
 """,
-        encoding="utf-8",
+        "utf-8",
     )
     campaign = read_campaign(file)
     assert campaign.parameters["law.gain"].nominal == 2.0

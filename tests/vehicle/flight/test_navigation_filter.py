@@ -52,14 +52,14 @@ def test_at_rest_on_the_turning_earth_it_stays_where_it_is():
 
 def nees(folder, seed, factors=()):
     """Return the mean NEES [quantity, instant] of a campaign with changed filter settings."""
-    law = yaml.safe_load(find_input("tlc_navigation", "control").read_text(encoding="utf-8"))
+    law = yaml.safe_load(find_input("tlc_navigation", "control").read_text("utf-8"))
     law |= {name: str(shipped_configs() / "control" / law[name]) for name in ("file", "around")}
     for name, factor in factors:
         value, unit = law["settings"][name].split()
         law["settings"][name] = f"{factor * float(value)!r} {unit}"
-    (folder / "law.yaml").write_text(yaml.safe_dump(law), encoding="utf-8")
+    (folder / "law.yaml").write_text(yaml.safe_dump(law), "utf-8")
     file = shipped_campaigns() / "navigation.yaml"
-    campaign = yaml.safe_load(file.read_text(encoding="utf-8"))
+    campaign = yaml.safe_load(file.read_text("utf-8"))
     campaign |= {"controllers": {"own": "law.yaml"}, "under_test": ["own"]}
     campaign |= {"seed": seed, "runs": FLIGHTS}
     for key in ("vehicle", "mission", "channels"):
@@ -69,7 +69,7 @@ def nees(folder, seed, factors=()):
         for name in QUANTITIES
         for i, time in enumerate(INSTANTS)
     }
-    (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign), encoding="utf-8")
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign), "utf-8")
     read = read_campaign(folder / "campaign.yaml")
     plan = make_plans(read, read.controllers, prepare)["own"]
     block = fly(plan, read.rows(read.make_samples().draw(0, FLIGHTS)))

@@ -139,7 +139,7 @@ sensed=Sensed(acceleration_z=0.5))
 
 
 def test_it_has_the_force_of_custom_dynamics_and_what_they_add(tmp_path):
-    (tmp_path / "own.py").write_text(PUSHED, encoding="utf-8")
+    (tmp_path / "own.py").write_text(PUSHED, "utf-8")
     start = "limits: # a flight terminates outside these\n"
     keys = "dynamics:\n  file: own.py\n  states: {lag: m}\n"
     vehicle = change_vehicle(tmp_path, (start, keys + start), name="abhv")

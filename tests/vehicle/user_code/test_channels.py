@@ -44,9 +44,9 @@ def turned(actual):
 
 
 def make_plan(folder, controller="own.yaml"):
-    (folder / "own.py").write_text(LAW, encoding="utf-8")
-    (folder / "own.yaml").write_text("law: python\nfile: own.py\n", encoding="utf-8")
-    (folder / "channels.py").write_text(CHANNELS, encoding="utf-8")
+    (folder / "own.py").write_text(LAW, "utf-8")
+    (folder / "own.yaml").write_text("law: python\nfile: own.py\n", "utf-8")
+    (folder / "channels.py").write_text(CHANNELS, "utf-8")
     file = folder / "campaign.yaml"
     file.write_text(
         f"""name: own
@@ -63,7 +63,7 @@ metrics:
   felt_end: {{of: felt, statistic: final}}
   turned_end: {{of: turned, statistic: final}}
 """,
-        encoding="utf-8",
+        "utf-8",
     )
     campaign = read_campaign(file)
     return make_plans(campaign, campaign.controllers, prepare)["own"]
