@@ -144,9 +144,9 @@ QUICK = {
         worst d/campaign.yaml --metric altitude_error_max_m --below --flights 160 --box 2 -o x
         rare c/campaign.yaml --requirement high --flights 3000 -o y --json y.json
         rare c/campaign.yaml --requirement sideslip_max_deg --flights 2000 --controller two -o z
-        place t.csv d/campaign.yaml --controller one --json place.json -o p
-        place t.csv d/campaign.yaml --controller two --measured altitude_error_max_m=0.5
-        place t.csv d/campaign.yaml
+        compare t.csv d/campaign.yaml --controller one --json place.json -o p
+        compare t.csv d/campaign.yaml --controller two --measured altitude_error_max_m=0.5
+        compare t.csv d/campaign.yaml
         worst d/campaign.yaml --metric nothing -o x
         worst d/campaign.yaml --metric altitude_error_max_m --flights 0 -o x
         rare c/campaign.yaml --requirement nothing -o x
