@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
-from abhv_mc.flights.metrics import Metric
+from abhv_mc.flights.metrics import Metric, label_of
 from abhv_mc.folder.flown_campaign import read_histories
 from abhv_mc.topics.envelopes import Curve, curves_of
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of, plot_flown
@@ -157,7 +157,9 @@ def _critical(
             title = f"{names.label(name)}, flight {worst.flight}"
             limits = _limit_curves(metric, names)
             unit = record.with_unit("").strip()
-            label = f"{record.label.partition(', ')[0]} ({unit})" if unit else record.label
+            own = record.of == channel
+            label = label_of(channel, record.unit) if own else record.label.partition(", ")[0]
+            label = f"{label} ({unit})" if unit else label
             panels.append(
                 (title, label, color, EnvelopePanel(error[0], {}, flights=[error], limits=limits))
             )
