@@ -218,8 +218,8 @@ def main() -> None:
         f"written again by: python {shlex.join(sys.argv)}",
         "The weights of Zhu and Shen 2014, section 7, varied for small errors at no more than "
         "1.05 times the control effort of TLC.",
-        "TLC has Table 1, which was not made for this vehicle, and the search had no limits on margins "
-        "or throttle: no ranking of the laws.",
+        "TLC has Table 1, which was not made for this vehicle, and the search had no limits on "
+        "margins or throttle: no ranking of the laws.",
         "Mean rms errors over nominal and four corners of the paper's dispersions: this LQR / "
         "the paper's / TLC:",
         *(
