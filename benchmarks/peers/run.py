@@ -52,12 +52,6 @@ ROWS = {  # peer: (method, simulated vehicle)
     ),
     "RocketPy": ("Python and LSODA", "another vehicle: a sounding rocket, no controller"),
 }
-QUOTED = (
-    "CADAC++ GHAME6",
-    "C++, one flight at a time",
-    "GHAME, quoted from an earlier measurement",
-    108.0,
-)
 
 
 def install() -> Path:
@@ -216,9 +210,6 @@ def make_table(record: dict[str, Any]) -> str:
         lines.append(
             f"| {title} | {how} | {what} | {mid} | {low} to {high} | {peer['over_ours']:.2f} |"
         )
-    name, how, what, quoted = QUOTED
-    ratio = quoted / 1e3 / ours["seconds_per_flight"]
-    lines.append(f"| {name} | {how} | {what} | {quoted:.0f} | not measured here | {ratio:.0f} |")
     differences = [
         f"{peer['altitude_difference_m']:.1e} m ({name})"
         for name, peer in peers.items()
