@@ -93,18 +93,23 @@ _VARIANTS = FigureText(
 def plot_variants(variants: Mapping[str, Sequence[Any]], rows: Sequence[GlanceRow]) -> Figure:
     """Plot a heat map of each metric, with verdicts, over the values of two entries."""
     _, x_keys, x, y_keys, y = zip(*variants.values(), strict=True)
-    figure, grid = new_panels(len(rows), 2, 0.6 * len(set(y)))
+    columns, lines = list(dict.fromkeys(x)), list(dict.fromkeys(y))
+    across = 2 if len(columns) < 4 else 1
+    figure, grid = new_panels(len(rows), across, 0.45 * len(lines), between=(0.8, 1.0), top=0.42)
     for axes, row in zip(grid.flat, rows, strict=False):
-        cells = [row.cells[name] for name in variants]
-        values = [cell.high if row.below else cell.low for cell in cells]
-        axes.scatter(x, y, 1500.0, values, marker="s", cmap="Blues", alpha=0.5)
-        for *place, value, cell in zip(x, y, values, cells, strict=True):
-            text = f"{significant(value, 3)}\n{cell.status}"
-            axes.text(*place, text, ha="center", va="center")
-        axes.margins(0.2)
+        values = np.full((len(lines), len(columns)), np.nan)
+        for name, column, line in zip(variants, x, y, strict=True):
+            cell, place = row.cells[name], (columns.index(column), lines.index(line))
+            value = values[place[::-1]] = cell.high if row.below else cell.low
+            axes.text(*place, f"{significant(value, 3)}\n{cell.status}", ha="center", va="center")
+        ends = range(len(columns)), range(len(lines))
+        lowest = np.nanmin(values, initial=0.0)  # nearly equal values have nearly equal colours
+        axes.pcolormesh(*ends, values, cmap="Blues", alpha=0.35, edgecolors="white", vmin=lowest)
         axes.grid(False)
+        axes.set_xticks(range(len(columns)), columns)
+        axes.set_yticks(range(len(lines)), lines)
         axes.set(xlabel=x_keys[0], ylabel=y_keys[0])
-        title_panel(axes, f"{row.label} {row.text}")
+        title_panel(axes, f"{row.label} {row.text}", color=INK)
     return figure
 
 
