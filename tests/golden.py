@@ -47,6 +47,7 @@ _PATCHES = {  # drawing and searching take most of the time
 # What is another in each folder, on each machine or in each version; texts are tested elsewhere.
 _OTHER = {
     "code",
+    "commit",
     "failure_map",
     "hash",
     "key",

@@ -139,7 +139,7 @@ def test_query(abhv_mc, flown):
         'select controller, count(*) n, max(abs("aero.lift" - 1)) d from flights '
         "group by controller order by 1"
     )
-    code, out, _ = abhv_mc(f"query {flown} {sql} --json -")
+    code, out, _ = abhv_mc("query", flown, sql, "--json", "-")
     rows = json.loads(out)
     assert code == 0 and [(row["controller"], row["n"]) for row in rows] == [
         ("one", 60),

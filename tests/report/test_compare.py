@@ -183,7 +183,7 @@ def test_other_samples_are_refused_before_anything_flies(before, abhv_mc, tmp_pa
     campaign = tmp_path / "other files/campaign.yaml"
     with pytest.raises(InputError, match=r"'atmosphere\.density' is .*\b0\b"):
         check_baseline(read_campaign(campaign), before)
-    code, _, err = abhv_mc(f"run {campaign} -o {tmp_path / 'out'} --baseline {before}")
+    code, _, err = abhv_mc("run", campaign, "-o", tmp_path / "out", "--baseline", before)
     assert code == 2 and "'atmosphere.density' is " in err and not (tmp_path / "out").exists()
 
 

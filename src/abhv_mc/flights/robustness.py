@@ -4,7 +4,6 @@ Intervals are cut at the last sample: beyond it, nothing is true.
 """
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from abhv_mc.array_types import Floats
 
@@ -19,6 +18,8 @@ def find_maximum(values: Floats, first: int, last: float) -> Floats:
 
     The result is NaN if a value is NaN.
     """
+    from scipy.ndimage import maximum_filter1d
+
     size = int(min(last, values.size - 1)) - first + 1
     if size <= 0 or np.isnan(values).any():
         return np.full(values.size, -np.inf if size <= 0 else np.nan)
