@@ -126,10 +126,10 @@ TLC and LQR are stable in level flight on every vehicle (smallest disk margins {
 and no flight terminates early.
 
 In bank, the faster attitude loop has the smaller error during a ramp: the bandwidth is 2 x 3.4 x 0.3 = 2.0 rad/s with
-Table 1 and sqrt(2.28e5 / 3.28e3) = 8.3 rad/s with the printed weights. Outside the transients, the static error is
-decisive: TLC's loops have integrals, LQR has none. Its throttle loop crosses over at 0.03 rad/s (TLC: 0.89), hence the
-speed errors in Figure 3. By the largest error instead of the rms, LQR is closer in bank in all flights of the default
-campaign.
+Table 1 and 0.2605 / 0.0635 = 4.1 rad/s with the printed weights (gains by bank and roll rate). Outside the transients,
+the static error decides: TLC's loops have integrals, LQR has none. Its throttle loop crosses over at 0.03 rad/s (TLC:
+0.89), hence the speed errors in Figure 3. By the largest error instead of the rms, LQR is closer in bank in all flights
+of the default campaign.
 
 The page on [the claim](claim.md) compares controllers tuned within the same limits, and thrust lines.
 

@@ -159,8 +159,9 @@ def describe(duel: Duel, file: Path, command: str) -> tuple[list[str], bool]:
         f"{least[0]:.2f} dB, {least[1]:.1f} deg, {least[2]:.0f} ms.",
         "1000 fresh flights of the paper's box with effectiveness +-20 % and delay 0 to 40 ms: "
         f"{fresh.lost} terminated early, {fresh.cycling} oscillate by more than {RIPPLE:g} deg",
-        f"(TLC with Table 1: {table_1.lost} and {table_1.cycling}). Errors, median / worst, and "
-        "Table 1's:",
+        f"(TLC with Table 1: {table_1.lost} and {table_1.cycling}).",
+        "Table 1 was not tuned for this vehicle, so its numbers do not compare the laws.",
+        "Errors, median / worst, and Table 1's:",
     ]
     for i, name in enumerate(ERRORS):
         ours, theirs = fresh.errors[:, i], table_1.errors[:, i]
