@@ -40,6 +40,12 @@ def discoveries(p_values: Floats, rate: float) -> Mask:
     return is_discovery
 
 
+def rank_largest(sizes: Floats) -> list[int]:
+    """Return the indices of sizes, largest first; sizes equal to nine decimals keep their order."""
+    order: list[int] = np.argsort(-np.nan_to_num(sizes).round(9), kind="stable").tolist()
+    return order
+
+
 def split_partners(
     is_driver: Mask, size: Floats, together: Floats, partners: float, twins: float
 ) -> Indices:
@@ -53,7 +59,7 @@ def split_partners(
     moves_with = np.full(is_driver.shape, -1)
     for column in range(is_driver.shape[1]):
         named: list[int] = []
-        for row in np.argsort(-np.nan_to_num(size[:, column]), kind="stable").tolist():
+        for row in rank_largest(size[:, column]):
             if is_driver[row, column] and (not named or together[row, named].max() < twins):
                 named.append(row)
         is_driver[:, column] = False

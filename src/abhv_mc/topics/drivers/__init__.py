@@ -18,6 +18,7 @@ from abhv_mc.statistics.drivers import (
     rank_drivers,
 )
 from abhv_mc.statistics.estimates import Interval
+from abhv_mc.statistics.ranks import rank_largest
 from abhv_mc.topics.formatting import parameter_doc, percent, spoken_name
 from abhv_mc.topics.topic import (
     Cell,
@@ -140,10 +141,8 @@ def _coefficients(results: FlownCampaign, controller: str) -> dict[str, MetricDr
     table = {}
     for column, metric in enumerate(metrics):
         if np.isfinite(drivers.explained[column]):
-            order = np.argsort(-np.abs(np.nan_to_num(drivers.srrc[:, column])), kind="stable")[
-                :_KEPT
-            ]
-            parameters = tuple(_driver(drivers, names, row, column) for row in order.tolist())
+            order = rank_largest(np.abs(drivers.srrc[:, column]))[:_KEPT]
+            parameters = tuple(_driver(drivers, names, row, column) for row in order)
             shares = shares_by_metric.get(metric, ())
             moving = [driver.parameter for driver in parameters if driver.driver]
             moving += [share.parameter for share in shares]
@@ -239,7 +238,7 @@ def _given_data(
                 float(indices.total[row, index]),
                 names[indices.partner[row, index]] if indices.partner[row, index] >= 0 else None,
             )
-            for row in np.argsort(-indices.total[:, index], kind="stable").tolist()
+            for row in rank_largest(indices.total[:, index])
             if selected[row, index]
         )
         for index, column in enumerate(chosen)
