@@ -40,9 +40,7 @@ configs = ROOT / "configs"
 files = configs / "vehicle" / "ghame_x.yaml", configs / "mission" / "s_manoeuvre.yaml"
 built_in = prepare(*files, configs / "control" / "lqr.yaml", "lqr")
 entries = {name: MetricEntry(**entry) for name, entry in METRICS.items()}
-declared = pack_metrics(
-    declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), [], windows={})
-)
+declared = pack_metrics(declare_metrics(entries, (), Document("-", {}, {(): (1, 1)}, {}), (), []))
 plans = {
     "built-in LQR": built_in,
     "cascade in Python": prepare(*files, configs / "control" / "cascade.yaml", "own"),
