@@ -58,7 +58,7 @@ numpydoc_show_class_members = False
 nitpick_ignore_regex = [
     (
         "py:.*",
-        r"(os|pd|pandas|np|numpy|pathlib|matplotlib|collections|contextlib|typing|abhv_mc\w*|Figure|FigureText|Explanation|WorstFound|RareFound|TuneFound|Identification|Records|Floats|ArrayLike|NDArray|PlantState|SavedPlant|Input|RequirementSource|xr|Any|Path|.*Literal)\b.*",
+        r"(os|pd|pandas|np|numpy|pathlib|matplotlib|collections|contextlib|typing|abhv_mc\w*|Figure|FigureText|Explanation|WorstFound|RareFound|TuneFound|Identification|Tightening|Records|Floats|ArrayLike|NDArray|PlantState|SavedPlant|Input|RequirementSource|xr|Any|Path|.*Literal)\b.*",
     )
 ]
 
