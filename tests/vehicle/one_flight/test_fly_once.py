@@ -118,7 +118,7 @@ def test_a_gain_sweep_needs_no_files(tmp_path):
     )
     assert base == same and max(faster) < 0.6 * min(base)
     (text, figure), *_ = draw(None, results._models.names)
-    cells = figure.axes[0].collections[0].get_array()
+    cells = figure.axes[0].collections[0].get_array().ravel()
     assert text.name == "variants"
     assert list(cells) == pytest.approx([max(base), max(faster)], rel=0.01)
     texts = [text.get_text().partition("\n")[2] for text in figure.axes[0].texts]
