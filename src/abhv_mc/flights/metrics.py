@@ -19,9 +19,9 @@ Group = Literal["tracking", "usage", "loads", "stability", "user"]
 NEEDS_LIMIT = (Statistic.TIME_OUTSIDE, Statistic.LAST_OUTSIDE, Statistic.FIRST_OUTSIDE)
 TAKES_LIMIT = (*NEEDS_LIMIT, Statistic.REVERSALS)
 _SIZES = (Statistic.MAX_ABS, Statistic.RMS, Statistic.PEAK_TO_PEAK, Statistic.TRAVEL, *TAKES_LIMIT)
-# Name suffixes that differ from the letters of the unit.
 # Units with which names may end; longer suffixes precede shorter ones.
 _NAMED_UNITS = ("J/m2", "W/m2", "m/s", "deg/s", "deg", "kg", "Pa", "m", "s", "g", "N", "J")
+# Name suffixes that differ from the letters of the unit.
 _ENDS = {"m/s": "mps", "deg/s": "dps", "-": ""}
 
 
