@@ -108,7 +108,7 @@ QUICK = {
         explain a --all --controller two --json explain.json
         report a -o r --requirements r.yaml --junit r.xml
         explain a --flight 5 --controller two -o e.png
-        replay a --flight 5 --controller two -o h.png
+        replay a --flight 5 --controller two --plot
         compare a b -o ab
         show metrics b --json metrics.json
         show nothing a

@@ -19,6 +19,7 @@ from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_camp
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.folder.flown_campaign import read_flown, read_replayed
 from abhv_mc.folder.manifest import (
     ControllerCount,
     Manifest,
@@ -26,6 +27,10 @@ from abhv_mc.folder.manifest import (
     read_manifest,
     write_manifest,
 )
+from abhv_mc.report.pages.build import report_key
+from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.flights.figures import draw_replayed
+from abhv_mc.topics.topic import Models, Picture
 
 pytestmark = pytest.mark.usefixtures("fake_engine", "no_figures")
 
@@ -110,14 +115,27 @@ def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
     history = pq.read_table(tmp_path / "h.parquet")
     np.testing.assert_allclose(np.diff(history["time"].to_numpy()), 0.1)
     assert set(history["flight"].to_pylist()) == {17}
-    assert abhv_mc(*flight, "-o", tmp_path / "h.png")[0] == 0
-    assert (tmp_path / "h.png").read_bytes().startswith(b"\x89PNG")
     code, _, err = abhv_mc(*flight, "-o", tmp_path / "h.csv")
     assert code == 2 and ".parquet" in err and not (tmp_path / "h.csv").exists()
     assert (
         abhv_mc(f"replay {flown} --flight 60")[0] == 2
         and abhv_mc(f"replay {flown} --flight 59")[0] == 0
     )
+
+
+def test_a_plotted_flight_becomes_a_panel_of_the_report(abhv_mc, flown, tmp_path):
+    folder = shutil.copytree(flown, tmp_path / "copy")
+    key = report_key(folder)
+    assert abhv_mc("replay", folder, "--flight", 17, "--controller", "two", "--plot")[0] == 0
+    assert (folder / "replayed" / "two-17.png").read_bytes().startswith(b"\x89PNG")
+    models = Models(read_flown(folder))
+    assert Picture("replayed_two_17") in models.section(FLIGHTS).items
+    ((text, figure),) = draw_replayed(models.names)
+    assert text.name == "replayed_two_17"
+    drawn = [line.get_ydata() for axis in figure.axes for line in axis.lines]
+    shown = read_replayed(folder)["two", 17], models.results.nominal["two"]
+    assert [any(np.array_equal(x, own["speed_mps"]) for x in drawn) for own in shown] == [True] * 2
+    assert report_key(folder) != key and abhv_mc("verify", "campaign", folder)[0] == 0
 
 
 def test_replay_lists_differing_metrics(abhv_mc, flown, monkeypatch):

@@ -28,13 +28,14 @@ def replay(
     controller: Controller = None,
     out: Annotated[
         Path | None,
-        output(
-            output_file,
-            "FILE",
-            "File for the time history at the full sampling rate (.parquet), or for a figure of "
-            "it beside the nominal flight (.png).",
-        ),
+        output(output_file, "FILE.parquet", "File for the time history at the full sampling rate."),
     ] = None,
+    plot: Annotated[
+        bool,
+        typer.Option(
+            "--plot", help="Plot the flight beside the nominal flight, also in the report of DIR."
+        ),
+    ] = False,
     json: Json = None,
     trust_code: TrustCode = False,
 ) -> None:
@@ -47,38 +48,38 @@ def replay(
     from abhv_mc.folder.histories import write_histories
     from abhv_mc.folder.inputs import read_folder_campaign
 
-    if out is not None and out.suffix not in (".parquet", ".png"):
-        problem = f"'{out.name}' is neither a Parquet file nor a figure"
-        raise InputError("--output", problem, "a name that ends in .parquet or .png")
+    if out is not None and out.suffix != ".parquet":
+        problem = f"'{out.name}' is not a Parquet file"
+        raise InputError("--output", problem, "a name that ends in .parquet, or --plot")
     controller = read_folder_campaign(CampaignFolder(folder)).choose_controller(controller)
     announce_compiling()
     replay = run_in_thread(lambda: replay_flight(folder, controller, flight, trust_code=trust_code))
     block = replay.block
-    if out is not None and not block.history.size:
-        raise InputError(
-            "--output", "the flight has no time history", "the command without this option"
-        )
-    names = [channel.name for channel in replay.channels]
-    if out is not None and out.suffix == ".png":
-        from abhv_mc.folder.flown_campaign import read_flown
-        from abhv_mc.topics.figure_style import write_png
-        from abhv_mc.topics.flights.figures import plot_replayed
-        from abhv_mc.topics.topic import names_of
-
-        columns = block.history[0].T.astype(float)
-        history = {"time": block.times, **dict(zip(names, columns, strict=True))}
-        results = names_of(read_flown(folder))
-        write_png(plot_replayed(results, controller, flight, history), out)
-    elif out is not None:
+    kept = CampaignFolder(folder).replayed / f"{controller}-{flight}.parquet"
+    paths = [path for path in (out, kept if plot else None) if path is not None]
+    if paths and not block.history.size:
+        problem = "the flight has no time history"
+        raise InputError("--output or --plot", problem, "the command without this option")
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
         write_histories(
-            out,
+            path,
             controller,
             [flight],
             block.times,
             block.history,
-            channels=names,
+            channels=[channel.name for channel in replay.channels],
             recorded=replay.channels,
         )
+    if plot:
+        from abhv_mc.folder.flown_campaign import read_flown
+        from abhv_mc.topics.figure_style import write_png
+        from abhv_mc.topics.flights.figures import draw_replayed
+        from abhv_mc.topics.topic import names_of
+
+        for text, figure in draw_replayed(names_of(read_flown(folder))):
+            if text.name == f"replayed_{controller}_{flight}":
+                write_png(figure, kept.with_suffix(".png"))
 
     def print_text() -> None:
         end = replay.outcome + (
@@ -91,6 +92,9 @@ def replay(
             say(f"  {name:<40} {value:.6g}")
         if out is not None:
             say(f"history   {out}")
+        if plot:
+            say(f"figure    {kept.with_suffix('.png')}")
+            say(f"panel     'abhv-mc report {folder}' adds the figure to the report")
         if replay.differences:
             say("metrics differ from the stored metrics:", *replay.differences, sep="\n  ")
         elif replay.repeatability is Repeatability.ROUNDING:

@@ -239,15 +239,29 @@ def read_flown(root: Path, requirements: RequirementSource | None = None) -> Flo
 
 def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     """Return the stored histories of a controller, by flight and channel (or "time") [time]."""
-    histories = {}
+    histories: dict[int, dict[str, Floats]] = {}
     for path in _history_files(root, controller):
-        columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
-        numbers = columns.pop("flight")
-        for number in np.unique(numbers):
-            rows = np.flatnonzero(numbers == number)
-            histories[int(number)] = {
-                key: value[rows].astype(np.float64) for key, value in columns.items()
-            }
+        histories |= _read_file(path)
+    return histories
+
+
+def read_replayed(root: Path) -> dict[tuple[str, int], dict[str, Floats]]:
+    """Return the histories of re-run flights, by controller and flight, as in `read_histories`."""
+    return {
+        (path.stem.rpartition("-")[0], flight): columns
+        for path in sorted(CampaignFolder(root).replayed.glob("*.parquet"))
+        for flight, columns in _read_file(path).items()
+    }
+
+
+def _read_file(path: Path) -> dict[int, dict[str, Floats]]:
+    columns = _columns(read_table(path, _HISTORIES).drop_columns(["controller"]))
+    numbers, histories = columns.pop("flight"), {}
+    for number in np.unique(numbers):
+        rows = np.flatnonzero(numbers == number)
+        histories[int(number)] = {
+            key: value[rows].astype(np.float64) for key, value in columns.items()
+        }
     return histories
 
 

@@ -60,6 +60,7 @@ class CampaignFolder:
         self.envelope_states = root / "envelope_states"
         self.explained = root / "explained"
         self.failure_map = self.explained / "failures.json"
+        self.replayed = root / "replayed"
         self.log = root / "simulator.log"
         self.progress = root / "progress.html"
         self.lock = root / ".lock"

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from abhv_mc.array_types import Floats
 from abhv_mc.flights.metrics import Metric, label_of
-from abhv_mc.folder.flown_campaign import read_histories
+from abhv_mc.folder.flown_campaign import read_histories, read_replayed
 from abhv_mc.topics.envelopes import Curve, curves_of
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of, plot_flown
 from abhv_mc.topics.figure_bands import (
@@ -43,6 +43,7 @@ def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
         for name in controllers
     }
     yield from _ground_tracks(names, kept_histories)
+    yield from draw_replayed(names)
     if not any(histories.values()):
         return
     yield from _critical(flights, names, kept_histories)
@@ -83,19 +84,21 @@ def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
 
 
-def plot_replayed(
-    names: Names, controller: str, flight: int, history: Mapping[str, Floats]
-) -> Figure:
-    """Plot a re-run flight beside the nominal flight and the reference, with limits."""
-    results, shown = names.results, {f"flight {flight}": history}
-    if controller in results.nominal:
-        shown["nominal"] = results.nominal[controller]
-    return plot_flown(
-        {label: results.align(controller, curves) for label, curves in shown.items()},
-        results.reference,
-        curves_of(names.campaign),
-        {channel: _limits(channel, names, {*history}) for channel in history},
-    )
+def draw_replayed(names: Names) -> Iterator[Drawn]:
+    """Yield the figures of re-run flights beside the nominal flight and the reference."""
+    results, curves = names.results, curves_of(names.campaign)
+    for (controller, flight), history in read_replayed(results.folder).items():
+        shown = {f"flight {flight}": history, "nominal": results.nominal.get(controller)}
+        aligned = {
+            label: results.align(controller, own) for label, own in shown.items() if own is not None
+        }
+        text = FigureText(
+            f"replayed_{controller}_{flight}",
+            f"Flight {flight} of {names.label(controller)}",
+            "Re-run flight and nominal flight, with the reference and the limits.",
+        )
+        limits = {channel: _limits(channel, names, {*history}) for channel in history}
+        yield text, plot_flown(aligned, results.reference, curves, limits)
 
 
 def _ground_tracks(
