@@ -124,7 +124,9 @@ def test_a_report_by_other_requirements_needs_another_folder(folder, tmp_path):
     assert "<failure" in junit.read_text("utf-8")
     assert sorted(path.name for path in folder.iterdir()) == names
     assert all(label in result.stdout for label in labels)
-    assert f"abhv-mc run FILE -o {folder}" in result.stdout  # no command judges by the folder's
+    assert (
+        f"abhv-mc run CAMPAIGN.yaml -o {folder}" in result.stdout
+    )  # no command judges by the folder's
 
 
 def test_show_lists_every_topic_and_prints_tables_of_convergence(folder):

@@ -135,6 +135,8 @@ def test_a_plotted_flight_becomes_a_panel_of_the_report(abhv_mc, flown, tmp_path
     drawn = [line.get_ydata() for axis in figure.axes for line in axis.lines]
     shown = read_replayed(folder)["two", 17], models.results.nominal["two"]
     assert [any(np.array_equal(x, own["speed_mps"]) for x in drawn) for own in shown] == [True] * 2
+    levels = {float(x[0]) for x in map(np.asarray, drawn) if x.size and np.ptp(x) == 0.0}
+    assert {-50.0, 50.0} <= levels  # limits of the altitude error
     assert report_key(folder) != key and abhv_mc("verify", "campaign", folder)[0] == 0
 
 

@@ -255,3 +255,11 @@ def test_requirements_without_a_search_of_the_unknowns_are_not_shown(tmp_path):
     assert speed.verdict == "NOT SHOWN" and UNSEARCHED in speed.words
     assert (altitude.verdict, altitude.failures) == ("PASS", first.requirements[0].failures)
     assert read_campaign(tmp_path / "out/campaign.yaml").unknowns.most_failures[0].requirement == 1
+
+
+def test_the_planned_number_of_flights_is_that_of_the_last_file(tmp_path):
+    first = write_campaign(tmp_path / "f", runs="100")
+    assert run(first, tmp_path / "out", runs=40).manifest.file_runs == 100
+    second = write_campaign(tmp_path / "g", runs="40")
+    again = run(second, tmp_path / "out").manifest
+    assert again.file_runs is None and again.runs_done == 40

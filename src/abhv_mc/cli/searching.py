@@ -112,7 +112,7 @@ def tighten(
             campaign_folder,
             "DIR",
             "Results folder for the new flights.",
-            "reports/CAMPAIGN_tighten_CONTROLLER",
+            "reports/CAMPAIGN_tighten_CONTROLLER_NAMES",
         ),
     ] = None,
     json: Json = None,
@@ -166,7 +166,8 @@ def _print_tightening(result: "Tightening") -> None:
     heads = "Dispersion", "Re-weighted width", "Width", "Tightened", "Confirmation"
     verdict = result.verdict
     title = f"{result.controller}: {verdict.status} {verdict.failures} of {verdict.flights}"
-    print_section_table(Table(title, heads, (tuple(rows),))) if rows else say(title)
+    alone = f"{title}; each dispersion narrowed alone"
+    print_section_table(Table(alone, heads, (tuple(rows),))) if rows else say(title)
     if result.folder:
         say(f"folder    {result.folder}")
 

@@ -48,11 +48,13 @@ def add_values(error: AddedValuesError, run: Callable[[Path], Manifest]) -> Mani
         digests = (*(before.earlier_digests or ()), str(before.digest))
         manifest = files.write_manifest(manifest, earlier_digests=digests)
         for path in stored.root.iterdir():
-            if path not in stored.contents and not path.name.startswith(stored.lock.name):
+            is_other = path not in stored.contents or path == stored.replayed
+            if is_other and not path.name.startswith(stored.lock.name):
                 path.rename(added.root / path.name)  # a user's file
         replaced = stored.root.rename(f"{added.root}-replaced")
         added.root.rename(stored.root)
     shutil.rmtree(replaced)
+    notify(f"{stored.root}: all stored values were repeated; the folder has the added values")
     return manifest
 
 

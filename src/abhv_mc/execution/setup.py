@@ -185,7 +185,8 @@ def _resume(
     request: Request,
 ) -> OpenCampaign:
     """Resume a folder of the same campaign, possibly with more flights or controllers."""
-    folder, manifest, files = flown.folder, flown.manifest, flown.files
+    folder, files = flown.folder, flown.files
+    manifest = replace(flown.manifest, file_runs=_planned_runs(requested))
     simulator = requested.simulator
     before = read_folder_inputs(folder, manifest)
     _check_same(flown, before, requested, inputs, request)
@@ -357,7 +358,7 @@ def make_manifest(
     """Return the initial manifest of a campaign, with the warnings of its first flights."""
     from datetime import UTC, datetime
 
-    file_runs, mission = campaign.file_runs, campaign.simulator.mission
+    mission = campaign.simulator.mission
     sources = [source for plan in plans.values() for source in plan.sources]
     return Manifest(
         name=campaign.model.name,
@@ -376,7 +377,11 @@ def make_manifest(
         inputs=inputs.hashes,
         warnings=(*warnings, *_find_warnings(campaign, plans)),
         repeatable=campaign.repeatability,
-        file_runs=(
-            file_runs if isinstance(file_runs, int) and file_runs > campaign.runs_at_point else None
-        ),
+        file_runs=_planned_runs(campaign),
     )
+
+
+def _planned_runs(campaign: Experiment) -> int | None:
+    """Return the flights stated in the campaign file if they are more than requested."""
+    runs = campaign.file_runs
+    return runs if isinstance(runs, int) and runs > campaign.runs_at_point else None

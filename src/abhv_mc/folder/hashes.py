@@ -24,6 +24,10 @@ from abhv_mc.interfaces import REMEDY
 from abhv_mc.io.messages import InputError
 
 DAMAGED = "the file is damaged or was changed after the run"
+_COPY = (
+    "the original file; to change the campaign, edit copies of campaign.yaml and inputs/ "
+    "outside the folder, and run them with -o DIR"
+)
 REPLACED = "a run replaced files of this folder while the files were read"
 GONE = "the file is missing, but the manifest lists it"
 
@@ -138,7 +142,8 @@ def refuse_changes_after(folder: CampaignFolder, manifest: Manifest) -> Iterator
 
 def damage_error(path: Path, damage: str) -> InputError:
     """Return the InputError for a damaged file."""
-    return InputError(path, damage, REMEDY)
+    is_campaign = path.name == "campaign.yaml" and damage == DAMAGED
+    return InputError(path, damage, _COPY if is_campaign else REMEDY)
 
 
 def data_files(folder: CampaignFolder, manifest: Manifest) -> list[Path]:

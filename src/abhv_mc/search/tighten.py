@@ -118,7 +118,7 @@ def tighten(
     shares = {name: _find_widest(1, partial(meets, name)) / _STEPS for name in names or entries}
     ranked = sorted(shares, key=lambda name: -shares[name])
     base = max(total, *(flights_to_pass(1, item.probability, item.consumer_risk) for item in items))
-    folder = output or Path("reports") / f"{campaign.name}_tighten_{controller}"
+    folder = output or Path("reports") / "_".join((campaign.name, "tighten", controller, *names))
     with open_search(
         SearchRequest(root / "campaign.yaml", folder, controller=controller),
         {

@@ -49,7 +49,7 @@ def changed(models, **entries):
         (1e-9, 0.9, {}, "explain DIR --all", ""),
         (1e6, 0.98, {"runs": 60, **UNKNOWN}, f"--runs {LEAST}", f"{LEAST} flights at each point"),
         (1e-9, 0.9, {"runs": 60, **UNKNOWN}, "explain DIR --all", ""),
-        (1e6, 0.5, {"requirements": []}, "run FILE -o DIR", "add requirements"),
+        (1e6, 0.5, {"requirements": []}, "run CAMPAIGN.yaml -o DIR", "add requirements"),
     ],
 )
 def test_the_next_step_has_a_command_and_a_reason(
@@ -79,7 +79,7 @@ def test_a_partly_run_campaign_is_first_completed(tmp_path, limit):
     ("limit", "probability", "is_campaign", "command"),
     [
         (1e-9, 0.9, True, "abhv-mc run 'other file.yaml' -o DIR"),
-        (1e-9, 0.9, False, "abhv-mc run FILE -o DIR"),
+        (1e-9, 0.9, False, "abhv-mc run CAMPAIGN.yaml -o DIR"),
         (1e6, 0.98, True, "&& abhv-mc report DIR --requirements 'other file.yaml' -o OUT"),
     ],
 )

@@ -45,7 +45,7 @@ def find_next_step(models: Models) -> NextStep | None:
         return None
     if not verdicts.requirements:
         why = "add requirements for verdicts; stored flights are kept"
-        return NextStep(why, "abhv-mc run FILE -o DIR") if flies else None
+        return NextStep(why, "abhv-mc run CAMPAIGN.yaml -o DIR") if flies else None
     binding = [verdict for _, _, verdict in verdicts.binding if verdict]
     if any(verdict.status == "FAIL" for verdict in binding):
         if results.judged_by:
@@ -68,10 +68,10 @@ def find_next_step(models: Models) -> NextStep | None:
 
 
 def _campaign_file(results: FlownCampaign) -> str:
-    """Return the campaign file with the requirements of a report, or the placeholder FILE."""
+    """Return the campaign file with the requirements of a report, or a placeholder."""
     if not results.judged_by:
         return "DIR/campaign.yaml"
-    return shlex.quote(results.judged_by) if results.judged_by_campaign else "FILE"
+    return shlex.quote(results.judged_by) if results.judged_by_campaign else "CAMPAIGN.yaml"
 
 
 def flights_for_joint_verdicts(verdicts: Verdicts) -> int | None:

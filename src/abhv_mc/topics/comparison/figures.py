@@ -109,7 +109,8 @@ def plot_variants(variants: Mapping[str, Sequence[Any]], rows: Sequence[GlanceRo
         axes.set_xticks(range(len(columns)), columns)
         axes.set_yticks(range(len(lines)), lines)
         axes.set(xlabel=x_keys[0], ylabel=y_keys[0])
-        title_panel(axes, f"{row.label} {row.text}", color=INK)
+        is_judged = any(cell.status for cell in row.cells.values())
+        title_panel(axes, f"{row.label} {row.text if is_judged else f'({row.unit})'}", color=INK)
     return figure
 
 

@@ -86,7 +86,7 @@ def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
 
 def draw_replayed(names: Names) -> Iterator[Drawn]:
     """Yield the figures of re-run flights beside the nominal flight and the reference."""
-    results, curves = names.results, curves_of(names.campaign)
+    results = names.results
     for (controller, flight), history in read_replayed(results.folder).items():
         shown = {f"flight {flight}": history, "nominal": results.nominal.get(controller)}
         aligned = {
@@ -98,7 +98,10 @@ def draw_replayed(names: Names) -> Iterator[Drawn]:
             "Re-run flight and nominal flight, with the reference and the limits.",
         )
         limits = {channel: _limits(channel, names, {*history}) for channel in history}
-        yield text, plot_flown(aligned, results.reference, curves, limits)
+        limited = (_curve(channel, names) for channel, own in limits.items() if own)
+        # An error with a limit replaces the curve with the same label.
+        curves = {curve.label: curve for curve in (*curves_of(names.campaign), *limited)}
+        yield text, plot_flown(aligned, results.reference, tuple(curves.values()), limits)
 
 
 def _ground_tracks(
