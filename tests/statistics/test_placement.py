@@ -5,6 +5,7 @@ Ranks are exact, and a band contains whole histories with its stated probability
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from abhv_mc.statistics.placement import (
     judge_set,
@@ -32,6 +33,43 @@ def test_p_values_are_exact_whatever_the_grouping():
     for p_value in (0.02, 0.05, 0.1, 0.5):
         for p_values in ([r.together for r in results], [r.flights.min() for r in results]):
             assert 0.4 * p_value <= np.mean(np.array(p_values) <= p_value + 1e-9) <= p_value + 1e-9
+
+
+@pytest.mark.parametrize("flights", [2, 3])
+def test_p_values_are_those_of_the_statistics_of_the_definition(flights):
+    pool = np.random.default_rng(9).standard_normal((30, flights, 2))
+    pool += 5.0 * np.arange(flights)[:, None]  # Each flight of a set has its own conditions.
+    ranks = stats.rankdata(stats.zscore(pool).reshape(-1, 2), axis=0)
+    p_values = 2.0 * np.minimum(ranks, len(ranks) + 1 - ranks) / len(ranks)
+    normal = stats.norm.ppf((ranks - 0.5) / len(ranks))
+
+    def distances(values):
+        values = (values - values.mean(axis=0)) / values.std(axis=0)
+        inverse = np.linalg.inv(values.T @ values / len(values) + 1e-3 * np.eye(2))
+        return np.array([row @ inverse @ row for row in values])
+
+    def shares(values):
+        return np.array([np.mean(values >= value - 1e-9) for value in values])
+
+    least = np.minimum(shares(-p_values.min(axis=1)), shares(distances(normal)))
+    first, normal = least.reshape(30, -1).min(axis=1), normal.reshape(pool.shape)
+    # Means of two flights are not subtracted from their covariance.
+    covariances = [np.cov(own.T, bias=True) if flights > 2 else own.T @ own / 2 for own in normal]
+    inverse = np.linalg.inv(np.mean(covariances, axis=0) + 1e-3 * np.eye(2))
+    losses = [
+        np.trace(own @ inverse) - np.log(np.linalg.det(flights * own @ inverse + np.eye(2)))
+        for own in covariances
+    ]
+    means, squares = normal.mean(axis=1), (normal**2).mean(axis=1)
+    largest = [np.abs(stats.zscore(values)).max(axis=1) for values in (means, squares)]
+    together = np.array([*map(shares, (*largest, distances(means), np.array(losses), -first))])
+    joint = together.min(axis=0) + together.sum(axis=0) / 30_000
+    for k in range(30):
+        result = judge_set(np.roll(pool, -k - 1, axis=0))
+        own = slice(k * flights, (k + 1) * flights)
+        assert result.columns == pytest.approx(p_values[own])
+        assert result.flights == pytest.approx([np.mean(first <= value) for value in least[own]])
+        assert result.together == pytest.approx(np.mean(joint <= joint[k] + 1e-12))
 
 
 @pytest.mark.parametrize(
