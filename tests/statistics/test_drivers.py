@@ -170,17 +170,6 @@ def test_both_ends_of_an_input_are_one_rule():
         assert not any(len(rule.conditions) == 1 for rule in rules)
 
 
-def test_a_difference_of_two_inputs_is_one_rule():
-    for seed in range(10):
-        inputs = np.random.default_rng(7100 + seed).uniform(-1.0, 1.0, (1000, IDLE))
-        margin = inputs[:, 3] - inputs[:, 8]
-        failed = margin > np.sort(margin)[-101]
-        best = rules_for(inputs, failed)[0]
-        (condition,) = best.conditions
-        assert (condition.parameter, condition.minus, condition.above) == ("3", "8", True)
-        assert best.failures_inside == best.failures == 100 and best.others_inside <= 3
-
-
 def test_a_difference_rides_on_no_real_input():
     """One input alone, and a corner, stay what they are."""
     for seed in range(10):

@@ -68,9 +68,9 @@ def test_the_last_look_is_the_whole_campaign():
     trace = quantile_traces(values, counts)[1]
     assert trace[-1] == quantile(values, 0.95)
     assert trace[0].high == np.inf  # 20 flights do not bound the 95 % quantile
-    first, last = failure_trace(np.isin(np.arange(100), [3, 50]), [20, 100])
-    assert (first.value, last.value) == (0.05, 0.02)
-    assert (last.low, last.high) == clopper_pearson(2, 100)
+    first, last = failure_trace(np.isin(np.arange(100), [3, 19, 99]), [20, 100])
+    assert (first.value, last.value) == (0.1, 0.03)
+    assert (last.low, last.high) == clopper_pearson(3, 100)
 
 
 def test_early_ends_come_first_and_equals_keep_their_order():

@@ -45,9 +45,6 @@ def test_integer_weights_are_repetitions():
     assert value == pytest.approx(
         np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05
     )
-    assert weighted_share(values > 1.0, weights).value == pytest.approx(
-        weights[values > 1.0].sum() / weights.sum()
-    )
     assert effective_size(np.array([1.0, 1.0, 0.0, 0.0])) == 2.0
 
 

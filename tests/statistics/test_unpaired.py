@@ -1,4 +1,4 @@
-"""Unpaired differences: Newcombe's published intervals, and coverage of the bootstrap."""
+"""Unpaired differences: Newcombe's published intervals, and the ranks of the bootstrap."""
 
 import numpy as np
 import pytest
@@ -21,16 +21,6 @@ def test_published_intervals_of_differences_of_shares(counts_b, counts_a, low, h
     interval = share_difference(*counts_a, *counts_b)
     assert interval.value == pytest.approx(counts_b[0] / counts_b[1] - counts_a[0] / counts_a[1])
     assert (interval.low, interval.high) == pytest.approx((low, high), abs=6e-5)
-
-
-@pytest.mark.parametrize("probability", [0.5, 0.95])
-def test_the_interval_of_a_quantile_holds_the_true_difference(probability):
-    generator, covered, truth = np.random.default_rng(3), 0, 0.5
-    for _ in range(400):
-        a, b = generator.normal(0.0, 1.0, 300), generator.normal(truth, 1.0, 400)
-        interval = quantile_difference(a, b, probability)
-        covered += interval.low <= truth <= interval.high
-    assert 0.92 <= covered / 400 <= 0.98
 
 
 @pytest.mark.parametrize("probability", [0.2, 0.95])
