@@ -3,7 +3,6 @@
 import pytest
 
 from abhv_mc.flights.parameters import Parameter
-from abhv_mc.io.messages import Refusal
 
 CASES = [
     # unit, nominal value, whether it is the user's, factor, suffix, text, value
@@ -24,8 +23,3 @@ def test_quantities_are_read_in_the_unit_of_the_parameter(case):
     parameter = Parameter("x", unit, nominal, "", of_user)
     assert (parameter.is_factor, parameter.unit_suffix) == (is_factor, suffix)
     assert parameter.read(text, of_nominal=True) == pytest.approx(value)
-
-
-def test_a_share_of_zero_is_no_quantity():
-    with pytest.raises(Refusal, match="nominal value 0"):
-        Parameter("x", "m", 0.0, "", True).read("5 %", of_nominal=True)

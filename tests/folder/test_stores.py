@@ -28,8 +28,6 @@ def test_a_running_campaign_without_lock_is_interrupted(tmp_path):
     assert status.manifest == manifest and status.holder.startswith("process ")
     write_manifest(path, replace(manifest, state="complete"))
     assert read_status(root, store, "out").manifest.state == "complete"
-    write_manifest(path, replace(manifest, search={}))
-    assert read_status(root, store, "out").manifest.search == {}
     write_manifest(path, replace(manifest, search={"kind": "worst"}))
     with pytest.raises(InputError, match="search"):
         read_status(root, store, "out")

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from abhv_mc.campaign.sampling.designs import make_copula
 from abhv_mc.campaign.sampling.marginals import (
     ContinuousMarginal,
     DiscreteMarginal,
@@ -40,11 +39,3 @@ def test_impossible_values_are_outside_and_positive_probabilities_are_atoms():
         assert outside(marginal, values).tolist() == [bool(flag) for flag in expected]
     assert not outside(sometimes, values, 0.11).any()
     assert find_atoms(sometimes).tolist() == [-5.0, 0.0, 3.0, 8.0] and not find_atoms(UNIFORM).size
-
-
-def test_correlations_of_a_copula_are_those_of_its_columns():
-    matrix = make_copula("abcd", {("b", "d"): 0.4, ("d", "c"): -0.3}).correlations(4)
-    expected = np.eye(4)
-    expected[1, 3] = expected[3, 1] = 0.4
-    expected[2, 3] = expected[3, 2] = -0.3
-    assert matrix == pytest.approx(expected) and matrix[1, 2] == 0.0
