@@ -7,12 +7,10 @@ from abhv_mc.flights.parameters import Parameter
 CASES = [
     # unit, nominal value, whether it is the user's, factor, suffix, text, value
     ("-", 1.0, False, True, "", "5 %", 0.05),
-    ("-", 1.0, True, True, "", "5 %", 0.05),
     ("m", 1.0, False, True, " m", "2 km", 2000.0),
     ("m", 1.0, True, False, "", "5 %", 0.05),
     ("m", -40.0, True, False, "", "5 %", 2.0),
     ("%", 40.0, True, False, "", "5 %", 5.0),
-    ("K", 0.0, False, False, " K", "3 K", 3.0),
     ("ft", 0.0, True, False, "", "3.048 m", 10.0),
 ]
 

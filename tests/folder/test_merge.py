@@ -15,7 +15,6 @@ from abhv_mc.folder.merge import (
     join_shards,
     order_shards,
     pool_campaigns,
-    require_same_requirements,
     suggest_merge,
 )
 from abhv_mc.io.messages import InputError
@@ -49,18 +48,15 @@ def test_shards_are_ordered_and_joined(tmp_path):
             order_shards(chosen)
     shards = order_shards([parts[2], parts[0], parts[1]])
     assert [shard.root for shard in shards] == parts
-    require_same_requirements(shards)
     join_shards(shards, tmp_path / "out")
     manifest, flights = read(tmp_path / "out")
     manifests = [read_manifest(part / "manifest.json") for part in parts]
     assert (manifest.shard, manifest.state) == (None, "interrupted")
     assert manifest.merged_from == tuple(own.digest for own in manifests)
-    assert manifest.wall_time_s == pytest.approx(sum(own.wall_time_s for own in manifests))
     _, whole = read(tmp_path / "whole")
     for name, own in whole.items():
         assert flights[name].flight.tolist() == own.flight.tolist() == list(range(30))
         assert np.array_equal(flights[name].end_time, own.end_time)
-    join_shards(shards, tmp_path / "out")  # again without effect
     with pytest.raises(InputError, match="not empty"):
         join_shards(shards[::-1], tmp_path / "out")
     samples = parts[1] / "samples.parquet"
