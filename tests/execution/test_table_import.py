@@ -5,6 +5,7 @@ import html
 import json
 import re
 import signal
+from contextlib import nullcontext
 
 import numpy as np
 import pyarrow.csv as pc
@@ -464,6 +465,18 @@ def test_a_result_without_inputs_is_rejected(row, pattern, tmp_path):
     with pytest.raises(InputError, match=pattern) as caught:
         import_tables([inputs, tmp_path / "results.csv"], campaign, tmp_path / "out")
     assert caught.value.line == 3
+
+
+@pytest.mark.parametrize(("share", "is_same"), [(-0.99e-4, True), (-1.01e-4, False)])
+def test_repeated_inputs_agree_to_a_share_of_the_largest(share, is_same, tmp_path):
+    campaign, inputs, results = written_inputs(tmp_path)
+    b = [float(line.split(",")[2]) for line in inputs.read_text().splitlines()[1:]]
+    b[7] += share * max(map(abs, b))
+    table = tmp_path / "results.csv"
+    lines = [f"{i},{miss},{b[i]!r}" for i, (_, miss) in enumerate(results)]
+    table.write_text("\n".join(["flight,miss,b", *lines, ""]))
+    with nullcontext() if is_same else pytest.raises(InputError, match=r":9:\d+: 'b' is"):
+        import_tables([inputs, table], campaign, tmp_path / "out")
 
 
 def drawn_b(inputs, flight):

@@ -4,6 +4,7 @@ import numpy as np
 
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.folder.envelope_states import Cells, Collector
+from abhv_mc.folder.histories import EnvelopeTable
 
 
 def test_overlapping_blocks_count_each_flight_once(tmp_path):
@@ -21,3 +22,9 @@ def test_overlapping_blocks_count_each_flight_once(tmp_path):
     assert table.count.tolist() == [[6]] * 3 and collector.covered.all()
     assert table.least[2].tolist() == [[6.5]] * 3  # median of 0, 1, 4, 9, 16 and 25
     assert (table.low.max(), table.high.min()) == (0.0, 25.0)
+
+
+def test_quantiles_up_to_the_median_are_the_lower_edges():
+    edges = np.arange(5.0)[:, None, None]
+    columns = EnvelopeTable(np.ones((1, 1)), edges[0], edges[4], edges, edges + 9.0).columns(2)
+    assert [column.item() for column in columns.values()] == [0, 0, 1, 2, 12, 13, 4, 11]

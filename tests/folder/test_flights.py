@@ -12,7 +12,7 @@ from fake_flight import ENGINE, fly, run, write_campaign
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.execution import runner
 from abhv_mc.folder import flown_blocks, hashes
-from abhv_mc.folder.flights import Digest, digest_rows
+from abhv_mc.folder.flights import DamagedFileError, Digest, digest_rows, read_pieces
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 
@@ -52,6 +52,16 @@ def test_rows_digest_resume_and_growth_are_as_before(campaign, tmp_path, capfd):
     assert [row.first for row in find_rows(CampaignFolder(out), "one", [150])] == [150]
     flights = [read_flown(folder).flights["one"] for folder in (out, tmp_path / "whole")]
     assert flights[0].flight.tolist() == flights[1].flight.tolist() == list(range(300))
+
+    path = out / "flights" / names(out)[0]  # two groups of 128 and 64 flights
+    for is_intact in (False, True):
+        rows, digests = zip(*read_pieces(path, ("aero.lift",), is_intact=is_intact), strict=True)
+        assert [(piece.first, piece.stop) for piece in rows] == [(0, 128), (128, 192)]
+        assert sum(digests, Digest()) == sum((piece.digest() for piece in rows), Digest())
+    for name in ("one-000000001-000000193.parquet", "one-000000000-000000200.parquet"):
+        with pytest.raises(DamagedFileError):
+            [*read_pieces(path.rename(path.with_name(name)), ("aero.lift",), is_intact=True)]
+        path.with_name(name).rename(path)
 
     def refuse(*_):
         raise AssertionError("run again")

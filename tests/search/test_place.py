@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from fake_flight import DENSITY, ENGINE, LIFT, fly, make_plan, run, write_campaign
+from search.known_flights import LINE
 
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.messages import InputError
@@ -146,3 +147,28 @@ def test_the_report_draws_the_simultaneous_band(tmp_path):
         for history in read_histories(tmp_path / "out", "one").values()
     ]
     assert np.mean(inside) >= 0.95
+
+
+def test_a_history_is_ranked_and_leaves_the_band(tmp_path):
+    """The altitude is the density in each flight, and that of the test flight grows at the end."""
+    history = "".join(f"{k / 10},{1.01 if k < 16 else 1.2}\n" for k in range(3, 20))
+    keep = "{histories: {flights: all, rate: 10 Hz}}"
+    path, files = write_table(
+        tmp_path, f"time,altitude_m\n{history}", keep=keep, dispersions=f"{{{LAWS}}}"
+    )
+    placement = place_flights(path, files, engine=LINE)
+    drawn = Programme(path, files, engine=LINE).draw(199)[:, 0, 0].astype(np.float32)
+    (flight,) = placement.flights
+    ranks = {entry.metric.partition(", ")[2]: entry for entry in flight.metrics}
+    mean = (13 * 1.01 + 4 * 1.2) / 17
+    for summary, value in (("smallest", 1.01), ("largest", 1.2), ("last", 1.2), ("mean", mean)):
+        entry = ranks[summary]
+        rank = 1 + np.sum(drawn < value)
+        numbers = value, *np.quantile(drawn, [0.025, 0.5, 0.975])
+        assert (entry.value, entry.low, entry.median, entry.high) == pytest.approx(numbers)
+        tail = 2.0 * min(rank, 201 - rank) / 200
+        assert (entry.rank, entry.p_value) == (rank, pytest.approx(min(tail, 1.0)))
+    assert (flight.leaves.channel, flight.leaves.time_s) == ("altitude_m", pytest.approx(1.6))
+    assert flight.covers == pytest.approx((0.3, 1.9))
+    low, high, test = placement.bands["altitude_m"]
+    assert (low[0], high[0], test[0, 0]) == pytest.approx((0.92, 1.08, 1.01), abs=0.008)

@@ -17,7 +17,7 @@ from abhv_mc.statistics import (
     runs_needed,
     success_lower_bound,
 )
-from abhv_mc.statistics.binomial import jeffreys
+from abhv_mc.statistics.binomial import jeffreys, mcnemar_one_sided
 
 PROBABILITIES = st.sampled_from([0.5, 0.9, 0.95, 0.99, 0.9973, 0.99865])
 
@@ -50,6 +50,7 @@ def test_oracles(compute, expected):
 def test_mcnemar_and_two_sided_intervals_are_scipys(b, c):
     both = binomtest(b, b + c, 0.5) if b + c else None
     assert mcnemar_exact(b, c) == pytest.approx(both.pvalue if both else 1.0, rel=1e-9)
+    assert mcnemar_one_sided(b, c) == pytest.approx(binom.sf(c - 1, b + c, 0.5), rel=1e-9)
     interval = both.proportion_ci(0.95, method="exact") if both else (0.0, 1.0)
     assert clopper_pearson(b, b + c) == pytest.approx(tuple(interval), abs=1e-12)
 

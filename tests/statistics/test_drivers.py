@@ -1,5 +1,7 @@
 """Planted drivers are found among idle ones, and none is found where there is none."""
 
+from itertools import combinations
+
 import numpy as np
 import openturns
 import pytest
@@ -153,32 +155,6 @@ def rules_for(inputs, failed):
     return find_rules(bin_inputs(names, lambda name: inputs[:, int(name)]), failed)
 
 
-def test_both_ends_of_an_input_are_one_rule():
-    """|wind.north| > 25 m/s: 21 of 21, where the page said '> 25: 52 %'."""
-    for seed in range(10):
-        inputs = np.random.default_rng(7000 + seed).normal(0.0, 12.0, (1000, IDLE))
-        failed = np.abs(inputs[:, 6]) > np.sort(np.abs(inputs[:, 6]))[-22]
-        rules = rules_for(inputs, failed)
-        best = rules[0]
-        assert best.either and [(c.parameter, c.above) for c in best.conditions] == [
-            ("6", False),
-            ("6", True),
-        ]
-        assert (best.failures_inside, best.failures, best.others_inside) == (21, 21, 0)
-        assert not any(len(rule.conditions) == 1 for rule in rules)
-
-
-def test_a_difference_of_two_inputs_is_one_rule():
-    for seed in range(10):
-        inputs = np.random.default_rng(7100 + seed).uniform(-1.0, 1.0, (1000, IDLE))
-        margin = inputs[:, 3] - inputs[:, 8]
-        failed = margin > np.sort(margin)[-101]
-        best = rules_for(inputs, failed)[0]
-        (condition,) = best.conditions
-        assert (condition.parameter, condition.minus, condition.above) == ("3", "8", True)
-        assert best.failures_inside == best.failures == 100 and best.others_inside <= 3
-
-
 def test_a_difference_rides_on_no_real_input():
     """One input alone, and a corner, stay what they are."""
     for seed in range(10):
@@ -189,6 +165,37 @@ def test_a_difference_rides_on_no_real_input():
                 c.minus is not None for rule in rules[:1] for c in rule.conditions
             )
             assert {c.parameter for c in rules[0].conditions} <= {"4", "9"}
+
+
+def test_p_values_of_rules_are_hypergeometric_and_corrected_for_all_candidates():
+    draw = np.random.default_rng(96)
+    x, y, z = inputs = draw.random((3, 400))
+    noise, difference = draw.random(400), stats.zscore(x) - stats.zscore(z)
+    levels = [0.01, 0.02, 0.05, *np.arange(1, 10) / 10.0, 0.95, 0.98, 0.99]
+    ends = [(x <= low) | (x > high) for low, high in combinations(np.quantile(x, levels), 2)]
+    for rate, tried, number, regions in [
+        (0.25 * (x > 0.7), 15, 9, [x > end for end in np.quantile(x, levels)]),
+        (0.3 * (abs(x - 0.5) > 0.4), 105, 8, ends),
+        (0.7 * (x > 0.7) * (y < 0.3), 18**2, 9, None),  # corner
+        (0.4 * (x - z > 0.5), 45, 10, [difference > e for e in np.quantile(difference, levels)]),
+    ]:  # fmt: skip
+        failed = noise < rate
+        rule = rules_for(inputs.T, failed)[0]
+        if regions:  # the one with the largest excess of failures in standard deviations
+            region = max(regions, key=lambda r: np.corrcoef(r, failed)[0, 1])
+            given = [np.ones(400, bool)]
+        else:
+            given = [x > rule.conditions[0].threshold, y <= rule.conditions[1].threshold]
+            region = given[0] & given[1]
+            assert rule.failures_inside + rule.others_inside == region.sum()
+        counts = [(side.sum(), np.sum(side & failed), region.sum()) for side in given]
+        tails = [stats.hypergeom.sf(np.sum(region & failed) - 1, *table) for table in counts]
+        assert rule.p_value == pytest.approx(tried * max(tails), rel=1e-7)
+        assert rule.q_value == pytest.approx(number * rule.p_value, rel=1e-9)
+        assert (rule.failures, rule.others) == (failed.sum(), 400 - failed.sum())
+        assert rule.either == (tried == 105)
+        # The thresholds of half-lines are moved to where failures begin.
+        assert regions is None or rule.failures_inside / rule.failures > 0.9
 
 
 @pytest.mark.thorough

@@ -4,13 +4,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abhv_mc.bounds import Bounds
+from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.estimates import (
     Criterion,
+    Interval,
     failure_trace,
     looks,
     pair_differences,
     quantile,
     quantile_traces,
+    quantiles,
     severity,
     sorted_quantile,
     spread,
@@ -36,6 +39,10 @@ def test_interval_is_the_published_order_statistics():
     values = np.arange(100.0)
     high, low = quantile(values, 0.9), quantile(-values, 0.1)
     assert (high.low, high.high) == (-low.high, -low.low) == (83.0, 95.0)
+    for sense, expected in (("low", Interval(-2.0, -3.0, -1.0)), ("size", Interval(2.0, 1.0, 3.0))):
+        assert Interval(2.0, 1.0, 3.0).in_sense(sense) == expected
+    (none,) = quantiles(np.empty(0), (0.5,))
+    assert np.isnan(none.value) and (none.low, none.high) == (-np.inf, np.inf)
 
 
 def test_failed_flights_are_the_worst():
@@ -56,12 +63,14 @@ def test_pairs_that_both_failed_are_ties():
 
 def test_the_last_look_is_the_whole_campaign():
     values, counts = np.random.default_rng(12).normal(size=300), looks(300)
-    assert counts[0] == 20 and counts[-1] == 300 and (np.diff(counts) > 0).all() and looks(7) == [7]
+    steps = np.rint(20.0 * 15.0 ** (np.arange(12) / 11.0))
+    assert counts == sorted({*map(int, steps), 75, 150}) and looks(20) == [20]
     trace = quantile_traces(values, counts)[1]
     assert trace[-1] == quantile(values, 0.95)
     assert trace[0].high == np.inf  # 20 flights do not bound the 95 % quantile
-    first, last = failure_trace(np.isin(np.arange(100), [3, 50]), [20, 100])
-    assert (first.value, last.value) == (0.05, 0.02) and last.low < 0.02 < last.high
+    first, last = failure_trace(np.isin(np.arange(100), [3, 19, 99]), [20, 100])
+    assert (first.value, last.value) == (0.1, 0.03)
+    assert (last.low, last.high) == clopper_pearson(3, 100)
 
 
 def test_early_ends_come_first_and_equals_keep_their_order():

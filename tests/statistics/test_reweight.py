@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import stats
 
 from abhv_mc.statistics.binomial import clopper_pearson
 from abhv_mc.statistics.reweight import (
     effective_size,
     join_unseen,
+    unseen_of_range,
     unseen_of_values,
     weighted_quantile,
     weighted_share,
@@ -43,9 +45,6 @@ def test_integer_weights_are_repetitions():
     assert value == pytest.approx(
         np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05
     )
-    assert weighted_share(values > 1.0, weights).value == pytest.approx(
-        weights[values > 1.0].sum() / weights.sum()
-    )
     assert effective_size(np.array([1.0, 1.0, 0.0, 0.0])) == 2.0
 
 
@@ -70,6 +69,27 @@ def test_discrete_values_that_no_flight_had_are_unseen():
     assert unseen == pytest.approx((0.3, 0.3))
     assert join_unseen([unseen, (0.004, 0.0)]).joint == pytest.approx(0.3)
     assert join_unseen([]).single == 0.0
+    # The flights represent three times their shares of 0.001 and 0.002.
+    beyond = unseen_of_range((0.02, 0.005), (1.0, 2.0), 1000)
+    assert beyond == pytest.approx((0.025, 0.017))
+    joined = join_unseen([beyond, unseen, (0.6, 0.9)])
+    assert (joined.single, joined.joint) == (0.6, 1.0)
+
+
+def test_intervals_of_different_weights_have_effective_numbers_of_flights():
+    weights = np.repeat([1.0, 3.0, 5.0], [50, 30, 20])
+    flags, shares = np.isin(np.arange(100), np.arange(0, 80, 10)), weights / 240.0
+    interval = weighted_share(flags, weights)
+    share = interval.value
+    assert share == pytest.approx(shares[flags].sum())
+    number = share * (1.0 - share) / np.sum((shares * (flags - share)) ** 2)
+    number = min(number, 240.0**2 / np.sum(weights**2))
+    low = stats.beta.ppf(0.025, share * number, (1.0 - share) * number + 1.0)
+    counted = np.append(shares[flags], 3.0 / 240.0)  # one more failure of the largest weight
+    events = counted.sum() ** 2 / np.sum(counted**2)
+    total = events / counted.sum()
+    high = stats.beta.ppf(0.975, events, total - events + 1.0)
+    assert (interval.low, interval.high) == pytest.approx((low, high))
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from abhv_mc.statistics.unknowns import (
     choose_points,
     corners,
     judge_points,
+    most_points,
     search_flights,
     search_size,
     search_worst,
@@ -153,4 +154,6 @@ def test_risks_by_simulation(system, passes, fails):
 def test_a_trial_of_few_flights_searches_with_few():
     assert [search_size(runs) for runs in (8, 32, 64, 256, 2200)] == [32, 32, 64, 256, 256]
     assert search_flights(3, 2, 64) * 4 == search_flights(3, 2, 2200)
-    assert showing_factor(0.99, 64) == 4 * showing_factor(0.99)
+    assert search_flights(5, 2, 64) == 64 * (32 + 1 + 32 + 2 * 64)
+    assert showing_factor(0.99, 64) == 4 * showing_factor(0.99) == pytest.approx(2 / 0.64)
+    assert [most_points(number, 3) for number in (1, 4, 5)] == [2 + 1 + 6, 16 + 1 + 6, 1 + 12]

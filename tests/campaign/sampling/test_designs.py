@@ -64,6 +64,7 @@ def test_sobol_fills_every_binary_slice_and_pairs_of_them():
     numbers = draw("sobol", 256)
     for column in numbers.T:
         assert sorted(np.floor(column * 256)) == list(range(256))
+    assert (numbers * 2.0**30 % 1.0 == 0.5).all()  # the middles of 2^30 slices
     assert stats.qmc.discrepancy(numbers) < 0.2 * stats.qmc.discrepancy(draw("random", 256))
 
 

@@ -9,8 +9,9 @@ from scipy import stats
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.derived_parameters import compile_derived
-from abhv_mc.campaign.sampling.samples import read_sample_file
+from abhv_mc.campaign.sampling.samples import draw_seeds, read_sample_file
 from abhv_mc.flights.expressions import sine
+from abhv_mc.flights.parameters import Parameter
 from abhv_mc.io.messages import InputError, Refusal
 from abhv_mc.search.space import make_space
 from abhv_mc_vehicle.kernel.numerics.lane_math import sincos
@@ -35,6 +36,8 @@ def test_seeds_are_columns_behind_the_dispersions(tmp_path):
     assert len(np.unique(values[:, 2])) == len(np.unique(values[:, 3])) == 300
     assert abs(np.corrcoef(values[:, 2], values[:, 3])[0, 1]) < 0.2
     np.testing.assert_array_equal(source.draw(100, 200), values[100:200])
+    numbers = draw_seeds(Parameter("s", "-", 0.0, "", of_user=True, seed=True), 5, 0, 99)
+    assert (numbers % 1.0 == 0.0).all() and 2.0**51 < numbers.max() < 2.0**52
 
 
 def test_dispersed_seeds_stay_and_samples_of_files_and_derived_noise_get_seeds(tmp_path):

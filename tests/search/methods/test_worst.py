@@ -86,6 +86,15 @@ def test_batches_fill_lanes_and_stay_within_what_is_allowed():
     }  # fmt: skip
 
 
+def test_stages_have_their_shares_of_the_evaluations():
+    """With 2000 evaluations, batches have 128 points: a quarter for polishing is left."""
+    worst_case = search_worst(bowl(2)[0], 2, 2000)
+    last = {progress.stage: progress.evaluations for progress in worst_case.history}
+    stages = "one at a time", "corners", "Sobol points", "CMA-ES"
+    assert [last[stage] for stage in stages] == [128, 256, 512, 1408]
+    assert last["sensitivity"] == last["polish"] + 32 <= 2000
+
+
 def test_values_that_are_no_numbers_are_never_the_worst():
     def value(x):
         return np.where(x[:, 0] > 0.5, np.nan, x.sum(axis=1))

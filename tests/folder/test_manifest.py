@@ -1,0 +1,33 @@
+"""Entries of the manifest: workers of flights, and events of simulators."""
+
+from dataclasses import replace
+
+from abhv_mc.folder.manifest import add_events, join_flyers, note_flyers, shift_flyers
+from abhv_mc.identity import this_flyer
+
+
+def test_flights_belong_to_their_last_worker():
+    first, second = this_flyer(), this_flyer()._replace(host="node7")
+    entries = note_flyers([], (first,), "one", 0, 64)
+    entries = note_flyers(entries, (first._replace(process=1),), "one", 64, 128)
+    entries = note_flyers(entries, (second,), "one", 32, 96)
+    assert [(entry.host, entry.blocks["one"]) for entry in entries] == [
+        (first.host, ((0, 32), (96, 128))),
+        ("node7", ((32, 96),)),
+    ]
+    joined = join_flyers([*entries, *note_flyers([], (second,), "one", 128, 160)])
+    assert [entry.blocks["one"] for entry in joined] == [
+        ((0, 32), (96, 128)),
+        ((32, 96), (128, 160)),
+    ]
+    entry, *_ = note_flyers(joined, (second,), "one", 0, 16)
+    assert entry.blocks["one"] == ((16, 32), (96, 128))
+    assert note_flyers(joined, (first,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}
+    shifted, _ = shift_flyers(joined, 10)
+    assert shifted == replace(joined[0], blocks={"one": ((10, 42), (106, 138))})
+
+
+def test_events_of_simulators_are_added_by_system():
+    first, second = {"one": {"surplus": 1}, "two": {}}, {"one": {"surplus": 2, "restarts": 1}}
+    total = {"one": {"surplus": 3, "restarts": 1}, "two": {}}
+    assert add_events([first, None, second]) == total and add_events([None]) is None

@@ -1,0 +1,56 @@
+"""Identification of a linear model, whose estimates have a closed form."""
+
+import numpy as np
+import pytest
+import yaml
+from scipy import stats
+from search.known_flights import LINE, METRIC, write_line
+
+from abhv_mc.search.identify import identify
+
+
+def test_estimates_of_vehicles_their_spread_and_the_renewed_campaign(tmp_path):
+    """The metric is the lift's normal number, so 0.2 of noise is 0.01 in two flights' lift."""
+    path, table = write_line(tmp_path), tmp_path / "flights.csv"
+    rows = ["A,0.5", "A,0.7", "B,-1.0", "B,-0.8"]
+    table.write_text("\n".join([f"vehicle,{METRIC}", *rows, ""]))
+    answer = identify(
+        path, [table], noise={METRIC: 0.2}, output=tmp_path / "renewed.yaml", engine=LINE
+    )
+    (lift,) = answer.parameters
+    assert (lift.name, lift.unit) == ("aero.lift", "-")
+    assert lift.values == pytest.approx({"A": 1.03, "B": 0.955}, abs=1e-6)
+    error = 0.05 * 0.2 / 2**0.5
+    assert lift.errors == pytest.approx({"A": error, "B": error}, rel=1e-4)
+    spread = (0.075**2 / 2 - error**2) ** 0.5
+    numbers = 0.9925, ((spread**2 + error**2) / 2) ** 0.5, spread
+    assert (lift.mean, lift.mean_error, lift.spread) == pytest.approx(numbers, rel=1e-3)
+    sigma = float(np.hypot(*numbers[1:]))
+    renewed = yaml.safe_load((tmp_path / "renewed.yaml").read_text())["dispersions"]
+    assert renewed == answer.dispersions and [*renewed] == ["aero.lift", "atmosphere.density"]
+    assert renewed["aero.lift"].pop("varies_by") == "vehicle"
+    assert float(renewed["aero.lift"]["mean"]) == pytest.approx(0.9925)
+    assert float(renewed["aero.lift"]["sigma"]) == pytest.approx(sigma, rel=1e-3)
+    assert answer.residuals["flights.csv:2"] == pytest.approx({METRIC: 0.5}, rel=1e-3)
+    assert answer.p_value == pytest.approx(stats.chi2.sf(4 * 0.5**2, 2), rel=1e-3)
+    assert answer.fits and answer.converged and answer.noise == {METRIC: 0.2}
+    assert answer.nuisances == ("atmosphere.density",) and not answer.inseparable
+    table.write_text(f"vehicle,{METRIC}\nA,0.5\nA,1.5\n")
+    answer = identify(path, [table], ["aero.lift"], noise={METRIC: 0.2}, engine=LINE)
+    assert answer.p_value == pytest.approx(stats.chi2.sf(2 * 2.5**2, 1), rel=1e-3)
+    assert not answer.fits and answer.parameters[0].spread is None
+
+
+def test_a_history_identifies_the_parameters_of_each_flight(tmp_path):
+    laws = "{atmosphere.density: {distribution: uniform, half_width: 2 %, varies_by: flight}}"
+    path, table = write_line(tmp_path, dispersions=laws), tmp_path / "flight.csv"
+    times = np.arange(21) / 10
+    table.write_text(
+        "\n".join(["time,altitude_m", *(f"{t},{1.005 + 0.001 * t}" for t in times), ""])
+    )
+    answer = identify(path, [table], noise={"altitude_m": 0.01}, engine=LINE)
+    (density,) = answer.parameters
+    assert density.values == pytest.approx({"flight.csv": 1.006}, abs=1e-6)
+    assert density.errors == pytest.approx({"flight.csv": 0.01 / 21**0.5}, rel=1e-3)
+    assert answer.dispersions["atmosphere.density"]["varies_by"] == "flight"
+    assert answer.offsets == {"flight.csv": 0.0}
