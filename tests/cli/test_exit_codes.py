@@ -2,9 +2,22 @@
 
 import json
 import re
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
-from fake_flight import write_campaign
+import typer
+from fake_flight import run, write_campaign
+
+from abhv_mc.cli.errors import exit_code_of
+from abhv_mc.cli.running import exit_by_verdicts
+from abhv_mc.execution.retry import UnusableError
+from abhv_mc.flights.repeatability import Repeatability
+from abhv_mc.folder.layout import StorageFullError
+from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.io.messages import InputError, Refusal
+from abhv_mc.report.numbers.compare import Compared
+from abhv_mc.topics.topic import Section
 
 pytestmark = pytest.mark.usefixtures("fake_engine", "no_figures")
 ENTRY = {"metric": "altitude_error_max_m", "probability": 0.9, "consumer_risk": 0.1}
@@ -56,3 +69,159 @@ def test_commands_for_one_controller_ask_which_of_several(abhv_mc, tmp_path):
         code, _, err = abhv_mc(*command)
         assert code == 2 and "--controller" in err and "'one' and 'two'" in err, command
     assert abhv_mc("replay", out, "--flight", 1, "--controller", "two")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (SystemExit(1), 1),
+        (SystemExit(130), 3),
+        (KeyboardInterrupt(), 3),
+        (MemoryError(), 3),
+        (UnusableError("none"), 3),
+        (StorageFullError("full"), 3),
+        (InputError("f", "a", "b"), 2),
+        (Refusal("a", "b"), 2),
+        (ModuleNotFoundError(name="abhv_mc_vehicle"), 2),
+        (ModuleNotFoundError(name="other"), 70),
+        (ValueError("defect"), 70),
+    ],
+)
+def test_each_kind_of_error_has_its_code(error, code):
+    assert exit_code_of(error) == code
+
+
+@pytest.mark.parametrize(
+    ("labels", "code"),
+    [("PASS PASS", 0), ("PASS ESTIMATE", 0), ("PASS FAIL", 1), ("FAIL,later PASS", 1), ("", 0)],
+)
+def test_one_failed_verdict_is_enough_and_labels_are_counted(labels, code, capsys):
+    labels = [(name, label.replace(",", ", ")) for label in labels.split() for name in "ab"]
+    try:
+        exit_by_verdicts(labels)
+        ended = 0
+    except typer.Exit as end:
+        ended = end.exit_code
+    assert ended == code
+    text = capsys.readouterr().out
+    assert bool(text) == bool(labels) and f"exit code {code}" * bool(labels) in text
+    if len({label for _, label in labels}) == 1:
+        assert text.startswith("verdicts  a: 2 PASS; b: 2 PASS; ")
+
+
+@pytest.mark.parametrize(
+    ("shown", "lost", "options", "code"),
+    [
+        ([[True], [True, True]], [5, 5], [], 0),
+        ([[True], [True, False]], [0, 0], [], 1),
+        ([[], []], [1, 2], ["--fail-if-loses", 3], 0),
+        ([[], []], [1, 2], ["--fail-if-loses", 2], 1),
+    ],
+)
+def test_each_gate_of_each_pair_must_be_shown(
+    abhv_mc, tmp_path, monkeypatch, shown, lost, options, code
+):
+    pairs = [
+        SimpleNamespace(
+            controllers=("a", "b"),
+            newly_lost=count,
+            not_worse={k: SimpleNamespace(shown=is_shown) for k, is_shown in enumerate(gates)},
+        )
+        for gates, count in zip(shown, lost, strict=True)
+    ]
+    found = SimpleNamespace(found=Compared((), {}, tuple(pairs)), section=Section("s", ()), page="")
+    monkeypatch.setattr("abhv_mc.report.pages.compare_page.compare_folders", lambda *_: found)
+    ended, out, _ = abhv_mc("compare", tmp_path, tmp_path, *options)
+    assert ended == code
+    assert re.findall(r"a -> b: (\d+)", out) == ([str(n) for n in lost] if options else [])
+
+
+@pytest.mark.parametrize(
+    ("verdict", "widths", "code"),
+    [
+        ("FAIL", ["FAIL", "PASS", None], 0),
+        ("PASS", [], 0),
+        ("FAIL", [None, "NOT SHOWN"], 1),
+    ],
+)
+def test_tighten_needs_one_confirmed_width(abhv_mc, tmp_path, monkeypatch, verdict, widths, code):
+    def judged(status):
+        return status and SimpleNamespace(status=status, failures=1, flights=9)
+
+    own = [
+        SimpleNamespace(name="aero.lift", reweighted=0.5, width=0.5, entry=None, verdict=judged(x))
+        for x in widths
+    ]
+    found = SimpleNamespace(controller="a", verdict=judged(verdict), dispersions=own, folder="")
+    monkeypatch.setattr("abhv_mc.search.tighten.tighten", lambda *_, **__: found)
+    ended, out, _ = abhv_mc("tighten", tmp_path)
+    assert ended == code and f"a: {verdict} 1 of 9" in out
+    assert out.count("no PASS at any width") == widths.count(None)
+
+
+@pytest.mark.parametrize(
+    ("command", "failed", "refusal", "code"),
+    [
+        ("worst", 0, None, 0),
+        ("worst", 1, None, 3),
+        ("rare", 0, None, 0),
+        ("rare", 0, "no", 1),
+        ("rare", 1, "no", 3),
+    ],
+)
+def test_searches_are_incomplete_before_they_fail(
+    abhv_mc, tmp_path, monkeypatch, command, failed, refusal, code
+):
+    campaign = write_campaign(tmp_path / "study.v2")
+    asked = {"worst": "--metric", "rare": "--requirement"}[command]
+    folders = []
+
+    def search(**request):
+        folders.append(str(request["output"]))
+        estimate = SimpleNamespace(refusal=refusal)
+        return SimpleNamespace(numbers=dict, failed_to_run=failed, estimate=estimate)
+
+    monkeypatch.setattr(f"abhv_mc.api.{command}", search)
+    page = SimpleNamespace(section=Section("s", ()))
+    pages = "abhv_mc.report.pages.search_pages"
+    monkeypatch.setattr(f"{pages}.make_{command}_answer", lambda *_: page)
+    assert abhv_mc(command, campaign, asked, "altitude_error_max_m")[0] == code
+    assert folders == [f"reports/campaign_{command}_altitude_error_max_m"]
+
+
+@pytest.mark.parametrize(
+    ("differences", "repeatable", "code"),
+    [((), None, 0), (("x: 1 instead of 2",), None, 1),
+     (("x: 1 instead of 2",), Repeatability.DECLARED, 0),
+     (("x: 1 instead of 2",), Repeatability.ROUNDING, 1)],
+)  # fmt: skip
+def test_a_replay_may_differ_only_with_declared_noise(
+    abhv_mc, tmp_path, monkeypatch, differences, repeatable, code
+):
+    replay = SimpleNamespace(
+        differences=differences, repeatability=repeatable, outcome="ok", sentence="", samples={},
+        metrics={"x": 1.0}, channels=(), block=SimpleNamespace(end_time=np.array([2.0])),
+    )  # fmt: skip
+    monkeypatch.setattr("abhv_mc.analysis.replay.replay_flight", lambda *_, **__: replay)
+    chosen = SimpleNamespace(choose_controller=lambda name: name)
+    monkeypatch.setattr("abhv_mc.folder.inputs.read_folder_campaign", lambda _: chosen)
+    assert abhv_mc("replay", tmp_path, "--flight", 1, "--controller", "a")[0] == code
+
+
+def test_a_merge_prints_the_counts_of_all_seeds(abhv_mc, tmp_path):
+    """The number of flights, the outcomes and the failures are sums over the merged folders."""
+    campaign = write_campaign(tmp_path / "f", keep="{}")
+    sizes = {1: 300, 2: 200}
+    parts = [run(campaign, tmp_path / f"s{k}", seed=k, runs=n) for k, n in sizes.items()]
+    _, out, _ = abhv_mc("run", campaign, "-o", tmp_path / "s2", "--seed", 2, "--runs", 200)
+    label = parts[0].manifest.requirements[0].label
+    assert f"'s1' (300 flights: 1 {label})" in out and f"merge {tmp_path}/s2 {tmp_path}/s1 " in out
+    code, out, _ = abhv_mc("merge", *(part.folder for part in parts), "-o", "m", "--no-report")
+    assert code == 0 and "complete, 500 of 500" in out
+    for name in ("one", "two"):
+        lost = sum(p.manifest.controllers[name].outcomes["sideslip_limit"] for p in parts)
+        assert re.search(rf"(?m)^  {name} +{500 - lost} ok, {lost} sideslip_limit$", out)
+    failures = sum(part.manifest.requirements[0].failures for part in parts)
+    merged = read_manifest(tmp_path / "m/manifest.json")
+    assert re.search(rf" {merged.requirements[0].label} {failures} of 500\b", out)
+    assert f"digest    {merged.digest}" in out and "verdicts  one: 1 " in out
