@@ -91,7 +91,9 @@ def test_runs_shows_one_campaign_or_lists_several(abhv_mc, flown):
         and status["runs_done"] == 60
         and status["holder"] is None
     )
-    assert "complete, 60 of 60" in abhv_mc("runs", flown)[1]
+    out = abhv_mc("runs", flown)[1]
+    size = sum(path.stat().st_size for path in flown.rglob("*") if path.is_file())
+    assert "complete, 60 of 60" in out and f"disk      {size / 1e6:.1f} MB" in out
     (flown.parent / "other").mkdir()
     (flown.parent / "other/manifest.json").write_text("{}")
     listed = json.loads(abhv_mc("runs --json -")[1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.execution.first_flights import _across, _judge_repeats, _Repeats, _within
+from abhv_mc.execution.first_flights import _judge_repeats, _Repeats
 from abhv_mc.execution.retention import StoredFlights, find_difference
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome
 from abhv_mc.flights.repeatability import Repeatability
@@ -38,54 +38,43 @@ def test_the_largest_difference_is_relative_and_that_of_outcomes_is_infinite():
 
 @pytest.mark.parametrize(("shard", "count"), [((0, 60), 4), ((500, 600), 5), ((0, 1000), 20)])
 def test_failures_are_run_again_first_and_then_the_worst(shard, count):
-    """The largest value of each metric is worst; flight 998 failed to run."""
-    height = np.arange(1000.0)
-    range_m = np.where(np.arange(1000) == 40, 2000.0, 0.0)
-    missed = np.isin(np.arange(1000), (7, 550))
-    limits = SimpleNamespace(limits=Bounds(high=1e4))
-    requirements = [
-        SimpleNamespace(requirement=SimpleNamespace(metric=name, **vars(limits)), missed=missed)
-        for name in ("height", "range")
-    ]
+    """Flights 999 and 40 are the worst in one metric each; 998 failed to run."""
+    number = np.arange(1000)
+    values = np.column_stack([number, np.where(number == 40, 2000, 0), number])
+    codes = np.where(number == 998, "failed_to_run", "ok").tolist()
     stored = StoredFlights(CAMPAIGN, shard)
-    codes = ["ok"] * 1000
-    codes[998] = "failed_to_run"
-    rows = SimpleNamespace(
-        controller="s",
-        outcome=codes,
-        values=np.column_stack([height, range_m, height]),
-        flights=np.arange(1000),
-    )
+    rows = SimpleNamespace(controller="s", outcome=codes, values=values, flights=number)
     stored.add(rows)
-    chosen = stored.choose(SimpleNamespace(controller="s", requirements=requirements)).tolist()
+    missed = np.isin(number, (7, 550))
+    asked = [SimpleNamespace(metric=own.name, limits=Bounds(high=1e4)) for own in CAMPAIGN.measured]
+    counts = [SimpleNamespace(requirement=item, missed=missed) for item in asked]
+    chosen = stored.choose(SimpleNamespace(controller="s", requirements=counts)).tolist()
     assert len(chosen) == count and {*chosen[:2]} == {7, 550}
-    assert {*chosen[2:4]} == {999, 40}  # each is the worst in one metric
-    assert 998 not in chosen and {*chosen[4:5]} <= {0, 997}  # each has the second rank
+    assert {*chosen[2:4]} == {999, 40} and {*chosen[4:5]} <= {0, 997}
 
 
-def repeats(first, again):
+def repeats(text):
+    """Return flights of rows 1, 2, ..., and, after a bar, of repeated rows in reverse order."""
+    first, again = (list(map(float, part.split())) for part in text.split("|"))
     rows = np.arange(1.0, 1.0 + len(first))[:, None]
     repeated = rows[: len(again)] if len(again) < len(first) else rows[::-1]
-    values = [[0.0, value, 0.0] for value in (*first, *again)]
-    return _Repeats(np.concatenate([rows, repeated]), np.array(values), (), len(first))
+    values = np.pad(np.array([[*first, *again]]).T, ((0, 0), (1, 1)))
+    return _Repeats(np.concatenate([rows, repeated]), values, (), len(first))
 
 
 @pytest.mark.parametrize(
     ("a", "b", "declared", "expected"),
     [
-        (([1, 2], [2, 1]), ([1, 2], [2, 1]), False, Repeatability.EXACT),
-        (([1, 2], [2, 1]), ([1, 2 + 1e-12], [2, 1]), False, Repeatability.ROUNDING),
-        (([1, 2], [2, 1]), ([1, 2.1], [2.1, 1]), False, Repeatability.NOISE),
-        (([1, 2], [2, 1.1]), ([1, 2], [2, 1.1]), False, Repeatability.NOISE),
-        (([1, 2], [2, 1.1]), ([1, 2], [2, 1.1]), True, Repeatability.SHARED),
-        (([1, 2], [2, 1.1]), ([1.3, 2], [2, 1.1]), True, Repeatability.DECLARED),
-        (([1, 2], [2, 1]), ([1, 2], [1]), False, Repeatability.EXACT),
+        ("1 2 | 2 1", "1 2 | 2 1", False, Repeatability.EXACT),
+        ("1 2 | 2 1", "1 2.000000000001 | 2 1", False, Repeatability.ROUNDING),
+        ("1 2 | 2 1", "1 2.1 | 2.1 1", False, Repeatability.NOISE),
+        ("1 2 | 2 1.1", "1 2 | 2 1.1", False, Repeatability.NOISE),
+        ("1 2 | 2 1.1", "1 2 | 2 1.1", True, Repeatability.SHARED),
+        ("1 2 | 2 1.1", "1.3 2 | 2 1.1", True, Repeatability.DECLARED),
+        ("1 2 | 2 1", "1 2 | 1", False, Repeatability.EXACT),
     ],
 )
 def test_noise_is_found_between_and_within_processes(monkeypatch, a, b, declared, expected):
-    pair = [repeats(*a), repeats(*b)]
-    assert [first[1] for _, first, _ in _within(pair[0])] == [2, 1]
-    assert len([*_across(*pair)]) == (4 if len(b[1]) == 2 else 2)
     monkeypatch.setattr(CAMPAIGN.simulator, "states_noise", declared)
-    state, warnings = _judge_repeats(CAMPAIGN, {"s": pair})
+    state, warnings = _judge_repeats(CAMPAIGN, {"s": [repeats(a), repeats(b)]})
     assert state == expected and len(warnings) == (not state.is_evidence)

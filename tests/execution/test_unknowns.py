@@ -15,7 +15,6 @@ from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.messages import InputError
-from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import judge, tolerance_limit
 from abhv_mc.topics.verdicts.model import compute_verdicts
@@ -264,12 +263,6 @@ def test_bounds_in_percent_of_an_input_in_percent_are_no_change(tmp_path):
         dive_campaign(tmp_path, inputs=inputs, dispersions={}, unknowns=unknowns)
     ).unknowns
     assert (box.low.tolist(), box.high.tolist()) == ([40.0], [60.0])
-
-
-def test_the_plan_counts_the_flights_of_the_search(tmp_path):
-    planned = plan_campaign(read_campaign(make(tmp_path)))
-    assert planned.runs == 80 and planned.most_points == 4 + 1 + 2 * 2 * 2
-    assert planned.search_flights == 2 * 80 * (4 + 1 + 32 + 2 * 64)
 
 
 def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_path):

@@ -188,3 +188,12 @@ def test_a_family_needs_more_flights(tmp_path):
         numbers["requirements"][0]["flights_for_failures"]["0"] > 981
         and numbers["family_risk"] == 0.1
     )
+
+
+def test_the_plan_counts_the_flights_of_the_search(tmp_path):
+    """Of 2 unknowns, 2 controllers and 2 requirements, with 80 flights at each value."""
+    unknowns = "{aero.lift: {low: 0.9, high: 1.1}, aero.drag: {low: 0.8, high: 1.15}}"
+    density = "{atmosphere.density: {distribution: uniform, half_width: 10 %}}"
+    numbers = plan(tmp_path, unknowns=unknowns, dispersions=density, runs="80")
+    assert (numbers["runs"], numbers["most_points"]) == (80, 4 + 1 + 2 * 2 * 2)
+    assert numbers["search_flights"] == 2 * 80 * (4 + 1 + 32 + 2 * 64)
