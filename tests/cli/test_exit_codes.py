@@ -128,8 +128,7 @@ def test_tighten_needs_one_confirmed_width(abhv_mc, tmp_path, monkeypatch, verdi
     found = SimpleNamespace(controller="a", verdict=judged(verdict), dispersions=own, folder="")
     monkeypatch.setattr("abhv_mc.search.tighten.tighten", lambda *_, **__: found)
     ended, out, _ = abhv_mc("tighten", tmp_path)
-    assert ended == code and f"a: {verdict} 1 of 9" in out
-    assert out.count("no PASS at any width") == widths.count(None)
+    assert ended == code and out.count("no PASS at any width") == widths.count(None)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from abhv_mc.execution.retry import (
     choose_timed,
     choose_unrecorded,
     cut_blocks,
-    fly_in_batches,
     fly_with_retries,
     time_limit,
 )
@@ -61,7 +60,6 @@ def test_a_lost_flight_is_tried_twice_alone_and_the_others_are_computed(process,
     assert [*block.reasons] == [259]
     others = np.arange(300) != 259
     assert np.array_equal(block.metrics[others], fly(plan, rows[others]).metrics)
-    assert np.array_equal(fly_in_batches(fly, plan, rows, None).metrics, fly(plan, rows).metrics)
 
 
 @pytest.mark.parametrize("flights", [PIECE - 1, PIECE])

@@ -41,12 +41,6 @@ def judged(folder, requirements, **keys):
     [
         (1e6, 0.5, "Meets all 1 requirements", "none"),
         (1e6, 0.98, "Not shown", "--runs"),
-        (
-            1e6,
-            0.999999,
-            "Not shown",
-            "at least",
-        ),  # more than a hundred times the flights are needed
         (1e-9, 0.9, "Misses", "explain DIR --all"),
     ],
 )
