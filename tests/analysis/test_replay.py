@@ -49,9 +49,5 @@ def test_differing_values_and_outcomes_are_listed(flown, tmp_path, factor, repea
     manifest = folder / "manifest.json"
     write_manifest(manifest, replace(read_manifest(manifest), repeatable=repeatable))
     replay = replay_flight(folder, "two", 3, other)
-    own = replay_flight(flown, "two", 3, fly).metrics
-    name = [*own][1]
-    changed = {key for key in own if own[key] != replay.metrics[key]}
-    assert changed == ({name} if factor > 1.0 else set())
-    found = [text.split(":")[0] for text in replay.differences]
-    assert found == ([name, "outcome"] if differs else [])
+    names = [text.split(":")[0] for text in replay.differences]
+    assert names == ([[*replay.metrics][1], "outcome"] if differs else [])

@@ -122,20 +122,6 @@ def test_replay_reproduces_a_flight_at_the_full_rate(abhv_mc, flown, tmp_path):
     )
 
 
-def test_replay_lists_differing_metrics(abhv_mc, flown, monkeypatch):
-    def other(plan, parameters, every=None):
-        block = fly(plan, parameters, every)
-        block.metrics[:, 3] = np.nextafter(block.metrics[:, 3], 1e9)
-        return block
-
-    monkeypatch.setattr(
-        "abhv_mc_vehicle.vehicle_simulator.simulator.make_engine",
-        lambda: replace(ENGINE, fly=other),
-    )
-    code, out, _ = abhv_mc(f"replay {flown} --flight 17 --controller two")
-    assert code == 1 and "speed_error_max_mps" in out and "differ" in out
-
-
 def test_query(abhv_mc, flown):
     sql = (
         'select controller, count(*) n, max(abs("aero.lift" - 1)) d from flights '

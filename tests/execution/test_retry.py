@@ -80,10 +80,10 @@ def test_blocks_end_where_missing_data_changes_and_alternate_between_controllers
     flight = np.arange(14)
     missing = {"a": (flight >= 0, flight < 0), "b": (flight > 5, flight < 8)}
     blocks = list(cut_blocks(missing, 4, cut=3, unrecorded=(8, 5)))
-    assert [(b.first, b.stop) for b in blocks if b.controller == "a"] == [
-        (0, 3), (3, 4), (4, 8), (8, 13), (13, 14)]  # fmt: skip
-    assert [(b.first, b.stop, b.needs_rows) for b in blocks if b.controller == "b"] == [
-        (0, 3, 0), (3, 4, 0), (4, 6, 0), (6, 8, 1), (8, 13, 1), (13, 14, 1)]  # fmt: skip
-    assert "".join(b.controller for b in blocks) == "abababababb"
-    assert [b.flights for b in blocks if b.needs_envelope] == [3, 1, 2, 2]
-    assert [b.first for b in cut_blocks({"a": (flight > 12, flight > 99)}, 4)] == [13]
+    text = {"a": "0-3r 3-4r 4-8r 8-13r 13-14r", "b": "0-3e 3-4e 4-6e 6-8re 8-13r 13-14r"}
+    for name, expected in text.items():
+        own = [block for block in blocks if block.controller == name]
+        data = ["r" * block.needs_rows + "e" * block.needs_envelope for block in own]
+        ends = [f"{block.first}-{block.first + block.flights}" for block in own]
+        assert " ".join(map("".join, zip(ends, data, strict=True))) == expected
+    assert "".join(block.controller for block in blocks) == "abababababb"

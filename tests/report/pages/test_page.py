@@ -13,7 +13,7 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.report.pages.flights_view import _select_rows
+from abhv_mc.report.pages.flights_view import _metric, _select_rows, make_flights_view
 from abhv_mc.report.pages.page import LIMIT_POSITION, chart_rows, make_page, pack_arrays
 from abhv_mc.topics.flights.model import listed_worst, worst_flights
 from abhv_mc.topics.topic import Models
@@ -208,4 +208,18 @@ def test_of_too_many_flights_half_are_the_worst_and_half_the_first(failing):
     worst = list(dict.fromkeys([*listed, *ranked]))[:15]
     first = [k for k in range(100) if k not in worst][:15]
     assert rows == sorted([*worst, *first])
-    assert _select_rows(failing, "lqr", 100).tolist() == list(range(100))
+
+
+@pytest.mark.parametrize(("limit", "ends"), [(30.0, (0.0, 30.0)), (31.0, (0.0, 10.0))])
+def test_an_axis_extends_to_limits_within_three_times_the_range(failing, limit, ends):
+    record = failing.campaign.metrics["sideslip_max_deg"]
+    assert _metric(record, [5.0, limit], (0.0, 10.0))["ends"] == ends
+
+
+def test_the_view_has_each_flight_and_five_samples_per_second(failing):
+    words = dict.fromkeys(failing.controllers, "")
+    data, arrays = make_flights_view(failing, words, words)
+    assert np.diff(arrays["history-time"]) == pytest.approx(0.2)
+    rows = {name: np.array(column) for name, column in data["rows"].items()}
+    assert rows["failed"].reshape(3, 100).sum(axis=1).tolist() == [0, 12, 12]
+    assert rows["failed"][data["order"]][:24].all() and (rows["history"] >= 0).sum() == 60
