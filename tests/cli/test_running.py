@@ -143,6 +143,7 @@ def test_query(abhv_mc, flown):
     for table in ("envelopes", "histories", "nominal", "reference"):
         assert abhv_mc("query", flown, f"from {table} limit 1")[0] == 0
     assert abhv_mc("query", flown, "selekt 1")[0] == 2
+    assert abhv_mc("query", flown, "select 1 a, 2 a", "--json", "-")[0] == 2
 
 
 ENDLESS = "select count(*) from flights a, flights b, flights c, flights d, flights e, flights f"

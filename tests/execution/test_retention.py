@@ -43,4 +43,4 @@ def test_failures_are_run_again_first_and_then_the_worst(shard, count):
     counts = [SimpleNamespace(requirement=item, missed=missed) for item in asked]
     chosen = stored.choose(SimpleNamespace(controller="s", requirements=counts)).tolist()
     assert len(chosen) == count and {*chosen[:2]} == {7, 550}
-    assert {*chosen[2:4]} == {999, 40} and {*chosen[4:5]} <= {0, 997}
+    assert {*chosen[2:4]} == {999, 40}
