@@ -32,7 +32,6 @@ def test_rows_are_those_of_the_flights_in_the_given_order(flown):
 @pytest.mark.parametrize(
     ("factor", "repeatable", "differs"),
     [
-        (1.0, None, False),
         (1.0 + 1e-12, None, True),
         (1.0 + 1e-12, Repeatability.ROUNDING, False),
         (1.0 + 1e-8, Repeatability.ROUNDING, True),

@@ -26,7 +26,6 @@ def test_the_largest_difference_is_relative_and_that_of_outcomes_is_infinite():
         assert found.size == pytest.approx(size) and words in found.description
         assert f"a {row}" in found.description
         others[6.0] = [bank, 1.0, 2.0]
-    assert find_difference(CAMPAIGN, "s", [(np.array([7.0]), flight, flight)]) == (0.0, "")
 
 
 @pytest.mark.parametrize(("shard", "count"), [((0, 60), 4), ((500, 600), 5), ((0, 1000), 20)])

@@ -100,7 +100,6 @@ def test_in_a_parameter_unit():
         ("2500 m", "km", 2.5),
         ("1 ft", "in", 12.0),
         ("50 %", "-", 0.5),
-        ("50 %", "%", 50.0),
     ],
 )
 def test_in_any_unit(value, unit, number):
@@ -120,7 +119,7 @@ def test_what_has_no_place_in_a_unit_is_refused():
 
 
 def test_units_in_si():
-    words = {"kft": "m", "lbf": "N", "deg/s": "rad/s", "ft2/slug": "m2/kg", "1/kft/ms2": "1/m/s2"}
+    words = {"kft": "m", "lbf": "N", "ft2/slug": "m2/kg", "1/kft/ms2": "1/m/s2"}
     assert {unit: si_unit_of(unit) for unit in words} == words
     assert [parse_any(text) for text in ("2 min", "0.25", "5 %", 3)] == [120.0, 0.25, 0.05, 3.0]
     more = {
