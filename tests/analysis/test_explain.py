@@ -11,7 +11,7 @@ import pytest
 from fake_flight import ENGINE, LOST_BELOW, fly, run, write_campaign
 from report.synthetic import build_page
 
-from abhv_mc.analysis.explain import explain_flight, mildest_first
+from abhv_mc.analysis.explain import Failure, explain_flight, mildest_first
 from abhv_mc.analysis.failure_map import MOST_FLIGHTS, map_failures, read_map, write_map
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
@@ -78,6 +78,12 @@ def test_a_missed_requirement_is_explained_by_what_it_takes(flown, table):
         assert alone >= LIMIT > explanation.block.metrics[0, METRIC_INDEX["altitude_error_max_m"]]
         sizes.add(len(explanation.causes))
     assert sizes == {1, 2}
+
+
+def test_the_earliest_end_is_the_most_severe():
+    end = np.array([60.0, 10.0, 20.0])
+    severity = Failure(None).severity(np.array([0, 3, 3]), end, end[:, None])
+    assert severity.tolist() == [-np.inf, -10.0, -20.0]
 
 
 def test_an_unknown_is_a_cause_like_a_dispersion(tmp_path):

@@ -18,6 +18,7 @@ from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.entry_points import VEHICLE
 from abhv_mc.execution import progress
 from abhv_mc.execution.progress import Progress, Waiting
+from abhv_mc.execution.retry import UnusableError
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.io.messages import InputError
 
@@ -100,6 +101,9 @@ def test_starting_imports_nothing_heavy(start):
             "y.png: ",
         ),
         (MemoryError(), 3, "memory"),
+        (OSError(errno.EMFILE, "Too many open files", "y"), 3, "ulimit -n"),
+        (UnusableError("no flight"), 3, "no flight"),
+        (ModuleNotFoundError("no module", name="other"), 70, "no module"),
         (ModuleNotFoundError("needs a package", name=VEHICLE), 2, "needs a package"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "y.png"),
         (SystemExit(1), 1, ""),
@@ -241,12 +245,6 @@ def test_a_terminal_without_unicode_gets_escapes(encoding):
     output = done.stdout.decode(encoding)
     assert done.returncode == 0 and output.rstrip().endswith("end"), done.stderr
     assert ("\\u03b1" in output) == (encoding != "utf-8") and "\\u2500" not in output
-
-
-def test_too_many_open_files_are_not_reported_as_a_defect(capsys):
-    error = OSError(errno.EMFILE, os.strerror(errno.EMFILE), "flights/x.parquet")
-    assert exit_code_of(error) == ExitCode.INCOMPLETE
-    assert "ulimit -n" in capsys.readouterr().err
 
 
 def test_a_container_without_a_home_runs_a_simulator(tmp_path):

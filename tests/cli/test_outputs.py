@@ -169,6 +169,11 @@ def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
     (entry,) = json.loads((tmp_path / "p.json").read_text()).values()
     assert (entry["flights"], entry["plan"]["runs"]) == (400, 400)
     assert entry["plan"]["requirements"][0]["most_failures_at_runs"] == -1
+    disk = sum(entry[f"{name}_bytes"] for name in ("rows", "histories", "envelope"))
+    assert f"{disk / 1e6:.1f} MB at most" in out
+    assert f"{1e3 * entry['flight_s']:.2f} ms per flight" in out
+    # up to 2234 flights need 0 failures, of which a fifth of 0.27 % are expected
+    assert f"({100 * (1 - 0.2 * 0.0027) ** 1600:.0f}\u202f%)" in out
     assert (tmp_path / "out/plan.png").read_bytes()[:4] == b"\x89PNG"
 
 

@@ -34,6 +34,9 @@ def test_the_estimated_time_follows_the_number_of_flights(tmp_path):
     cost = estimate_campaign(campaign, SLOW_ENGINE, workers=4)
     assert cost.flight_s > 0.02 / 64  # the slow flight sleeps 0.02 s per 64 trials
     assert cost.flying_s == pytest.approx(2 * cost.flight_s * (300 + 6) / 4)
+    assert replace(cost, searched=80).search_s == pytest.approx(2 * cost.flight_s * 80 / 4)
+    # 11 samples in 2 s, of 4 bytes, in 300 flights of 2 controllers
+    assert cost.envelope_bytes == 4 * 11 * len(campaign.enveloped_channels) * 300 * 2
     large = replace(campaign, runs=1_000_000)
     assert estimate_campaign(large, ENGINE).envelope_bytes < 50e6  # does not grow with the flights
 

@@ -3,17 +3,14 @@
 import numpy as np
 import pandas as pd
 import pytest
-from fake_flight import DENSITY, ENGINE, fly, make_plan, run, write_campaign
+from fake_flight import ENGINE, run, write_campaign
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.executor import simulate_table
-from abhv_mc.execution.retry import PIECE, FlightLostError, fly_with_retries
-from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
-from abhv_mc_vehicle.flight.fly import nominal_parameters
 
 HEIGHT = "altitude_m"
 
@@ -61,19 +58,6 @@ def test_other_parameters_are_nominal_and_the_index_numbers_flights(tmp_path):
         dataset.altitude_error_max_m.sel(flight=9).item()
         == same.altitude_error_max_m.sel(flight=0).item()
     )
-
-
-def test_one_flight_that_cannot_be_computed_fails_to_run():
-    plan, rows = make_plan("one"), nominal_parameters(PIECE)
-    rows[3, DENSITY] = 0.5
-
-    def attempt(parameters, recorded):
-        if 0.5 in parameters[:, DENSITY]:
-            raise FlightLostError("lost")
-        return fly(plan, parameters, recorded)
-
-    block = fly_with_retries(attempt, plan, rows, None)
-    assert np.sum(block.outcome == Outcome.FAILED_TO_RUN) == 1
 
 
 @pytest.mark.parametrize(

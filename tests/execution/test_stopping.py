@@ -48,6 +48,20 @@ def test_verdicts_wait_for_the_flights_of_all_controllers(tmp_path):
     assert completion.goal() > 64
 
 
+@pytest.mark.parametrize(
+    ("probability", "failures", "goal"), [(0.8, 4, 64), (0.8, 5, 70), (0.9, 2, 81), (0.99, 0, 128)]
+)
+def test_verdicts_are_next_judged_where_they_can_be_pass(tmp_path, probability, failures, goal):
+    """PASS needs 66, 81 and 264 flights; between a tenth and all of 64 flights are added."""
+    requirements = PROVEN.replace("0.9", str(probability))
+    campaign = read_campaign(make(tmp_path, requirements=requirements))
+    completion = Completion(campaign, (0, 2000), ("one", "two"))
+    for name, done in completion.done.items():
+        done[:64] = True
+        completion.all_counts[name].requirements[0].missed[:failures] = True
+    assert completion.goal() == goal
+
+
 def test_a_campaign_stops_when_all_verdicts_are_final(reference):
     manifest = reference.manifest
     stop = manifest.stopped_at
@@ -96,7 +110,8 @@ def test_failed_flights_after_the_stop_are_run_again(tmp_path):
     campaign = make(tmp_path / "f", requirements=PROVEN)
     reference = run(make(tmp_path / "g", requirements=PROVEN), tmp_path / "whole").manifest
     weak = run(campaign, tmp_path / "out", replace(ENGINE, fly=fail)).manifest
-    assert weak.runs_failed and weak.runs_done + weak.runs_failed > reference.stopped_at
+    done = weak.runs_done + weak.runs_failed
+    assert weak.runs_failed and done == weak.stopped_at > reference.stopped_at
     again = run(campaign, tmp_path / "out").manifest
     assert again.runs_failed == 0
     assert [entry.verdict for entry in again.requirements] == ["PASS"]

@@ -16,9 +16,10 @@ from programs import run_python
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, SometimesMarginal
 from abhv_mc.check_inputs import check_inputs
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.table_import import import_tables
+from abhv_mc.execution.table_import import import_tables, make_column
 from abhv_mc.folder.flights import write_inputs
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import export_csv
@@ -320,6 +321,19 @@ def test_a_rounded_table_of_draws_is_judged_and_its_moments_are_shown(tmp_path):
     assert row and [float(cell) for cell in row.groups()] == pytest.approx(moments, rel=1e-3)
 
 
+def test_a_column_has_the_probabilities_of_its_rounding_intervals_atoms_and_tails():
+    """The law is 3 with a probability of 1/4, and otherwise uniform between 0 and 10."""
+    drawn = ContinuousMarginal("uniform", (0.0, 10.0))
+    law = SometimesMarginal(drawn, 0.75, 3.0)
+    values, rounding = np.array([2.0, 3.0, 6.5, 7.5]), np.array([0.5, 0.0, 0.1, 0.8])
+    column = make_column(law, values, rounding)
+    assert column.low == pytest.approx([0.1125, 0.225, 0.73, 0.7525])
+    assert column.high == pytest.approx([0.1875, 0.475, 0.745, 0.8725])
+    assert column.atoms.tolist() == [3.0] and column.shares == pytest.approx([0.25])
+    assert column.tails == pytest.approx((0.075, 0.0675))  # below 2 - 1, and above 7.5 + 1.6
+    assert column.values is values and column.half_step is rounding
+
+
 def test_stated_correlations_are_those_of_the_table(tmp_path):
     def mixed(values):
         order = np.argsort(values[:, 0] + np.random.default_rng(1).normal(0.0, 0.5, 60))
@@ -480,7 +494,8 @@ def test_repeated_inputs_agree_to_a_share_of_the_largest(share, is_same, tmp_pat
 
 
 def drawn_b(inputs, flight):
-    return f"{float(inputs.read_text().splitlines()[flight + 1].split(',')[2]):.4f}"
+    """Return an input with an error of almost 1e-4 of the largest, 1.97."""
+    return f"{float(inputs.read_text().splitlines()[flight + 1].split(',')[2]) + 1.5e-4:.6f}"
 
 
 FOREIGN = {

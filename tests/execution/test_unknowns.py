@@ -11,11 +11,11 @@ from own_simulators import dive_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution.merge import merge_campaign
+from abhv_mc.execution.unknown_points import select_points
 from abhv_mc.flights.blocks import Recording
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.messages import InputError
-from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.statistics.unknowns import judge_points
 from abhv_mc.statistics.verdicts import judge, tolerance_limit
 from abhv_mc.topics.verdicts.model import compute_verdicts
@@ -266,10 +266,13 @@ def test_bounds_in_percent_of_an_input_in_percent_are_no_change(tmp_path):
     assert (box.low.tolist(), box.high.tolist()) == ([40.0], [60.0])
 
 
-def test_the_plan_counts_the_flights_of_the_search(tmp_path):
-    planned = plan_campaign(read_campaign(make(tmp_path)))
-    assert planned.runs == 80 and planned.most_points == 4 + 1 + 2 * 2 * 2
-    assert planned.search_flights == 2 * 80 * (4 + 1 + 32 + 2 * 64)
+def test_points_of_a_baseline_are_added_up_to_the_bounds(tmp_path):
+    campaign = read_campaign(make(tmp_path, requirements="[]"))
+    points = np.array([[0.9, 1.0], [1.02, 0.9], [0.89, 1.0]])
+    unknowns = replace(campaign.unknowns, points=points)
+    chosen = select_points(campaign, {"one": None}, 1, unknowns).unknowns.points
+    found = [np.isclose(chosen, point).all(axis=1).any() for point in points]
+    assert found == [True, True, False]
 
 
 def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_path):

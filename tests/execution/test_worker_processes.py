@@ -21,7 +21,6 @@ from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
-from abhv_mc.execution.retry import choose_batch, choose_timed, choose_unrecorded, time_limit
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.messages import InputError
@@ -52,16 +51,6 @@ def check_flight(pool):
 def find_worker(pool):
     (worker,) = pool._workers
     return worker.process.pid
-
-
-def test_blocks_give_each_worker_two_or_more():
-    assert [choose_batch(flights, 4) for flights in (64, 300, 100_000)] == [32, 64, 256]
-    assert choose_unrecorded(100_000, 4, 256) == 24 * 256
-    assert [choose_timed(1000, 4, seconds) for seconds in (0.0, 0.5, 60.0)] == [63, 20, 1]
-
-
-def test_time_limits_apply_to_pieces_of_16_flights():
-    assert [time_limit(flights, 3.0) for flights in (1, 16, 17, 33)] == [3.0, 3.0, 6.0, 9.0]
 
 
 def test_a_stopped_worker_is_replaced(pool, monkeypatch):

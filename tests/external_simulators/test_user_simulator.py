@@ -428,3 +428,20 @@ def test_other_files_than_the_campaign_was_begun_with_do_not_fly(tmp_path):
     (tmp_path / "dive.py").write_text(DIVE + "\n")
     with pytest.raises(Exception, match=r"dive\.py: "):
         simulate(campaign, "v1", campaign.make_samples().draw(0, 1))
+
+
+def test_histories_are_sampled_within_their_times_and_extremes_cover_the_neighbours():
+    """Straight lines from 0 to 1.6 s with a peak at 0.6 s, and from 0.5 to 0.9 s."""
+    histories = {
+        0: np.array([[0.0, 0.6, 1.6], [0.0, 6.0, -4.0]]),
+        2: np.array([[0.5, 0.9], [1.0, 9.0]]),
+    }
+    times, sampled = user_flights.sample_histories(histories, 3, 1, 2.0, beyond=1)
+    nan = np.nan
+    assert times.tolist() == [-0.5, 0.0, 0.5, 1.0, 1.5, 2.0]
+    np.testing.assert_allclose(sampled[0, :, 0], [nan, 0.0, 5.0, 2.0, -3.0, nan], rtol=1e-6)
+    np.testing.assert_allclose(sampled[2, :, 0], [nan, nan, 1.0, nan, nan, nan])
+    assert np.isnan(sampled[1]).all()
+    low, high = user_flights.find_extremes(histories, times, sampled)
+    np.testing.assert_allclose(low[:, 0], [0, 0, 0, -3, -4, -4], rtol=1e-6)
+    np.testing.assert_allclose(high[:, 0], [0, 5, 9, 9, 2, -3], rtol=1e-6)

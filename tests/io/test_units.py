@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 
 from abhv_mc.io import units
 from abhv_mc.io.messages import Refusal
-from abhv_mc.io.units import DIMENSIONS, format_quantity, parse_in_unit, parse_quantity
+from abhv_mc.io.units import (
+    DIMENSIONS,
+    format_quantity,
+    parse_any,
+    parse_in_any_unit,
+    parse_in_unit,
+    parse_plausible,
+    parse_quantity,
+    si_unit_of,
+)
 
 
 @pytest.mark.parametrize(
@@ -80,6 +89,44 @@ def test_in_a_parameter_unit():
     for value, unit in (("10 %", "m"), (5.0, "m"), ("1 deg", "-"), ("1 deg", "rad/s")):
         with pytest.raises(Refusal):
             parse_in_unit(value, unit)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "number"),
+    [
+        (2.5, "furlong", 2.5),
+        (" 2.5 furlong ", "furlong", 2.5),
+        ("2.5", "km", 2.5),
+        ("2500 m", "km", 2.5),
+        ("1 ft", "in", 12.0),
+        ("50 %", "-", 0.5),
+    ],
+)
+def test_in_any_unit(value, unit, number):
+    assert parse_in_any_unit(value, unit) == pytest.approx(number, rel=4e-16)
+
+
+def test_what_has_no_place_in_a_unit_is_refused():
+    for value, unit in (("2 m", "furlong"), ("2 furlong", "m"), ("2 kg", "m")):
+        with pytest.raises(Refusal):
+            parse_in_any_unit(value, unit)
+    for text, is_refused in (("150 K", False), ("-151 K", True)):
+        with pytest.raises(Refusal) if is_refused else contextlib.nullcontext():
+            assert parse_plausible(text, units.TEMPERATURE_DIFFERENCE) == 150.0
+    units.check_angle("mrad")
+    with pytest.raises(Refusal):
+        units.check_angle("rad/s")
+
+
+def test_units_in_si():
+    words = {"kft": "m", "lbf": "N", "ft2/slug": "m2/kg", "1/kft/ms2": "1/m/s2"}
+    assert {unit: si_unit_of(unit) for unit in words} == words
+    assert [parse_any(text) for text in ("2 min", "0.25", "5 %", 3)] == [120.0, 0.25, 0.05, 3.0]
+    more = {
+        **{"1 psi": 6894.757293168361, "1 mbar": 100.0, "1 kt": 1852.0 / 3600.0, "1 in": 0.0254},
+        **{"2 h": 7200.0, "5 kW": 5e3, "5 MW/m2": 5e6, "1 t": 1e3, "1 kN": 1e3},
+    }
+    assert [parse_any(text) for text in more] == pytest.approx([*more.values()], rel=1e-14)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(DIMENSIONS))

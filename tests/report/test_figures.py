@@ -1,26 +1,15 @@
 import re
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from abhv_mc.flights.metrics import MARGINS
-from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.report.pages.build import build_report
 from abhv_mc.topics import registry
-from abhv_mc.topics.comparison.figures import plot_error_against_usage
-from abhv_mc.topics.envelopes import ENVELOPES
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes, plot_sheet
-from abhv_mc.topics.figure_style import BLUE, CYCLE
-from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.flights.model import channel_of
-from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.registry import make_figures
 from abhv_mc.topics.topic import Models
 from abhv_mc_tune.page import plot_front
-from abhv_mc_vehicle.flight.metrics import METRICS
 
 FILES = [
     "channels",
@@ -30,19 +19,6 @@ FILES = [
     "error_against_usage",
     "worst_flights",
 ]
-
-
-def test_convergence_is_drawn_of_a_hundred_flights(models, monkeypatch):
-    assert not list(make_figures(models)["convergence"])
-    monkeypatch.setattr("abhv_mc.topics.convergence._FEWEST", 80)
-    ((text, figure),) = make_figures(models)["convergence"]
-    assert text.name == "convergence" and len(figure.axes) == 3
-
-
-@pytest.fixture
-def panel():
-    x = np.linspace(0.0, 10.0, 50)
-    return EnvelopePanel(x, {name: np.sin(x) + 0.1 * i for i, name in enumerate(BANDS)})
 
 
 def test_the_report_holds_every_figure_at_print_resolution(report_folder):
@@ -56,23 +32,6 @@ def test_the_report_holds_every_figure_at_print_resolution(report_folder):
         assert (
             path.stat().st_size < 400_000
         )  # in full colour: a palette took half of the report's time
-
-
-def test_bands_are_drawn_where_they_say(panel):
-    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
-    areas = figure.axes[0].collections
-    for area, (low, high) in zip(
-        areas, [("min", "max"), ("q0.135", "q99.865"), ("q5", "q95")], strict=True
-    ):
-        corners = area.get_paths()[0].vertices[:, 1]
-        assert corners.min() == pytest.approx(panel.bands[low].min())
-        assert corners.max() == pytest.approx(panel.bands[high].max())
-
-
-def test_with_unknowns_the_median_has_two_lines(panel):
-    panel = replace(panel, bands={**panel.bands, "q50_most": panel.bands["q50"] + 0.2})
-    lines = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE]).axes[0].lines
-    assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -104,119 +63,6 @@ def test_nothing_is_cut_off_and_no_panel_reaches_into_another(figures):
             width, height = (min(getattr(box_a, e), getattr(box_b, e)) for e in ("x1", "y1"))
             overlaps = width - max(box_a.x0, box_b.x0), height - max(box_a.y0, box_b.y0)
             assert min(overlaps) <= 6.0, name  # px of 1440
-
-
-def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(failing):
-    """A band spans the ticks of a tenth of a second, in which the reference itself moves 15 m."""
-    figures = {
-        text.name: figure
-        for topic in (ENVELOPES, FLIGHTS)
-        for text, figure in Models(failing).figures(topic)
-    }
-    (altitude,) = (
-        axes
-        for axes in figures["channels"].axes
-        if "altitude error (m)" in [text.get_text() for text in axes.texts]
-    )
-    assert figures["worst_flights"].axes[0].get_ylabel() == "speed error (m/s)"  # what they miss
-    low, high = altitude.get_ylim()
-    assert -40.0 < low < 0.0 < high < 40.0
-    track = figures["channels"].axes[0]
-    # two bands of the first controller, and four edges of those of the other
-    edges = [
-        [
-            line
-            for line in axes.lines
-            if line.get_color() == CYCLE[1] and line.get_linewidth() == 0.6
-        ]
-        for axes in (track, altitude)
-    ]
-    assert len(track.collections) == len(altitude.collections) == 2
-    assert len(edges[0]) == len(edges[1]) == 4
-
-
-def test_a_limit_beyond_the_axis_is_named_with_its_unit():
-    spread = Spread("Error (m)", {"a": np.arange(1.0, 9.0)}, (9.0, 50.0), "m")
-    axes = plot_distributions([spread], {"a": "A"}, {"a": BLUE}).axes[0]
-    assert axes.get_xlabel().split() == ["Error", "(m),", "limit", "50", "m", "further", "right"]
-    (limit,) = (line for line in axes.lines if line.get_label() == "limit")
-    assert limit.get_xdata()[0] == 9.0
-
-
-def test_small_values_on_a_logarithmic_axis_are_visible():
-    """Regression: the axis began at half of the 2 % quantile, which cut the curve off."""
-    values = np.append(np.geomspace(10.0, 1000.0, 200), 1.0)
-    axes = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE}).axes[0]
-    assert axes.get_xscale() == "log" and axes.get_xlim()[0] < 1.0
-
-
-@pytest.mark.parametrize(("limit", "notes"), [(1.3, 0), (5.0, 1)])
-def test_the_limit_of_a_metric_against_control_effort_is_drawn_or_noted(limit, notes):
-    """Regression: a limit somewhat above the flights was drawn outside the axis."""
-    values = np.linspace(0.5, 1.0, 600)
-    trade = Spread("Error (m)", {"tlc": values, "lqr": values}, (limit,), "m")
-    usage = {"tlc": values, "lqr": values}
-    figure = plot_error_against_usage(
-        usage, [trade], "effort", {"tlc": "TLC", "lqr": "LQR"}, {"tlc": "b", "lqr": "r"}
-    )
-    axes = figure.axes[0]
-    lines = [line for line in axes.lines if line.get_label() == "limit"]
-    assert len(lines) == 1 - notes
-    assert all(axes.get_ylim()[0] == 0.0 < limit < axes.get_ylim()[1] for _ in lines)
-    assert sum("5" in text.get_text() for text in axes.texts) == notes
-    flights = [line for line in axes.lines if len(line.get_xdata()) > 2]
-    assert all(100 < len(line.get_xdata()) <= 250 for line in flights)
-
-
-@pytest.mark.parametrize(("limit", "drawn"), [(0.008, 1), (0.5, 1), (40.0, 1), (1e4, 0), (-1.0, 0)])
-def test_limits_of_a_logarithmic_axis_lie_inside_it(limit, drawn):
-    """Regression: the lower end of a logarithmic axis was set to a negative value."""
-    values = np.geomspace(0.02, 10.0, 300)
-    trade = Spread("Error (m)", {"tlc": values}, (limit,), "m")
-    figure = plot_error_against_usage({"tlc": values}, [trade], "e", {"tlc": "TLC"}, {"tlc": "b"})
-    (axes, *_) = figure.axes
-    assert axes.get_yscale() == "log" and sum(x.get_label() == "limit" for x in axes.lines) == drawn
-    low, high = axes.get_ylim()
-    assert 0.0 < low < 0.021 and high > 9.9
-    assert not drawn or low < limit < high
-
-
-def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, failing):
-    """Regression: limits spanned transients, in which a flight seemed to violate them."""
-    level = np.where(panel.x < 5.0, np.nan, 0.5)
-    panel = replace(panel, flights=[(panel.x, panel.bands["q50"])], limits=[(panel.x, level)])
-    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
-    sheet = plot_sheet([EnvelopeRow("y", [panel])], ["A"])
-    for drawn in (figure, sheet):
-        texts = [text.get_text() for legend in drawn.legends for text in legend.get_texts()]
-        assert texts.count("limit") == 1
-    shade = figure.axes[0].collections[-1].get_paths()[0].vertices
-    assert shade[:, 0].min() == 0.0 and 4.7 < shade[:, 0].max() < 5.0
-    assert np.array_equal(figure.axes[0].lines[-1].get_ydata(), level, equal_nan=True)
-    everywhere = replace(panel, limits=[*panel.limits, (panel.x, np.ones(panel.x.size))])
-    assert everywhere.excluded is None
-    plain = plot_envelopes([EnvelopeRow("y", [everywhere])], ["A"], [BLUE])
-    labels, others = (
-        {text.get_text() for text in item.legends[0].get_texts()} for item in (figure, plain)
-    )
-    assert others < labels  # one names the shade
-    (first, end), *_ = failing.campaign.transients
-    assert first == 0.0 and end > 5.0
-
-
-def test_a_margin_has_no_channel():
-    """Regression: a channel without unit, such as `mach`, was that of any metric."""
-    channels = {"mach", "bank_deg"}
-    metrics = {metric.name: metric for metric in METRICS}
-    stems = {"bank_deg": "bank"}
-    assert channel_of(MARGINS[0], channels, stems) is None
-    assert channel_of(metrics["bank_error_settled_max_deg"], channels, stems) == "bank_deg"
-
-
-def test_failed_flights_keep_the_curve_from_100_percent():
-    values = np.array([1.0, 2.0, 3.0, np.inf])
-    figure = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE})
-    assert figure.axes[0].lines[0].get_ydata().max() == 0.75
 
 
 def test_the_front_shows_the_result_though_its_error_is_larger_than_the_starts():

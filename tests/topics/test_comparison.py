@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.topics.comparison.model import compute_comparison
+from abhv_mc.topics.comparison.model import compare_pair, compute_comparison
 
 METRIC = "sideslip_max_deg"
 EQUAL = ("altitude_error_max_m", "speed_error_max_mps")
@@ -43,6 +43,18 @@ def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results, c
     assert {pair.metrics[METRIC].closer for pair in pairs if "tlc" in (pair.a, pair.b)} == {winner}
 
 
+@pytest.mark.parametrize(("lost", "losing"), [(6, None), (7, "lqr")])
+def test_three_pairs_share_the_risk_of_early_terminations(results, lost, losing):
+    """6 flights have a p-value of 3.1 %, and 7 have 1.6 %; each pair has a third of 5 %."""
+    outcome = np.where(np.arange(200) < lost, 3, 0)
+    flights = {
+        name: replace(results.flights[name], outcome=outcome * (name == "lqr"))
+        for name in results.controllers
+    }
+    pairs = compute_comparison(replace(results, flights=flights)).pairs
+    assert [pair.losing for pair in pairs.values()] == [losing, losing, None]
+
+
 @pytest.mark.parametrize(
     ("worse_at_second", "winner"),
     [
@@ -74,8 +86,9 @@ def test_with_unknowns_more_lost_flights_are_more_at_every_value(unknown, step, 
     assert compute_comparison(replace(unknown, flights=flights)).pairs["lqr - tlc"].losing == losing
 
 
-def test_duel_counts_every_pair(failing):
-    pair = compute_comparison(failing).pairs["lqr - tlc"]
-    assert pair.pairs == 100 and pair.ended_early.only_a == 12
-    sideslip = pair.metrics["sideslip_max_deg"]
-    assert (sideslip.b_better, sideslip.winner) == (100, "tlc")
+def test_of_a_metric_whose_small_values_are_bad_the_worst_is_the_smallest(results):
+    metric, names = "angle_of_attack_min_deg", ("tlc", "lqr")
+    flights = [results.flights[name] for name in names]
+    entry = compare_pair(*flights, names, [metric], [], requirements=()).metrics[metric]
+    a, b = (table.metrics[metric] for table in flights)
+    assert entry.worst == (a.min(), b.min()) and entry.a_better == np.sum(a > b)

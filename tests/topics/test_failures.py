@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from abhv_mc.topics.failures import FAILURES
+from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, FailureGroup
+from abhv_mc.topics.failures import FAILURES, map_table
+from abhv_mc.topics.simulator import compute_simulator
 from abhv_mc.topics.topic import Models
 
 METRIC = "speed_error_max_mps"  # below 5
@@ -36,3 +38,26 @@ def test_a_threshold_of_one_input_is_said_with_its_value(flown):
     results = flown(80)
     drag = results.samples["aero.drag"]
     assert re.match(r"drag above \+\d", rules_of(results, drag > 1.08)[0])
+
+
+def test_a_map_has_the_share_and_the_range_of_each_group(flown):
+    names = Models(flown(80)).names
+    lift = Dispersed("aero.lift", False, 0.91, 0.93, 0.94)
+    drag = Dispersed("aero.drag", True, 1.1, 1.1, 1.1)
+    group = FailureGroup("ended early", (lift, drag), (7, 3, 5))
+    found = ControllerFailures(9, (group,), nominal=(1,), unexplained=(2, 4), tried=50)
+    rows = map_table({"tlc": found, "lqr": replace(found, failed=0)}, names).plain_rows()
+    minus = "\N{MINUS SIGN}"
+    values = f"{minus}7.0 % ({minus}9.0 % to {minus}6.0 %); +10.0 %".replace(" %", "\xa0%")
+    head, share = ["TLC", "ended early", "lift low, drag high"], "3 of 6 (50\u202f%)"
+    assert rows[0] == [*head, values, share, "7"]
+    assert [row[4] for row in rows[1:]] == ["2 of 6", "1", "6 of 9"]
+
+
+def test_reasons_are_counted_with_their_first_flights(flown):
+    results = flown(80)
+    reasons = {5: "b", 7: "a", 2: "a", 9: "a", 1: ""}
+    flights = {"tlc": replace(results.flights["tlc"], reasons=reasons)}
+    (own,) = compute_simulator(replace(results, flights=flights)).reasons.values()
+    assert {(reason.flights, reason.first) for reason in own} == {(3, 2), (1, 5), (1, 1)}
+    assert (own[0].reason, own[0].flights) == ("a", 3)

@@ -2,14 +2,26 @@
 
 import json
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
+from abhv_mc.campaign.file.experiment import Experiment
+from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.summary import summarize
-from abhv_mc.topics.margins import MARGINS
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.margins import (
+    MARGINS,
+    Spread,
+    compute_margins,
+    margin_section,
+    missing_margins,
+)
+from abhv_mc.topics.topic import Models, names_of
 
 LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")
 
@@ -89,3 +101,38 @@ def test_the_section_has_each_loop(models):
     assert any(row[1:3] == ["left_elevon", "none / 3.0"] for row in rows)
     assert any(row[0].startswith("LQR (unstable") for row in rows)
     assert [row[0] for row in rows if row[1] == "throttle"] == ["TLC", "LQR retuned"]
+
+
+@pytest.mark.parametrize(("requested", "missing"), [(8, {"tlc": (2,)}), (2, {})])
+def test_margins_of_flights_are_counted_on_both_sides_of_the_customary_one(
+    models, monkeypatch, requested, missing
+):
+    """Flights 1, 3 and 4 fail; 2 has no margins, and 6 has none because its law crashed."""
+    gain = np.array([5.0, 7.0, np.nan, 6.0, 0.0, 0.0, np.nan, 12.0])
+    metrics = {item.metric: np.zeros(8) for item in models.results.campaign.requirements}
+    metrics["altitude_error_max_m"] = np.where(np.isin(np.arange(8), (1, 3)), 90.0, 0.0)
+    metrics |= {name: (k + 1.0) * gain for k, name in enumerate(MARGIN_NAMES)}
+    metrics |= {MARGIN_FAULTS[0].name: 2 * (gain < 1.0), MARGIN_FAULTS[1].name: 1 * (gain < 6.0)}
+    outcome = np.zeros(8, int)
+    outcome[[4, 6]] = Outcome.BANK_LIMIT, Outcome.LAW_CRASHED
+    flights = replace(
+        models.results.flights["tlc"], flight=np.arange(8), outcome=outcome, metrics=metrics
+    )
+    monkeypatch.setattr(Experiment, "margin_flights", requested)
+    margins = SimpleNamespace(at=("trim", 2.0))
+    model = models.results.campaign.model.model_copy(update={"margins": margins})
+    campaign = replace(models.results.campaign, model=model)
+    results = replace(models.results, campaign=campaign, flights={"tlc": flights})
+    found = compute_margins(results)
+    assert found.missing == missing
+    own = found.flights["tlc"]
+    assert (own.flights, own.unstable, own.at_limit) == (6, 2, 3)
+    assert (own.failed_below, own.failed_above) == ((1, 3), (2, 3))
+    assert own.margins[MARGIN_NAMES[1]] == Spread(11.0, 0.0)
+    assert [flight.flight for flight in own.least] == [4, 5, 0, 3, 1]
+    assert [flight.failed for flight in own.least] == [True, False, False, True, True]
+    names = names_of(results)
+    cells = margin_section(found, names).tables()[1].plain_rows()[0]
+    assert cells[1:3] == ["5.5 / 0.0", "11 / 0"] and cells[5:7] == ["2 of 6", "3 of 6"]
+    assert "1 of 3 (33\u202f%) below" in cells[7] and "2 of 3 (67\u202f%) at" in cells[7]
+    assert len(missing_margins(found, names)) == len(missing)

@@ -20,7 +20,6 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
 from abhv_mc.report.numbers.report_numbers import report_schema
-from abhv_mc.report.pages.page import LIMIT_POSITION, chart_rows
 from abhv_mc.report.pages.verify import skipped_topics, verify_campaign
 from abhv_mc.statistics import judge
 from abhv_mc.topics import Topic, register
@@ -33,7 +32,6 @@ from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.missed_requirements import requirement_failures
 from abhv_mc.topics.topic import REGISTERED, Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.verdicts.model import GlanceCell
 
 
 def test_quantiles_count_failed_flights_as_worst(failing):
@@ -59,26 +57,6 @@ def test_a_flight_that_ended_early_misses_every_requirement(failing):
     assert altitude["lqr"].failures == altitude["lqr"].ended_early == 12
     assert altitude["lqr"].status == judge(12, 100, 0.9973).status == "FAIL"
     assert altitude["tlc"].status == "NOT SHOWN"
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_chart_prints_the_tolerance_limit_and_its_room(failing, sign):
-    """Regression: the figure printed the median without a label at its right edge."""
-    lost = float("inf")
-    values = {
-        "tlc": (0.2, 0.4, 0.6, 0.62, 0.65),
-        "lqr": (0.5, 0.98, 1.4, 1.5, 1.57),
-        "lqr_retuned": (0.5, lost, lost, None),
-    }
-    cells = {name: GlanceCell(*(v and sign * v for v in row)) for name, row in values.items()}
-    names = dict.fromkeys(cells, "")
-    row = replace(Models(failing)[VERDICTS].glance[2], below=sign > 0.0, limit=0.7 * sign, size=0.7)
-    ((_, bars),) = chart_rows([replace(row, cells=cells)], names, names)
-    ends = ["0.650 deg, 7.1\u202f% margin", "1.57 deg, 124\u202f% over", "lost"]
-    assert all(bar.edge.endswith(end) for bar, end in zip(bars, ends, strict=True))
-    assert bars[0].low == pytest.approx(100.0 * 0.2 / 0.7 / 1.35)  # the limit is at 100 / 1.35
-    assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in bars] == [
-        (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip
 
 
 def test_still_flying_is_kaplan_and_meiers_estimate():
@@ -112,16 +90,6 @@ def test_dependent_designs_get_estimates(tmp_path):
         "low": None,
         "high": None,
     }
-
-
-def test_convergence_ends_with_the_table(failing_numbers):
-    trace = failing_numbers["convergence"]["controllers"]["tlc"]
-    assert trace["flights"][-1] == 100
-    metric = failing_numbers["metrics"]["table"]["speed_error_max_mps"]["controllers"]["tlc"]
-    assert (
-        trace["metrics"]["speed_error_max_mps"]["q95"]["value"][-1]
-        == metric["quantiles"]["q95"]["value"]
-    )
 
 
 def test_a_report_is_valid_and_one_with_a_number_more_is_not(failing_numbers):
@@ -211,24 +179,6 @@ def test_the_worst_flights_are_drawn_in_what_they_are_worst_in(flown):
     assert [len(curves) for curves in lines] == [3, 3, 3, 0]  # an error and its two limits
     labels = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
     assert len(labels) == len(drawn[:4])
-
-
-def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
-    """Regression: bars beside the first median were mostly off the axes."""
-    models = Models(read_flown(write_campaign(tmp_path / "c", runs=40, requirements=())))
-    names = models.names.controllers
-    for _, bars in chart_rows(models[VERDICTS].glance, names, names):
-        assert max(bar.high for bar in bars) == pytest.approx(LIMIT_POSITION)
-        assert all(bar.low >= 0.0 and not bar.beyond for bar in bars)
-        assert all(bar.edge.startswith("median ") for bar in bars)
-    for low, size in ((0.4, 1.0), (0.6, 0.4)):  # The scale begins at zero if that is near.
-        cells = {"tlc": GlanceCell(low, 0.8, 1.0, 1.0)}
-        row = replace(models[VERDICTS].glance[0], below=True, cells=cells)
-        ((entry, _),) = chart_rows([row], names, names)
-        assert entry.size == pytest.approx(size)
-    cells = ({"tlc": GlanceCell(k, k, k, k, status="PASS")} for k in range(10))
-    rows = [replace(row, limit=9.0, size=9.0, metric=k, cells=cell) for k, cell in enumerate(cells)]
-    assert [entry.metric for entry, _ in chart_rows(rows, names, names)] == [*range(9, 1, -1)]
 
 
 EXAMPLE = Path(__file__).parents[2] / "docs/how-to/correlate.py"

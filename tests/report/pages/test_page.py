@@ -6,15 +6,19 @@ import gzip
 import hashlib
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.report.pages.page import make_page, pack_arrays
-from abhv_mc.topics.flights.model import worst_flights
+from abhv_mc.report.pages.flights_view import _metric, _select_rows, make_flights_view
+from abhv_mc.report.pages.page import LIMIT_POSITION, chart_rows, make_page, pack_arrays
+from abhv_mc.topics.flights.model import listed_worst, worst_flights
 from abhv_mc.topics.topic import Models
+from abhv_mc.topics.verdicts import VERDICTS
+from abhv_mc.topics.verdicts.model import GlanceCell
 
 
 def unpack(layout, text, name):
@@ -157,3 +161,65 @@ def test_the_arrow_of_values_beyond_the_chart_is_explained(tmp_path, limit, is_b
     chart, _, after = make_page(Models(read_flown(folder)), ()).partition('<td class="axis')
     legend = after.partition("</td>")[0]
     assert ("&#9654;" in chart) == is_beyond == ("&#9654;" in legend)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_chart_prints_the_tolerance_limit_and_its_room(failing, sign):
+    """Regression: the figure printed the median without a label at its right edge."""
+    lost = float("inf")
+    values = {
+        "tlc": (0.2, 0.4, 0.6, 0.62, 0.65),
+        "lqr": (0.5, 0.98, 1.4, 1.5, 1.57),
+        "lqr_retuned": (0.5, lost, lost, None),
+    }
+    cells = {name: GlanceCell(*(v and sign * v for v in row)) for name, row in values.items()}
+    names = dict.fromkeys(cells, "")
+    row = replace(Models(failing)[VERDICTS].glance[2], below=sign > 0.0, limit=0.7 * sign, size=0.7)
+    ((_, bars),) = chart_rows([replace(row, cells=cells)], names, names)
+    ends = ["0.650 deg, 7.1\u202f% margin", "1.57 deg, 124\u202f% over", "lost"]
+    assert all(bar.edge.endswith(end) for bar, end in zip(bars, ends, strict=True))
+    assert bars[0].low == pytest.approx(100.0 * 0.2 / 0.7 / 1.35)  # the limit is at 100 / 1.35
+    assert [(bar.median is None, bar.tolerance is None, bar.beyond) for bar in bars] == [
+        (False, False, False), (True, True, True), (True, True, True)]  # fmt: skip
+
+
+def test_a_chart_without_requirements_has_values_and_a_scale(tmp_path):
+    """Regression: bars beside the first median were mostly off the axes."""
+    models = Models(read_flown(write_campaign(tmp_path / "c", runs=40, requirements=())))
+    names = models.names.controllers
+    for _, bars in chart_rows(models[VERDICTS].glance, names, names):
+        assert max(bar.high for bar in bars) == pytest.approx(LIMIT_POSITION)
+        assert all(bar.low >= 0.0 and not bar.beyond for bar in bars)
+        assert all(bar.edge.startswith("median ") for bar in bars)
+    for low, size in ((0.4, 1.0), (0.6, 0.4)):  # The scale begins at zero if that is near.
+        cells = {"tlc": GlanceCell(low, 0.8, 1.0, 1.0)}
+        row = replace(models[VERDICTS].glance[0], below=True, cells=cells)
+        ((entry, _),) = chart_rows([row], names, names)
+        assert entry.size == pytest.approx(size)
+    cells = ({"tlc": GlanceCell(k, k, k, k, status="PASS")} for k in range(10))
+    rows = [replace(row, limit=9.0, size=9.0, metric=k, cells=cell) for k, cell in enumerate(cells)]
+    assert [entry.metric for entry, _ in chart_rows(rows, names, names)] == [*range(9, 1, -1)]
+
+
+def test_of_too_many_flights_half_are_the_worst_and_half_the_first(failing):
+    """The listed flights, which have histories, are among the worst."""
+    rows = _select_rows(failing, "lqr", 30).tolist()
+    listed, ranked = listed_worst(failing, "lqr"), failing.ranking.rows_of("lqr").tolist()
+    worst = list(dict.fromkeys([*listed, *ranked]))[:15]
+    first = [k for k in range(100) if k not in worst][:15]
+    assert rows == sorted([*worst, *first])
+
+
+@pytest.mark.parametrize(("limit", "ends"), [(30.0, (0.0, 30.0)), (31.0, (0.0, 10.0))])
+def test_an_axis_extends_to_limits_within_three_times_the_range(failing, limit, ends):
+    record = failing.campaign.metrics["sideslip_max_deg"]
+    assert _metric(record, [5.0, limit], (0.0, 10.0))["ends"] == ends
+
+
+def test_the_view_has_each_flight_and_five_samples_per_second(failing):
+    words = dict.fromkeys(failing.controllers, "")
+    data, arrays = make_flights_view(failing, words, words)
+    assert np.diff(arrays["history-time"]) == pytest.approx(0.2)
+    rows = {name: np.array(column) for name, column in data["rows"].items()}
+    assert rows["failed"].reshape(3, 100).sum(axis=1).tolist() == [0, 12, 12]
+    assert rows["failed"][data["order"]][:24].all() and (rows["history"] >= 0).sum() == 60

@@ -1,0 +1,45 @@
+"""Flights of a user's simulator that are run again and compared."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from abhv_mc.bounds import Bounds
+from abhv_mc.execution.retention import StoredFlights, find_difference
+from abhv_mc.flights.outcomes import OUTCOMES, Outcome
+
+CAMPAIGN = SimpleNamespace(
+    measured=[SimpleNamespace(name="height"), SimpleNamespace(name="range")],
+    inputs=("a",),
+    outcomes=OUTCOMES,
+    runs=1000,
+)
+
+
+def test_the_largest_difference_is_relative_and_that_of_outcomes_is_infinite():
+    flight, bank = np.array([0.0, 1.0, 2.0]), float(Outcome.BANK_LIMIT)
+    others = {7.0: [0.0, 1.001, 2.0], 8.0: [0.0, 1.0, 2.5], 9.0: [0.0, 1.1, 2.0]}
+    for row, size, words in ((8, 0.2, "range 2 and 2.5"), (6, np.inf, "ok and bank_limit")):
+        pairs = [(np.array([a]), flight, np.array(other)) for a, other in others.items()]
+        found = find_difference(CAMPAIGN, "s", pairs)
+        assert found.size == pytest.approx(size) and words in found.description
+        assert f"a {row}" in found.description
+        others[6.0] = [bank, 1.0, 2.0]
+
+
+@pytest.mark.parametrize(("shard", "count"), [((0, 60), 4), ((500, 600), 5), ((0, 1000), 20)])
+def test_failures_are_run_again_first_and_then_the_worst(shard, count):
+    """Flights 999 and 40 are the worst in one metric each; 998 failed to run."""
+    number = np.arange(1000)
+    values = np.column_stack([number, np.where(number == 40, 2000, 0), number])
+    codes = np.where(number == 998, "failed_to_run", "ok").tolist()
+    stored = StoredFlights(CAMPAIGN, shard)
+    rows = SimpleNamespace(controller="s", outcome=codes, values=values, flights=number)
+    stored.add(rows)
+    missed = np.isin(number, (7, 550))
+    asked = [SimpleNamespace(metric=own.name, limits=Bounds(high=1e4)) for own in CAMPAIGN.measured]
+    counts = [SimpleNamespace(requirement=item, missed=missed) for item in asked]
+    chosen = stored.choose(SimpleNamespace(controller="s", requirements=counts)).tolist()
+    assert len(chosen) == count and {*chosen[:2]} == {7, 550}
+    assert {*chosen[2:4]} == {999, 40}
