@@ -50,8 +50,7 @@ def make_plan(name, gain=1.0, vehicle=None):
     trim_tables = rebuild_trim_tables(
         np.tile([0.0, 1.0], 3), np.tile([1.0, 0.0], 3), np.zeros(8 * CHUNK)
     )
-    parts = {field: getattr(plan, field) for field in _hints(FlightPlan)}
-    parts |= {
+    parts = vars(plan) | {
         "controller": name,
         "law": "tlc",
         "timing": Timing(0.05, 2, TICKS),
