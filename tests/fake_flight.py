@@ -7,6 +7,7 @@ depend on nothing else. Density below ``LOST_BELOW`` ends a flight early.
 import time
 import typing
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -34,6 +35,7 @@ DENSITY, LIFT, DRAG = (
 )
 LOST_BELOW = 0.91
 TICKS = 20  # of 0.1 s
+_hints = cache(typing.get_type_hints)
 _EXTREMES = {
     Statistic.MAX_ABS: lambda values: np.fmax.reduce(np.abs(values), axis=1),
     Statistic.MIN: lambda values: np.fmin.reduce(values, axis=1),
@@ -48,8 +50,7 @@ def make_plan(name, gain=1.0, vehicle=None):
     trim_tables = rebuild_trim_tables(
         np.tile([0.0, 1.0], 3), np.tile([1.0, 0.0], 3), np.zeros(8 * CHUNK)
     )
-    parts = {field: getattr(plan, field) for field in typing.get_type_hints(FlightPlan)}
-    parts |= {
+    parts = vars(plan) | {
         "controller": name,
         "law": "tlc",
         "timing": Timing(0.05, 2, TICKS),
@@ -78,8 +79,7 @@ def make_plan(name, gain=1.0, vehicle=None):
 def _fill(kind):
     """Return a nested record with values of the right types."""
     if hasattr(kind, "_fields") or hasattr(kind, "__dataclass_fields__"):
-        hints = typing.get_type_hints(kind)
-        return kind(**{name: _fill(hint) for name, hint in hints.items()})
+        return kind(**{name: _fill(hint) for name, hint in _hints(kind).items()})
     if kind in (bool, int, float, str):
         return kind(3)
     return np.arange(4.0) / 3.0

@@ -137,6 +137,7 @@ def find_processor() -> str:
     return platform.processor() or "unknown"
 
 
+@functools.cache
 def find_versions() -> dict[str, str]:
     """Return the versions of abhv_mc, Python and the libraries that determine results."""
     return {

@@ -5,7 +5,6 @@ import re
 import shutil
 from itertools import pairwise
 
-import control
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -196,6 +195,8 @@ def _linearize(file, controller="tlc", instants="trim"):
 
 
 def test_linearize_writes_a_model_that_python_control_opens(tmp_path):
+    import control  # it imports pyplot, for seconds
+
     _linearize(tmp_path / "model.npz")
     with np.load(tmp_path / "model.npz", allow_pickle=False) as model:
         period = float(model["period_s"])

@@ -31,7 +31,7 @@ MET, MISSED_BY_TWO = {**ENTRY, "below": 50}, {**ENTRY, "below": 3}
 def test_the_exit_code_is_that_of_the_controllers_under_test(abhv_mc, tmp_path, tested, own, bound):
     """The controller 'two' misses one of two requirements."""
     requirements = [{**entry, **own} for entry in (MET, MISSED_BY_TWO)]
-    keys = {"under_test": tested, "requirements": json.dumps(requirements)}
+    keys = {"under_test": tested, "requirements": json.dumps(requirements), "runs": "150"}
     campaign, out = write_campaign(tmp_path / "f", **keys), tmp_path / "out"
     code, text, _ = abhv_mc(
         "run", campaign, "-o", out, "--no-report", "--junit", tmp_path / "j.xml"

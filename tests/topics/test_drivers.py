@@ -34,10 +34,7 @@ def changed_drivers(results, error):
     values = {name: (column - 1.0) / 0.1 for name, column in results.samples.items()}
     flights = results.flights["tlc"]
     metrics = {name: flights.metrics[name] for name in results.metrics} | {METRIC: error(values)}
-    changed = replace(
-        results, flights={**results.flights, "tlc": replace(flights, metrics=metrics)}
-    )
-    return compute_drivers(changed)
+    return compute_drivers(replace(results, flights={"tlc": replace(flights, metrics=metrics)}))
 
 
 def driver_names(results, error):

@@ -34,6 +34,7 @@ _PARTNERS = 0.3  # rank correlation above which two inputs cannot be distinguish
 # effective number of flights, by their shares of the variance, below which scores are permuted
 _SMALL_GROUP = 300.0
 _PERMUTATIONS = 5000
+_BLOCK = 100  # number of permutations in each block
 _EXCEEDANCES = 10  # number of exceedances at which permutations stop (Besag & Clifford 1991)
 
 
@@ -133,16 +134,11 @@ def _pairs(
         share = np.maximum(square - freedom * variance, 0.0) / flights
         p_values = chdtrc(freedom, square / variance)
         is_small = np.mean(y[:, column] ** 4) * _SMALL_GROUP > flights
-        for k in np.flatnonzero(is_small & (p_values <= FALSE_DISCOVERY_RATE)).tolist():
-            cell = bins[:, first[k]] * cells + bins[:, second[k]]
-            draw, tried, exceedances = np.random.default_rng(0), 0, 0
-            while tried < _PERMUTATIONS and exceedances < _EXCEEDANCES:
-                permuted: Any = np.bincount(cell, draw.permutation(y[:, column]), cells**2)
-                ratio = np.divide(*_interactions(permuted.reshape(cells, cells), size[k]))
-                exceedances += ratio >= square[k] / remainder[k] - 1e-12
-                tried += 1
-            if exceedances:  # Otherwise, the asymptotic p-value is smaller than can be counted.
-                p_values[k] = exceedances / tried
+        few = np.flatnonzero(is_small & (p_values <= FALSE_DISCOVERY_RATE))
+        places = bins[:, first[few]] * cells + bins[:, second[few]]
+        at_least = square[few] / remainder[few] - 1e-12
+        counted = _permute(places.T, y[:, column], size[few], at_least)
+        p_values[few] = np.where(counted > 0.0, counted, p_values[few])
         p_values = np.minimum(p_values * (count - 1), 1.0)  # Each input is in count - 1 pairs.
         real = p_values <= FALSE_DISCOVERY_RATE
         for input_index, partner_index in ((first, second), (second, first)):
@@ -153,6 +149,26 @@ def _pairs(
                     strongest[input_index[k], column] = share[k]
                     partner[input_index[k], column] = partner_index[k]
     return added, partner, p_value
+
+
+def _permute(cells: Indices, y: Floats, sizes: Floats, at_least: Floats) -> Floats:
+    """Return the share of permutations whose interactions are ``at_least`` as large, by pair.
+
+    If there are none, the asymptotic p-value is smaller than can be counted. ``cells`` [pair,
+    flight] and ``sizes`` [pair, cell, cell] describe the grids.
+    """
+    draw, number = np.random.default_rng(0), sizes[:1].size
+    tried, exceedances = np.zeros(len(cells)), np.zeros(len(cells), int)
+    offsets = number * np.arange(_BLOCK)[:, None]
+    while len(rest := np.flatnonzero((tried < _PERMUTATIONS) & (exceedances < _EXCEEDANCES))):
+        permuted = np.stack([draw.permutation(y) for _ in offsets]).ravel()
+        for k in rest.tolist():
+            sums: Any = np.bincount((offsets + cells[k]).ravel(), permuted, number * _BLOCK)
+            ratios = np.divide(*_interactions(sums.reshape(-1, *sizes[k].shape), sizes[k]))
+            exceeding = np.flatnonzero(ratios >= at_least[k])[: _EXCEEDANCES - exceedances[k]]
+            exceedances[k] += len(exceeding)
+            tried[k] += exceeding[-1] + 1 if exceedances[k] == _EXCEEDANCES else _BLOCK
+    return exceedances / tried
 
 
 LEAST_COEFFICIENT = 0.2  # smallest absolute coefficient of a driver

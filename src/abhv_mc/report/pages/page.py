@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
@@ -281,6 +282,7 @@ def script_hashes(*scripts: str) -> Markup:
     return Markup(" ".join(f"'sha256-{value}'" for value in hashes))  # noqa: S704  only base64 characters
 
 
+@cache
 def make_environment() -> Environment:
     """Return the Jinja environment for the page templates."""
     environment = Environment(
