@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal
-from abhv_mc.statistics.drivers import given_data_indices, rank_drivers
+from abhv_mc.statistics.drivers import _permute, given_data_indices, rank_drivers
 from abhv_mc.statistics.failure_rules import bin_inputs, find_rules, hypergeometric_tail
 from abhv_mc.statistics.ranks import average_ranks, false_discovery
 
@@ -256,3 +256,24 @@ def test_plain_distributions_have_the_bits_of_scipy(law, arguments):
         ours.density(x), theirs.pdf(x)
     )
     assert ours.frozen.support() == theirs.support()
+
+
+def test_permutations_of_several_grids_are_counted_as_one_by_one():
+    """The count ends at the tenth exceedance, or after 5000 permutations."""
+    draw = np.random.default_rng(4)
+    cells, y = draw.integers(0, 4, (3, 24)), draw.standard_normal(24)
+    sizes = np.array([np.bincount(own, minlength=4).reshape(2, 2) for own in cells], float)
+    at_least = np.array([0.05, 0.4, 1e9])
+    expected = []
+    for own, size, limit in zip(cells, sizes, at_least, strict=True):
+        random, tried, larger = np.random.default_rng(0), 0, 0
+        while tried < 5000 and larger < 10:
+            sums = np.bincount(own, random.permutation(y), 4).reshape(2, 2)
+            means = sums / size
+            rows, columns = sums.sum(1) / size.sum(1), sums.sum(0) / size.sum(0)
+            between = np.sum(size * (means - rows[:, None] - columns) ** 2)
+            larger += between / np.sum(size - sums**2 / size) >= limit
+            tried += 1
+        expected.append(larger / tried)
+    assert 0.0 < expected[1] < expected[0] and expected[2] == 0.0
+    np.testing.assert_array_equal(_permute(cells, y, sizes, at_least), expected)
