@@ -195,7 +195,7 @@ def distance_p_values(low: Floats, high: Floats) -> tuple[float, float]:
 
     n = len(low)
     low, high, rank = np.sort(low), np.sort(high), np.arange(n)
-    least = max(np.max((rank + 1) / n - high), np.max(low - rank / n), 0.5 / n)
+    least = max(np.max((rank + 1) / n - high), np.max(low - rank / n))
     most = max(np.max((rank + 1) / n - low), np.max(high - rank / n))
     return float(kstwo.sf(least, n)), float(kstwo.cdf(most, n))
 
