@@ -24,10 +24,7 @@ from abhv_mc.interfaces import REMEDY
 from abhv_mc.io.messages import InputError
 
 DAMAGED = "the file is damaged or was changed after the run"
-_COPY = (
-    "the original file; to change the campaign, edit copies of campaign.yaml and inputs/ "
-    "outside the folder, and run them with -o DIR"
-)
+_COPY = f"{REMEDY}; to change the campaign, run an edited copy of campaign.yaml and inputs/"
 REPLACED = "a run replaced files of this folder while the files were read"
 GONE = "the file is missing, but the manifest lists it"
 
