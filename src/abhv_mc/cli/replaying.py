@@ -61,7 +61,7 @@ def replay(
         problem = "the flight has no time history"
         raise InputError("--output or --plot", problem, "the command without this option")
     for path in paths:
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_histories(
             path,
             controller,
@@ -77,9 +77,8 @@ def replay(
         from abhv_mc.topics.flights.figures import draw_replayed
         from abhv_mc.topics.topic import names_of
 
-        for text, figure in draw_replayed(names_of(read_flown(folder))):
-            if text.name == f"replayed_{controller}_{flight}":
-                write_png(figure, kept.with_suffix(".png"))
+        ((_, figure),) = draw_replayed(names_of(read_flown(folder)), (controller, flight))
+        write_png(figure, kept.with_suffix(".png"))
 
     def print_text() -> None:
         end = replay.outcome + (

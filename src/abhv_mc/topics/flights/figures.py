@@ -84,10 +84,15 @@ def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
 
 
-def draw_replayed(names: Names) -> Iterator[Drawn]:
-    """Yield the figures of re-run flights beside the nominal flight and the reference."""
+def draw_replayed(names: Names, only: tuple[str, int] | None = None) -> Iterator[Drawn]:
+    """Yield the figures of re-run flights beside the nominal flight and the reference.
+
+    ``only`` selects one of them by controller and flight.
+    """
     results = names.results
     for (controller, flight), history in read_replayed(results.folder).items():
+        if only not in (None, (controller, flight)):
+            continue
         shown = {f"flight {flight}": history, "nominal": results.nominal.get(controller)}
         aligned = {
             label: results.align(controller, own) for label, own in shown.items() if own is not None
