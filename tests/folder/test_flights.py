@@ -5,14 +5,22 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, fly, run, write_campaign
 
 from abhv_mc.analysis.replay import find_rows
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution import runner
 from abhv_mc.folder import flown_blocks, hashes
-from abhv_mc.folder.flights import DamagedFileError, Digest, digest_rows, read_pieces
+from abhv_mc.folder.flights import (
+    DamagedFileError,
+    Digest,
+    digest_rows,
+    read_pieces,
+    write_inputs,
+)
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.layout import CampaignFolder
 
@@ -158,3 +166,14 @@ def test_the_digest_of_a_row_is_pinned():
         "tlc", np.array([3]), ("ok",), {"aero.lift": np.array([1.0]), "x_m": np.array([2.5])}
     )
     assert str(stored) == PINNED
+
+
+def test_the_table_of_inputs_has_the_samples_with_units(tmp_path):
+    laws = "{aero.drag: {distribution: normal, sigma: 5 %}, "
+    laws += "initial.altitude: {distribution: normal, sigma: 30 m}}"
+    campaign = read_campaign(write_campaign(tmp_path / "f", dispersions=laws, runs="70"))
+    assert write_inputs(campaign, tmp_path / "inputs.csv") == 70
+    table = pd.read_csv(tmp_path / "inputs.csv")
+    assert [*table] == ["flight", "aero.drag", "initial.altitude [m]"]
+    drawn = np.column_stack([np.arange(70), campaign.make_samples().draw(0, 70)])
+    np.testing.assert_array_equal(table, drawn)

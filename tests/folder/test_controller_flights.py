@@ -1,0 +1,68 @@
+"""Ranking of flights and signs of metrics, against values computed by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from abhv_mc.bounds import Bounds
+from abhv_mc.flights.outcomes import Outcome
+from abhv_mc.folder.controller_flights import (
+    ControllerFlights,
+    distances,
+    metric_sign,
+    rank_flights,
+)
+from abhv_mc.statistics.estimates import Criterion
+
+METRICS = ("miss", "range", "alpha")
+RECORDS = dict(zip(METRICS, (
+    SimpleNamespace(bad="high", band=None),
+    SimpleNamespace(bad="low", band=None),
+    SimpleNamespace(bad="low", band=Bounds(low=2.0, high=4.0)),
+), strict=True))  # fmt: skip
+
+
+def make_flights(end_time, **metrics):
+    """Flights that ended early at finite times."""
+    lost = np.isfinite(end_time)
+    return ControllerFlights(
+        flight=np.arange(lost.size),
+        outcome=np.where(lost, 3, Outcome.OK).astype(np.uint8),
+        metrics={"end_time_s": np.array(end_time)} | {k: np.array(v) for k, v in metrics.items()},
+        absent=np.empty(0, np.int64),
+        records=RECORDS,
+    )
+
+
+@pytest.mark.parametrize(
+    ("metric", "sign", "expected"),
+    [("miss", 1.0, [1.0, 3.0, np.inf]),
+     ("range", -1.0, [-1.0, -3.0, np.inf]),
+     ("alpha", 1.0, [1.0, -1.0, np.inf])],  # beyond the nearer limit
+)  # fmt: skip
+def test_distances_and_their_sign(metric, sign, expected):
+    flights = make_flights([np.inf, np.inf, 5.0], **{metric: [1.0, 3.0, 3.0]})
+    np.testing.assert_array_equal(distances(flights, metric), expected)
+    assert metric_sign(RECORDS[metric]) == sign
+
+
+def test_the_worst_flights_are_the_earliest_losses_then_the_largest_relative_exceedances():
+    """The limit of 10 is its unit; the median of the ranges, 200, is origin and unit."""
+    flights = {
+        "b": make_flights([np.inf, 20.0, np.inf], miss=[12.0, 0.0, 1.0], range=[200.0, 9.0, 50.0]),
+        "a": make_flights([7.0, np.inf], miss=[0.0, 11.0], range=[0.0, 300.0]),
+    }
+    criteria = [Criterion("miss", "high", Bounds(high=10.0)), Criterion("range", "low")]
+    ranking = rank_flights(flights, criteria)
+    np.testing.assert_allclose(ranking.beyond["a"], [np.inf, 0.1])
+    np.testing.assert_allclose(ranking.beyond["b"], [0.2, np.inf, 0.75])  # (200 - 50) / 200
+    assert ranking.criterion_index["b"].tolist()[::2] == [0, 1]
+    names = [ranking.controllers[k] for k in ranking.controller]
+    worst = [*zip(names, ranking.row.tolist(), strict=True)]
+    assert worst == [("a", 0), ("b", 1), ("b", 2), ("b", 0), ("a", 1)]
+    assert ranking.rows_of("b").tolist() == [1, 2, 0] and ranking.ranks_of("b").tolist() == [
+        3,
+        1,
+        2,
+    ]
