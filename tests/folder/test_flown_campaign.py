@@ -3,6 +3,8 @@
 import sys
 import threading
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -11,11 +13,12 @@ import pytest
 from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.bounds import Bounds
+from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.folder import file_columns, flights
 from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.folder.file_columns import SpooledColumns
 from abhv_mc.folder.flights import SampleReader, write_samples
-from abhv_mc.folder.flown_campaign import read_flown, read_histories
+from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.metrics import METRICS
@@ -125,3 +128,17 @@ def test_threads_in_different_groups_of_samples_get_their_own_rows(tmp_path, mon
         thread.join()
     sys.setswitchinterval(interval)
     assert not wrong
+
+
+@pytest.mark.parametrize(("with_margins", "has_margins"), [(40, True), (39, False)])
+def test_margins_are_metrics_if_all_flights_have_them(with_margins, has_margins):
+    margin, fault = MARGIN_NAMES[0], MARGIN_FAULTS[0].name
+    stored = SimpleNamespace(metrics=dict.fromkeys((fault, "end_time_s", margin, "b", "a")))
+    metrics = {name: SimpleNamespace(group="usage" * (name == "b")) for name in ("a", "b", margin)}
+    campaign = SimpleNamespace(
+        margin_flights=with_margins, runs=40, asked=("a", margin, "absent"), metrics=metrics
+    )
+    results = FlownCampaign(Path(), campaign, None, {}, {"one": stored}, {}, {}, {})
+    required = ("a", *[margin] * has_margins)
+    assert results.asked == required
+    assert results.metrics == results.compared == (*required, "b")

@@ -1,17 +1,20 @@
 """Curves, limits and labels of figures."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from abhv_mc.flights.metrics import MARGINS
+from abhv_mc.flights.statistic import Statistic
 from abhv_mc.folder.flown_campaign import BANDS
 from abhv_mc.topics.comparison.figures import plot_error_against_usage
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes, plot_sheet
 from abhv_mc.topics.figure_style import BLUE, CYCLE
 from abhv_mc.topics.flights import FLIGHTS
+from abhv_mc.topics.flights.figures import _limit_curves
 from abhv_mc.topics.flights.model import channel_of
 from abhv_mc.topics.metrics.figures import Spread, plot_distributions
 from abhv_mc.topics.topic import Models
@@ -152,3 +155,24 @@ def test_failed_flights_keep_the_curve_from_100_percent():
     values = np.array([1.0, 2.0, 3.0, np.inf])
     figure = plot_distributions([Spread("x", {"a": values})], {"a": "A"}, {"a": BLUE})
     assert figure.axes[0].lines[0].get_ydata().max() == 0.75
+
+
+def test_limits_have_gaps_where_a_requirement_does_not_apply():
+    """A settled metric from 1 to 9 s, with transients from 2 to 4 s and from 8 s on."""
+    metric = SimpleNamespace(
+        of="bank_deg", statistic=Statistic.MAX_ABS, start=1.0, end=9.0, settled=True
+    )
+    names = SimpleNamespace(
+        metrics={"m": metric},
+        results=SimpleNamespace(reference={"time": np.arange(11.0)}),
+        campaign=SimpleNamespace(transients=[(2.0, 4.0), (8.0, 20.0)], limits_of=lambda _: (3.0,)),
+    )
+    low, high = _limit_curves("m", names)
+    applies = np.isin(np.arange(11), [1, 4, 5, 6, 7])
+    np.testing.assert_array_equal(low[1], np.where(applies, -3.0, np.nan))
+    np.testing.assert_array_equal(high[1], np.where(applies, 3.0, np.nan))
+    metric.settled, metric.statistic = False, Statistic.MIN
+    ((time, level),) = _limit_curves("m", names)
+    np.testing.assert_array_equal(level, np.where((time >= 1) & (time <= 9), 3.0, np.nan))
+    names.results.reference = {}
+    assert [own.tolist() for own in _limit_curves("m", names)[0]] == [[1.0, 9.0], [3.0, 3.0]]
