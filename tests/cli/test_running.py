@@ -20,6 +20,7 @@ from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown, read_replayed
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import (
     ControllerCount,
     Manifest,
@@ -131,11 +132,12 @@ def test_a_plotted_flight_becomes_a_panel_of_the_report(abhv_mc, flown, tmp_path
     assert abhv_mc("replay", folder, "--flight", 17, "--controller", "two", "--plot")[0] == 0
     assert (folder / "replayed" / "two-17.png").read_bytes().startswith(b"\x89PNG")
     models = Models(read_flown(folder))
-    assert Picture("replayed_two_17") in models.section(FLIGHTS).items
-    ((text, figure),) = draw_replayed(models.names)
-    assert text.name == "replayed_two_17"
+    assert Picture("replayed_two-17") in models.section(FLIGHTS).items
+    (path,) = CampaignFolder(folder).replayed_files()
+    text, figure = draw_replayed(path, models.names)
+    assert text.name == "replayed_two-17"
     drawn = [line.get_ydata() for axis in figure.axes for line in axis.lines]
-    shown = read_replayed(folder)["two", 17], models.results.nominal["two"]
+    shown = read_replayed(path)[2], models.results.nominal["two"]
     assert [any(np.array_equal(x, own["speed_mps"]) for x in drawn) for own in shown] == [True] * 2
     levels = {float(x[0]) for x in map(np.asarray, drawn) if x.size and np.ptp(x) == 0.0}
     assert {-50.0, 50.0} <= levels  # limits of the altitude error

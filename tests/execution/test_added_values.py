@@ -44,6 +44,7 @@ def flown(tmp_path):
 def test_an_added_metric_leaves_stored_values_and_gives_the_digest_of_a_new_folder(flown, tmp_path):
     before, stored = read_manifest(flown / "manifest.json"), read_flown(flown).flights
     (flown / "notes.txt").write_text("mine")
+    (flown / "replayed").mkdir()
     request = write_campaign(tmp_path, "swing")
     manifest = run_campaign(request).manifest
     new = run_campaign(replace(request, output=tmp_path / "new")).manifest
@@ -52,7 +53,7 @@ def test_an_added_metric_leaves_stored_values_and_gives_the_digest_of_a_new_fold
     for name, flights in read_flown(flown).flights.items():
         assert flights.metrics["miss"].tobytes() == stored[name].metrics["miss"].tobytes()
         assert "swing" in flights.metrics and "swing" not in stored[name].metrics
-    assert (flown / "notes.txt").read_text() == "mine"
+    assert (flown / "notes.txt").read_text() == "mine" and (flown / "replayed").is_dir()
     assert {path.name for path in tmp_path.iterdir()} == {"out", "new", "sim.py", "study.yaml"}
 
 

@@ -77,7 +77,7 @@ def replay(
         from abhv_mc.topics.flights.figures import draw_replayed
         from abhv_mc.topics.topic import names_of
 
-        ((_, figure),) = draw_replayed(names_of(read_flown(folder)), (controller, flight))
+        _, figure = draw_replayed(kept, names_of(read_flown(folder)))
         write_png(figure, kept.with_suffix(".png"))
 
     def print_text() -> None:

@@ -48,9 +48,10 @@ def add_values(error: AddedValuesError, run: Callable[[Path], Manifest]) -> Mani
         digests = (*(before.earlier_digests or ()), str(before.digest))
         manifest = files.write_manifest(manifest, earlier_digests=digests)
         for path in stored.root.iterdir():
-            is_other = path not in stored.contents or path == stored.replayed
-            if is_other and not path.name.startswith(stored.lock.name):
-                path.rename(added.root / path.name)  # a user's file
+            # A user's file, or results on single flights, which remain valid.
+            is_kept = path not in stored.contents or path in (stored.explained, stored.replayed)
+            if is_kept and not path.name.startswith(stored.lock.name):
+                path.rename(added.root / path.name)
         replaced = stored.root.rename(f"{added.root}-replaced")
         added.root.rename(stored.root)
     shutil.rmtree(replaced)

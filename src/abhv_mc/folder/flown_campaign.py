@@ -245,13 +245,10 @@ def read_histories(root: Path, controller: str) -> dict[int, dict[str, Floats]]:
     return histories
 
 
-def read_replayed(root: Path) -> dict[tuple[str, int], dict[str, Floats]]:
-    """Return the histories of re-run flights, by controller and flight, as in `read_histories`."""
-    return {
-        (path.stem.rpartition("-")[0], flight): columns
-        for path in sorted(CampaignFolder(root).replayed.glob("*.parquet"))
-        for flight, columns in _read_file(path).items()
-    }
+def read_replayed(path: Path) -> tuple[str, int, dict[str, Floats]]:
+    """Return controller, flight and history of a re-run flight, as in `read_histories`."""
+    ((flight, columns),) = _read_file(path).items()
+    return path.stem.rpartition("-")[0], flight, columns
 
 
 def _read_file(path: Path) -> dict[int, dict[str, Floats]]:

@@ -72,6 +72,10 @@ class CampaignFolder:
         """Return the paths of the copied input files."""
         return [path for path in sorted(self.inputs.rglob("*")) if path.is_file()]
 
+    def replayed_files(self) -> list[Path]:
+        """Return the paths of the histories of re-run flights."""
+        return sorted(self.replayed.glob("*.parquet"))
+
     @property
     def report(self) -> tuple[Path, ...]:
         """Paths of the files and folders that belong to the report."""

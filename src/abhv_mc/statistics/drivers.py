@@ -34,7 +34,8 @@ _PARTNERS = 0.3  # rank correlation above which two inputs cannot be distinguish
 # effective number of flights, by their shares of the variance, below which scores are permuted
 _SMALL_GROUP = 300.0
 _PERMUTATIONS = 5000
-_BLOCK = 100  # number of permutations in each block
+# number of permutations in each block, and of flights above which a block has one, to save memory
+_BLOCK, _BLOCK_FLIGHTS = 100, 10_000
 _EXCEEDANCES = 10  # number of exceedances at which permutations stop (Besag & Clifford 1991)
 
 
@@ -159,15 +160,16 @@ def _permute(cells: Indices, y: Floats, sizes: Floats, at_least: Floats) -> Floa
     """
     draw, number = np.random.default_rng(0), sizes[:1].size
     tried, exceedances = np.zeros(len(cells)), np.zeros(len(cells), int)
-    offsets = number * np.arange(_BLOCK)[:, None]
+    block = _BLOCK if len(y) <= _BLOCK_FLIGHTS else 1
+    offsets = number * np.arange(block)[:, None]
     while len(rest := np.flatnonzero((tried < _PERMUTATIONS) & (exceedances < _EXCEEDANCES))):
         permuted = np.stack([draw.permutation(y) for _ in offsets]).ravel()
         for k in rest.tolist():
-            sums: Any = np.bincount((offsets + cells[k]).ravel(), permuted, number * _BLOCK)
+            sums: Any = np.bincount((offsets + cells[k]).ravel(), permuted, number * block)
             ratios = np.divide(*_interactions(sums.reshape(-1, *sizes[k].shape), sizes[k]))
             exceeding = np.flatnonzero(ratios >= at_least[k])[: _EXCEEDANCES - exceedances[k]]
             exceedances[k] += len(exceeding)
-            tried[k] += exceeding[-1] + 1 if exceedances[k] == _EXCEEDANCES else _BLOCK
+            tried[k] += exceeding[-1] + 1 if exceedances[k] == _EXCEEDANCES else block
     return exceedances / tried
 
 

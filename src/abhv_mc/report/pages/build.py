@@ -67,7 +67,7 @@ def report_key(folder: Path, baseline: Path | None = None) -> str:
     data.append([topic.name for topic in user_topics()])
     data += suggest_merge(folder, read_manifest(CampaignFolder(folder).manifest))
     data += filter(None, [hash_failure_map(folder)])
-    data += map(hash_file, sorted(CampaignFolder(folder).replayed.glob("*.parquet")))
+    data += map(hash_file, CampaignFolder(folder).replayed_files())
     if baseline is not None:
         data += [baseline.as_posix(), hash_file(baseline / "manifest.json")]
     text = json.dumps(data, sort_keys=True)

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from abhv_mc.campaign.file.unknowns import unknowns_hint
-from abhv_mc.folder.flown_campaign import flights_with_history, read_replayed
+from abhv_mc.folder.flown_campaign import flights_with_history
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.messages import grouped_digits
 from abhv_mc.topics.flights.model import (
     Flights,
@@ -116,8 +117,8 @@ def _items(flights_model: Flights, names: Names) -> Iterator[Item]:
         table = Table(title, worst_heads, (listed,)).without_constant()
         yield Fold(title, (*[rerun] * campaign.can_rerun, table))
     yield Picture("worst_flights")
-    for controller, flight in read_replayed(names.results.folder):
-        yield Picture(f"replayed_{controller}_{flight}")
+    for path in CampaignFolder(names.results.folder).replayed_files():
+        yield Picture(f"replayed_{path.stem}")
     if campaign.contents.zones:
         yield Picture("ground_tracks")
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from abhv_mc.array_types import Floats
 from abhv_mc.flights.metrics import Metric, label_of
 from abhv_mc.folder.flown_campaign import read_histories, read_replayed
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.topics.envelopes import Curve, curves_of
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of, plot_flown
 from abhv_mc.topics.figure_bands import (
@@ -43,7 +45,8 @@ def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
         for name in controllers
     }
     yield from _ground_tracks(names, kept_histories)
-    yield from draw_replayed(names)
+    for path in CampaignFolder(results.folder).replayed_files():
+        yield draw_replayed(path, names)
     if not any(histories.values()):
         return
     yield from _critical(flights, names, kept_histories)
@@ -84,29 +87,23 @@ def draw(flights: Flights, names: Names) -> Iterator[Drawn]:
         yield text, plot_envelopes(rows, list(names.controllers.values()), list(colors.values()))
 
 
-def draw_replayed(names: Names, only: tuple[str, int] | None = None) -> Iterator[Drawn]:
-    """Yield the figures of re-run flights beside the nominal flight and the reference.
-
-    ``only`` selects one of them by controller and flight.
-    """
-    results = names.results
-    for (controller, flight), history in read_replayed(results.folder).items():
-        if only not in (None, (controller, flight)):
-            continue
-        shown = {f"flight {flight}": history, "nominal": results.nominal.get(controller)}
-        aligned = {
-            label: results.align(controller, own) for label, own in shown.items() if own is not None
-        }
-        text = FigureText(
-            f"replayed_{controller}_{flight}",
-            f"Flight {flight} of {names.label(controller)}",
-            "Re-run flight and nominal flight, with the reference and the limits.",
-        )
-        limits = {channel: _limits(channel, names, {*history}) for channel in history}
-        limited = (_curve(channel, names) for channel, own in limits.items() if own)
-        # An error with a limit replaces the curve with the same label.
-        curves = {curve.label: curve for curve in (*curves_of(names.campaign), *limited)}
-        yield text, plot_flown(aligned, results.reference, tuple(curves.values()), limits)
+def draw_replayed(path: Path, names: Names) -> Drawn:
+    """Return the figure of a re-run flight beside the nominal flight and the reference."""
+    results, (controller, flight, history) = names.results, read_replayed(path)
+    shown = {f"flight {flight}": history, "nominal": results.nominal.get(controller)}
+    aligned = {
+        label: results.align(controller, own) for label, own in shown.items() if own is not None
+    }
+    text = FigureText(
+        f"replayed_{path.stem}",
+        f"Flight {flight} of {names.label(controller)}",
+        "Re-run flight and nominal flight, with the reference and the limits.",
+    )
+    limits = {channel: _limits(channel, names, {*history}) for channel in history}
+    limited = (_curve(channel, names) for channel, own in limits.items() if own)
+    # An error with a limit replaces the curve with the same label.
+    curves = {curve.label: curve for curve in (*curves_of(names.campaign), *limited)}
+    return text, plot_flown(aligned, results.reference, tuple(curves.values()), limits)
 
 
 def _ground_tracks(
