@@ -14,7 +14,7 @@ INSTALLED := .venv/installed
 DEV_INSTALLED := .venv/installed-dev
 CAMPAIGN := campaigns/s_manoeuvre.yaml
 REPORT := reports/s_manoeuvre/report.html
-TEST_WORKERS ?= 2
+TEST_WORKERS ?= 3
 SELF_CHECKS := tests/verification tests/vehicle/kernel/test_world.py tests/vehicle/control/design/test_shipped_designs.py
 
 .PHONY: run test test-all test-thorough docs example verify verify-others bench performance bench-peers newest-numba lock dist clean

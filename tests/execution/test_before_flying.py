@@ -41,6 +41,26 @@ def test_the_estimated_time_follows_the_number_of_flights(tmp_path):
     assert estimate_campaign(large, ENGINE).envelope_bytes < 50e6  # does not grow with the flights
 
 
+@pytest.mark.parametrize(("rate", "samples"), [("10 Hz", 21), ("2 Hz", 5)])
+def test_envelopes_take_the_space_of_their_rate(tmp_path, rate, samples):
+    keep = f"{{histories: {{flights: [7]}}, envelopes: {{rate: {rate}}}}}"
+    campaign = read_campaign(write_campaign(tmp_path, keep=keep))
+    cost = estimate_campaign(campaign, ENGINE)
+    assert cost.envelope_bytes == 4 * samples * len(campaign.enveloped_channels) * 300 * 2
+    assert cost.disk_bytes == cost.envelope_bytes + cost.rows_bytes + cost.histories_bytes
+
+
+def test_the_search_over_unknowns_takes_time(tmp_path):
+    entries = {"unknowns": "{aero.lift: {low: -10 %, high: 10 %}}", "keep": "{histories: {}}"}
+    dispersions = "{atmosphere.density: {distribution: uniform, half_width: 10 %}}"
+    campaign = read_campaign(write_campaign(tmp_path, dispersions=dispersions, **entries))
+    cost = estimate_campaign(campaign, ENGINE, workers=3)
+    assert cost.searched > campaign.runs_at_point
+    flights = campaign.runs + cost.kept + cost.searched
+    assert cost.flying_s == pytest.approx(2 * flights * cost.flight_s / 3)
+    assert cost.search_s == pytest.approx(2 * cost.searched * cost.flight_s / 3)
+
+
 def test_a_dispersion_without_effect_is_rejected(tmp_path):
     entry = (
         "{aero.lift: {distribution: normal, sigma: 5 %}, mass.total: {distribution: "

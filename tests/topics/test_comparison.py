@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.topics.comparison.model import compare_pair, compute_comparison
+from abhv_mc.topics.comparison.model import (
+    compare_any_failures,
+    compare_pair,
+    compute_comparison,
+)
 
 METRIC = "sideslip_max_deg"
 EQUAL = ("altitude_error_max_m", "speed_error_max_mps")
@@ -41,6 +45,18 @@ def test_winners_allow_for_all_metrics_and_rivals_of_the_first_screen(results, c
     errors["tlc"] = np.where(np.arange(200) < count, 1.0, 1.5)
     pairs = compared(results, errors).values()
     assert {pair.metrics[METRIC].closer for pair in pairs if "tlc" in (pair.a, pair.b)} == {winner}
+
+
+def test_flights_that_fail_with_only_one_controller_are_listed(results):
+    outcome = np.zeros((2, 200), int)
+    outcome[0, [2, 5, 9]] = outcome[1, [5, 11]] = 3
+    tlc, lqr = (
+        replace(results.flights[name], outcome=row)
+        for name, row in zip(("tlc", "lqr"), outcome, strict=True)
+    )
+    found = compare_any_failures(tlc, lqr, ())
+    assert (found.only_a, found.only_b, found.both) == (2, 1, 1)
+    assert (found.flights_only_a, found.flights_only_b) == ((2, 9), (11,))
 
 
 @pytest.mark.parametrize(("lost", "losing"), [(6, None), (7, "lqr")])

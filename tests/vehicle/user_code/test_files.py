@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 
+from abhv_mc.custom_code import child
 from abhv_mc.custom_code.source import UserSource, find_package_versions
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.control.controller_file import read_controller
@@ -35,6 +36,8 @@ def law(measured):
 def write(tmp_path, monkeypatch):
     """Return the source of a law with this text, and its declared ``files``."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    # A child that other tests use later would keep this cache and compile everything again.
+    monkeypatch.setattr(child, "_child", None)
     (tmp_path / "tables").mkdir()
     (tmp_path / "gains.csv").write_text("2.0\n")
     (tmp_path / "tables" / "more.csv").write_text("3.0\n")
