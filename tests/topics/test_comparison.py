@@ -10,6 +10,8 @@ from abhv_mc.topics.comparison.model import (
     compare_any_failures,
     compare_pair,
     compute_comparison,
+    total_usage,
+    usage_metrics,
 )
 
 METRIC = "sideslip_max_deg"
@@ -108,3 +110,23 @@ def test_of_a_metric_whose_small_values_are_bad_the_worst_is_the_smallest(result
     entry = compare_pair(*flights, names, [metric], [], requirements=()).metrics[metric]
     a, b = (table.metrics[metric] for table in flights)
     assert entry.worst == (a.min(), b.min()) and entry.a_better == np.sum(a > b)
+
+
+def test_winners_are_named_in_compared_metrics_of_independent_flights(results):
+    flights = [results.flights[name] for name in ("tlc", "lqr")]
+
+    def entry(compared, **keys):
+        pair = compare_pair(*flights, ("tlc", "lqr"), [METRIC], compared, requirements=(), **keys)
+        return pair.metrics[METRIC]
+
+    alone = entry([METRIC])
+    assert (alone.compared, alone.winner, alone.closer, alone.mixed) == (True, "tlc", "tlc", False)
+    for other in (entry([]), entry([METRIC], independent=False)):
+        assert (other.compared, other.winner, other.closer) == (False, None, None)
+    assert alone.quantile_differences["q95"].value < 0.0 < alone.worst[1] - alone.worst[0]
+    none = replace(flights[1], flight=flights[1].flight + 200)
+    assert compare_pair(flights[0], none, ("a", "b"), [], [], requirements=()) is None
+    squares = [flights[0].metrics[name] ** 2 for name in usage_metrics(flights[0])]
+    assert len(squares) == 3 and total_usage(flights[0]) == pytest.approx(sum(squares) ** 0.5)
+    lost = replace(flights[0], outcome=np.where(np.arange(200) % 3 == 1, 3, 0))
+    assert compare_any_failures(lost, flights[0], ()).flights_only_a == tuple(range(1, 30, 3))

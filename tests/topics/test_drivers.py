@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from abhv_mc.topics.drivers import (
     MetricDrivers,
     Share,
     Swing,
+    _given_data,
     compute_drivers,
     driver_section,
     driver_text,
@@ -163,3 +165,27 @@ def test_categories_have_no_order(results):
     assert driver_names(results, lambda x: 2.0 + x["aero.lift"])[0] == ["aero.lift"]
     found = driver_names(changed, lambda x: 2.0 + np.round(x["aero.lift"], 6))
     assert found == ([], [("aero.lift", None)])
+
+
+@pytest.mark.parametrize(
+    ("moving", "found", "share"),
+    [((), (), 1), ([0], (), 0), ([2], (), 0), ([2], [0], 1), ([1, 3], (), 1)],
+)
+def test_parameters_that_move_with_a_driver_have_no_share(moving, found, share):
+    """Of the first metric, a wave of parameter a remains; rows are values, then distances."""
+    inputs = np.random.default_rng(1).uniform(-1.0, 1.0, (600, 2))
+    wave = np.sin(6.0 * inputs[:, 0])
+    residuals = np.column_stack([wave, 1e-3 * wave, wave])
+    moves_with, drivers = np.full((4, 3), -1), np.zeros((4, 3), bool)
+    moves_with[moving, 0], drivers[found, 0] = 1, True
+    results = SimpleNamespace(
+        dispersed=("a", "b"),
+        metrics=("m", "explained", "not_asked"),
+        asked=("explained", "m"),
+        campaign=SimpleNamespace(independent=True),
+    )
+    ranks = SimpleNamespace(residuals=residuals, moves_with=moves_with, found=drivers)
+    shares = _given_data(results, inputs, ranks)
+    assert {name: [x.parameter for x in own] for name, own in shares.items()} == {
+        "m": ["a"] * share
+    }

@@ -14,7 +14,8 @@ from abhv_mc.topics.failure_cases import (
     drawn_cases,
     failure_case_section,
 )
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.failure_cases.figures import draw
+from abhv_mc.topics.topic import Models, names_of
 
 
 def test_a_case_counts_its_losses_and_their_times_since_the_first_failure(flown):
@@ -58,3 +59,9 @@ def test_a_case_counts_its_losses_and_their_times_since_the_first_failure(flown)
     (table,) = failure_case_section(found, Models(results).names).tables()
     share = "25\u202f% (0.6\u202f% to 81\u202f%)"
     assert table.plain_rows()[1][:6] == ["elevator stuck", "4", "TLC", share, "3", "7.0 s"]
+    ((_, figure),) = draw(found, names_of(results))  # worst histories make no band
+    elevator, both = (axes.lines[0].get_xydata().T for axes in figure.axes)
+    # Of the three flights that end after the failure, two are lost, 4 and 10 s later.
+    shares = [np.interp(time, *elevator) for time in (3.0, 5.0, 12.0)]
+    assert shares == pytest.approx([100.0, 200.0 / 3.0, 100.0 / 3.0])
+    assert [np.interp(time, *both) for time in (2.5, 3.5)] == [100.0, 0.0]

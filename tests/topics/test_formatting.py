@@ -2,13 +2,25 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.topics.formatting import bounds, estimate, p_value, percent, spoken_name
+from abhv_mc.topics.formatting import (
+    bounds,
+    estimate,
+    fixed,
+    json_data,
+    p_equation,
+    p_value,
+    percent,
+    shown_value,
+    significant,
+    spoken_name,
+)
 from abhv_mc.topics.topic import Cell, Table, full_labels, grouped
-from abhv_mc_vehicle.plant.parameters import PARAMETERS
+from abhv_mc_vehicle.plant.parameters import OURS, PARAMETERS
 
 
 def test_every_parameter_has_its_own_name():
@@ -87,3 +99,42 @@ def test_a_cell_is_repeated_in_the_rows_that_it_spans():
         ["altitude", "LQR", "0", "2 %", DASH],
     ]
     assert [row[0].rows for row in GROUP] == [2, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (fixed(-0.04, 1), "0.0"),
+        (fixed(-0.06, 1), "−0.1"),
+        (fixed(1236, -1), "1240"),
+        (significant(999.6), "1000"),
+        (significant(-0.012345), "−0.0123"),
+        (significant(math.inf), DASH),
+        (percent(1e-6 * (1 + 1e-9)), "0.0001\u202f%"),
+        (percent(0.5), "50\u202f%"),
+        (percent(1.24, 2), "124\u202f%"),
+        (percent(None), DASH),
+        (p_equation(1e-4), "p = 0.00010"),
+        (p_equation(9e-5), "p < 0.0001"),
+        (shown_value("aero.lift", 1.0811, OURS), "+8.1\xa0%"),
+        (shown_value("aero.lift", 1.00004, OURS), "0.0\xa0%"),
+        (shown_value("aero.lift", 0.95, OURS), "−5.0\xa0%"),
+        (shown_value("failure.elevator.stuck_at", 0.1, OURS), "5.73\xa0deg"),
+        (shown_value("failure.elevator.stuck_at", None, OURS), "where it is"),
+        (shown_value("failure.elevator.stuck_time", math.inf, OURS), "never"),
+        (shown_value("wind.north", 2.0, OURS), "2.00\xa0m/s"),
+        (spoken_name("failure.sensor.q.loss_time"), "q sensor loss time"),
+        (spoken_name("sensor.pitch_rate_bias"), "pitch rate bias"),
+        (spoken_name("aero.lift.increment"), "lift increment"),
+        (spoken_name("wind.north"), "wind north"),
+    ],
+)
+def test_numbers_and_names_as_text(text, expected):
+    assert text == expected
+
+
+def test_json_has_null_for_what_is_not_finite():
+    values = [np.float64("nan"), math.inf, np.int64(3), (True, None), np.array([1.5, -np.inf])]
+    data = {"a": values, "b": Interval(1.0, -math.inf, 2.0)}
+    interval = {"value": 1.0, "low": None, "high": 2.0}
+    assert json_data(data) == {"a": [None, None, 3, [True, None], [1.5, None]], "b": interval}

@@ -21,6 +21,7 @@ from abhv_mc.topics.margins import (
     margin_section,
     missing_margins,
 )
+from abhv_mc.topics.margins.figures import plot_margins
 from abhv_mc.topics.topic import Models, names_of
 
 LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")
@@ -136,3 +137,11 @@ def test_margins_of_flights_are_counted_on_both_sides_of_the_customary_one(
     assert cells[1:3] == ["5.5 / 0.0", "11 / 0"] and cells[5:7] == ["2 of 6", "3 of 6"]
     assert "1 of 3 (33\u202f%) below" in cells[7] and "2 of 3 (67\u202f%) at" in cells[7]
     assert len(missing_margins(found, names)) == len(missing)
+    beyond = np.array([0.1, 0.8, 0.0, 0.5, np.inf, 0.2, 0.0, -0.4])
+    ranking = SimpleNamespace(beyond={"tlc": beyond})
+    drawn = SimpleNamespace(flights=results.flights, ranking=ranking)
+    gains, phases = plot_margins(found, replace(names, results=drawn), "y").axes
+    passed, failed = (points.get_offsets().tolist() for points in gains.collections)
+    assert passed == [[5.0, 10.0], [0.0, 20.0], [12.0, -40.0]]
+    assert failed == [[7.0, 80.0], [6.0, 50.0], [0.0, pytest.approx(80.0 + 0.15 * 120.0)]]
+    assert phases.collections[0].get_offsets()[0].tolist() == [10.0, 10.0]
