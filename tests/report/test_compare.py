@@ -3,7 +3,10 @@
 import html
 import json
 import re
+from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +19,17 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import ControllerFlights
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
-from abhv_mc.report.numbers.compare import _gate, check_baseline, pair_campaigns, parse_margins
+from abhv_mc.report.numbers.compare import (
+    _gate,
+    check_baseline,
+    gate_text,
+    pair_campaigns,
+    parse_margins,
+    require_same_samples,
+)
 from abhv_mc.report.pages.build import is_up_to_date
 from abhv_mc.report.pages.verify import verify_campaign
+from abhv_mc.statistics.gate import Gate
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.formatting import percent
 from abhv_mc_vehicle.flight.metrics import METRICS
@@ -258,3 +269,46 @@ def test_campaigns_with_unknowns_pair_at_the_points_of_the_baseline(versions, ab
     assert lost > 0 and f": {lost}\n" in output
     losing = ("compare", versions / "out0", versions / "out2", "--fail-if-loses")
     assert [abhv_mc(*losing, number)[0] for number in (lost, lost + 1)] == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "problem"),
+    [
+        ({"x": [1.0]}, {}, "no column 'x'"),
+        ({}, {"x": [1.0]}, "additional column 'x'"),
+        ({"x": [1.0, 2.0, 3.0]}, {"x": [1.0, 5.0]}, "'x' is 5.0 in flight 1.*2.0"),
+        ({"x": [1.0, 2.0]}, {"x": [1.0, 2.0, 3.0]}, None),
+    ],
+)
+def test_samples_must_be_equal_in_the_common_flights(a, b, problem):
+    samples = [{name: np.array(own) for name, own in side.items()} for side in (a, b)]
+    with pytest.raises(InputError, match=problem) if problem else nullcontext():
+        require_same_samples(*samples, Path("a"), Path("b"))
+
+
+def test_a_gate_says_how_it_ended():
+    """Nothing stops the first; each of four reasons stops the second."""
+    shown = Gate(0.05, 80, 70, 0.81, (), False, False, ())
+    stopped = Gate(0.05, 80, 70, 0.81, (0.9973,), True, True, (1,), at="drag 1 m")
+    metrics = {"m": SimpleNamespace(worst=(2.0, 5.0))}
+    first, second = (
+        gate_text(SimpleNamespace(not_worse={"m": gate}, metrics=metrics), "m", ["A", "B"])
+        for gate in (shown, stopped)
+    )
+    assert re.findall(r"[\d.]+", first)[:5] == ["5", "70", "80", "81", "50"]
+    assert first.startswith("passed; ") and first.count("; ") == 1
+    reasons = second.split("; ")
+    assert reasons[0] == "not passed" and reasons[2] == "unknowns drag 1 m"
+    assert "99.73 %" in reasons[3] and "2.00 -> 5.00" in reasons[4] and len(reasons) == 7
+    assert reasons[6].endswith(" B")
+
+
+def test_the_gate_is_that_of_the_worst_point(before):
+    """Sample k of two points p is flight 2 k + p: the second controller is worse at point 1."""
+    a = read_flown(before).flights["tlc"]
+    speed, at_second = "speed_error_max_mps", a.flight % 2 == 1
+    b = replace(a, metrics={speed: a.metrics[speed] * np.where(at_second, 1.2, 1.0)})
+    points = Unknowns(points=np.zeros((2, 0)))
+    gate = _gate(a, b, speed, 0.1, (), unknowns=points)
+    assert (gate.pairs, gate.within, gate.shown) == (20, 0, False)
+    assert _gate(a, b, speed, 0.3, (), unknowns=points).within == 20

@@ -119,3 +119,11 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
     joint = SimpleNamespace(dropped=((0, "b"),), risk=0.1, verdicts=2)
     stub = SimpleNamespace(held_together=joint, requirements=[SimpleNamespace(controllers=own)])
     assert flights_for_joint_verdicts(stub) == flights_to_pass(3, 0.95, 0.1)
+
+
+def test_a_controller_without_flights_is_not_decided(tmp_path):
+    both = ENTRY.format(1e6, 0.5).replace("}", ", controllers: [tlc, lqr]}")
+    keys = {"controllers": ["tlc", "lqr"], "requirements": [both]}
+    models = read(tmp_path / "c", 1e6, 0.5, **keys)
+    assert find_next_step(models).why.startswith("none")
+    assert changed(models, flights={"tlc": models.results.flights["tlc"]}) is None

@@ -13,12 +13,19 @@ import pytest
 from report.synthetic import write_campaign
 
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.report.pages.flights_view import _metric, _select_rows, make_flights_view
+from abhv_mc.report.pages.flights_view import (
+    _dispersion,
+    _metric,
+    _select_rows,
+    find_range,
+    make_flights_view,
+)
 from abhv_mc.report.pages.page import LIMIT_POSITION, chart_rows, make_page, pack_arrays
 from abhv_mc.topics.flights.model import listed_worst, worst_flights
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
 from abhv_mc.topics.verdicts.model import GlanceCell
+from abhv_mc_vehicle.plant.parameters import OURS
 
 
 def unpack(layout, text, name):
@@ -223,3 +230,18 @@ def test_the_view_has_each_flight_and_five_samples_per_second(failing):
     rows = {name: np.array(column) for name, column in data["rows"].items()}
     assert rows["failed"].reshape(3, 100).sum(axis=1).tolist() == [0, 12, 12]
     assert rows["failed"][data["order"]][:24].all() and (rows["history"] >= 0).sum() == 60
+
+
+def test_a_dispersion_is_described_in_its_shown_unit():
+    ends = find_range(np.array([np.inf, 0.3, -0.1, np.nan]))
+    assert (ends, find_range(np.array([np.nan]))) == ((-0.1, 0.3), (0.0, 0.0))
+    bank = _dispersion("initial.bank", ends, (np.radians(3.0), np.radians(2.0)), OURS)
+    assert (bank["label"], bank["head"], bank["factor"]) == (
+        "Initial bank",
+        "initial.bank [deg]",
+        False,
+    )
+    assert (bank["mean"], bank["sigma"]) == (pytest.approx(3.0), pytest.approx(2.0))
+    failure = _dispersion("failure.rudder.loss_time", ends, (np.inf, np.inf), OURS)
+    assert (failure["mean"], failure["sigma"], failure["never"]) == (None, None, "never")
+    assert _dispersion("aero.lift", ends, (1.0, 0.1), OURS)["factor"]
