@@ -9,6 +9,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+import typer
 from fake_flight import ENGINE, run, write_campaign
 from typer.models import OptionInfo
 
@@ -201,3 +202,17 @@ def test_a_search_has_a_default_folder():
         Path("reports/s_manoeuvre_worst_altitude_error_max_m"),
         Path("mine"),
     ]
+
+
+def test_flags_are_off_unless_given():
+    """Code is not trusted, and nothing is deleted or left out, by default."""
+    added = ((entry.name, entry.load()) for entry in entry_points(group="abhv_mc.commands"))
+    flags = {
+        (*names, name): parameter.default
+        for *names, function in [*commands(app), *added]
+        if not isinstance(function, typer.Typer)
+        for name, parameter in inspect.signature(function).parameters.items()
+        if isinstance(parameter.default, bool)
+    }
+    assert len(flags) > 20
+    assert [key for key, value in flags.items() if value] == [("explore", "browser")]

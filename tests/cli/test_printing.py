@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from abhv_mc.cli.errors import open_streams
-from abhv_mc.cli.printing import new_table, print_section_table, print_table
+from abhv_mc.cli.printing import new_table, print_section_table, print_table, say
 from abhv_mc.topics.topic import Cell, Table, grouped
 
 
@@ -90,3 +90,32 @@ def test_characters_that_a_stream_cannot_encode_are_escaped(monkeypatch):
     open_streams()
     print("\u2212", flush=True)
     assert file.getvalue() == b"\\u2212\n"
+
+
+@pytest.mark.parametrize(("columns", "keys"), [(2, 1), (3, 2)])
+def test_a_group_and_its_rows_are_the_keys_of_a_table(monkeypatch, columns, keys):
+    """Of two columns, only the first names rows; a group of one row is none."""
+    found = []
+    monkeypatch.setattr("abhv_mc.cli.printing.print_table", lambda _, keys: found.append(keys))
+    cells = tuple(Cell(str(k)) for k in range(columns - 1))
+    for rows in ([cells, cells], [cells]):
+        print_section_table(Table("t", ("A", "B", "C")[:columns], (grouped(rows, Cell("g")),)))
+    assert found == [keys, 1]
+
+
+@pytest.mark.parametrize(
+    ("setting", "folds", "text"),
+    [
+        ({}, True, "a\n\x1b[32mPASS\x1b[0m"),
+        ({}, False, "a \x1b[32mPASS\x1b[0m"),
+        ({"NO_COLOR": "1"}, True, "a\nPASS"),
+        ({"TERM": "dumb"}, False, "a PASS"),
+    ],
+)
+def test_text_is_coloured_and_folded_where_asked(monkeypatch, setting, folds, text):
+    for name, value in {"TERM": "xterm", "COLUMNS": "5", **setting}.items():
+        monkeypatch.setenv(name, value)
+    screen = io.StringIO()
+    screen.isatty = lambda: True
+    say("a PASS", folds=folds, file=screen)
+    assert screen.getvalue() == f"{text}\n"

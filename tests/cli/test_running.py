@@ -16,7 +16,7 @@ import pytest
 import typer
 from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_campaign
 
-from abhv_mc.cli.running import finish
+from abhv_mc.cli.running import finish, print_state
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown, read_replayed
@@ -267,3 +267,18 @@ def test_the_exit_code_is_3_if_flights_failed_to_run_and_a_requirement_failed(
     assert re.findall(r"(?m)^flights [a-z ]*: (\d+)", capsys.readouterr().err) == (
         ["2"] if lost else []
     )
+
+
+@pytest.mark.parametrize(
+    ("state", "count", "is_common"),
+    [("interrupted", 2, True), ("interrupted", 1, False), ("complete", 2, False)],
+)
+def test_an_incomplete_campaign_counts_flights_of_every_controller(
+    tmp_path, capsys, state, count, is_common
+):
+    controllers = {f"c{k}": ControllerCount({"ok": 5}) for k in range(count)}
+    manifest = Manifest("fake", state, 1, "", "", 9, 5, controllers=controllers)
+    print_state(tmp_path, manifest, "d", [("run time", "2.0 s")])
+    out = capsys.readouterr().out
+    assert ("every controller" in out) == is_common and f"{state}, 5 of 9" in out
+    assert out.count(" 5 ok") == count and "run time  2.0 s" in out

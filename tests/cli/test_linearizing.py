@@ -1,0 +1,65 @@
+"""Operating points and loops of linear models."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from abhv_mc.io.messages import InputError
+from abhv_mc_vehicle.cli import linearizing, loops
+
+
+@pytest.mark.parametrize(
+    ("text", "times"),
+    [
+        ("trim,2s", ["trim", 2.0]),
+        ("0s:1s:0.25s", [0.0, 0.25, 0.5, 0.75, 1.0]),
+        ("1s:1.3s:0.1s,5", [1.0, 1.1, 1.2, 1.3, 5.0]),
+        ("0:1:0.4", [0.0, 0.4, 0.8]),
+        ("2:2:1", [2.0]),
+    ],
+)
+def test_ranges_of_times_include_their_ends(text, times):
+    for found, time in zip(linearizing._read_times(text), times, strict=True):
+        assert found == time if time == "trim" else found == pytest.approx(time)
+
+
+@pytest.mark.parametrize("text", ["2:1:1", "2:2:0", "0:1", "0:1:0", "0:1:1:1", "0:10001:1", "x"])
+def test_ranges_without_times_or_with_too_many_are_refused(text):
+    with pytest.raises(InputError, match="--at"):
+        linearizing._read_times(text)
+
+
+def test_an_unstable_loop_names_its_poles_and_a_stable_one_its_margins(capsys):
+    columns = {key: k + 1.5 for k, (key, *_) in enumerate(linearizing._COLUMNS)}
+    columns["delay_margin_ms"] = None
+    disk = {"disk_gain_db": 4.4, "disk_phase_deg": 28.0, "disk_margin": 0.5}
+    rows = [{"loop": "rudder", "stable": True, **columns}, {**disk, "delay_margin_ms": 40.0}]
+    poles = np.array([-1.0, -3.0 + 4.0j, -3.0 - 4.0j, -0.5 + 0.1j, -0.5 - 0.1j, -0.2j])
+    linearizing._print_rows("t", rows, SimpleNamespace(poles=[poles]))
+    out = " ".join(capsys.readouterr().out.split())
+    assert "rudder 1.50 2.50 3.5 none 5.50 6.50" in out
+    assert "margin 0.5000 (gain +-4.40 dB or phase 28.0 deg" in out and "margin 40.0 ms" in out
+    assert "pole -3.000 +- 4.00j" in out  # damping 0.6
+    rows[1] |= {"disk_gain_db": None, "delay_margin_ms": None}
+    linearizing._print_rows("t", rows, SimpleNamespace(poles=[poles[:1]]))
+    out = capsys.readouterr().out
+    assert out.count("any") == 2 and "pole" not in out
+    rows[0]["stable"] = False
+    poles = np.array([0.12 + 2.78j, 0.12 - 2.78j, 0.3, -1.0])
+    linearizing._print_rows("t", rows, SimpleNamespace(poles=[poles]))
+    assert capsys.readouterr().out.strip().endswith(": +0.120 +- 2.78j, +0.300 1/s")
+
+
+def test_a_phase_is_continuous_and_neutral_points_are_marked_where_curves_pass():
+    """Three integrators lag by 270 deg; their gain is 1 at 1 rad/s."""
+    omega = np.geomspace(0.01, 100.0, 50)
+    gains = np.column_stack([1.0 / (1.0j * omega) ** 3, 0.5 / (1.0j * omega)])
+    assert loops._phase(gains[:, 0]) == pytest.approx(np.full(50, -270.0))
+    upper, lower = loops.plot_bode(omega, gains, ("a", "b")).axes
+    assert upper.lines[0].get_ydata() == pytest.approx(-60.0 * np.log10(omega))
+    assert lower.lines[1].get_ydata() == pytest.approx(np.full(50, -90.0))
+    (axes,) = loops.plot_nichols(gains, ("a", "b")).axes
+    marks = [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "+"]
+    assert marks == [[[-180.0, 0.0]]]
+    assert axes.lines[1].get_ydata()[0] == pytest.approx(20.0 * np.log10(50.0))
