@@ -13,7 +13,7 @@ from abhv_mc_vehicle.stability.point_slopes import Points, Slopes
 def test_points_with_any_control_off_its_command_or_saturated_come_to_rest(
     monkeypatch, driven, tried
 ):
-    """A control is off at 1 and 2; 3 and 4 are saturated; 2 has no equilibrium, 4 a saturated one."""
+    """A control is off at 1 and 2; 3 and 4 are saturated, 4 also in its equilibrium; 2 has none."""
     arrays = {name: np.zeros((5, 2)) for name in Points._fields[:-1]}
     value = np.zeros((5, 4))
     value[[0, 1, 2], [0, 3, 2]] = 9.0, 1e-3, -1e-3  # memory, and commands
