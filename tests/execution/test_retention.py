@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abhv_mc.bounds import Bounds
-from abhv_mc.execution.retention import StoredFlights, find_difference
+from abhv_mc.execution.retention import StoredFlights, find_difference, select_flights
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome
 
 CAMPAIGN = SimpleNamespace(
@@ -43,3 +43,17 @@ def test_failures_are_run_again_first_and_then_the_worst(shard, count):
     chosen = stored.choose(SimpleNamespace(controller="s", requirements=counts)).tolist()
     assert len(chosen) == count and {*chosen[:2]} == {7, 550}
     assert {*chosen[2:4]} == {999, 40}
+
+
+def test_flights_to_store_are_selected_by_number_step_outcome_and_rank():
+    counts = SimpleNamespace(failed=[3, 8], not_computed=[5, 8])
+    worst = [9, 1, 5, 0]
+    for items, expected in [
+        (("all",), [0, 1, 2, 3, 4, 6, 7, 9]),
+        (("failed", 2, "2"), [2, 3]),
+        (("every 3",), [0, 3, 6, 9]),
+        (("worst 3",), [1, 9]),
+        ((9, 10, 5), [9]),
+        ((), []),
+    ]:
+        assert select_flights(items, 10, counts, worst) == expected

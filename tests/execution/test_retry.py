@@ -17,6 +17,7 @@ from abhv_mc.execution.retry import (
     fly_with_retries,
     time_limit,
 )
+from abhv_mc.execution.worker import usual_limit
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 
@@ -85,3 +86,35 @@ def test_blocks_end_where_missing_data_changes_and_alternate_between_controllers
         ends = [f"{block.first}-{block.first + block.flights}" for block in own]
         assert " ".join(map("".join, zip(ends, data, strict=True))) == expected
     assert "".join(block.controller for block in blocks) == "abababababb"
+
+
+def test_a_loss_is_reported_once(capsys):
+    plan, rows = make_plan("one"), nominal_parameters(40)
+
+    def lose(message, flights):
+        def attempt(parameters, recorded):
+            if len(parameters) > flights:
+                raise FlightLostError(message)
+            return fly(plan, parameters, recorded)
+
+        fly_with_retries(attempt, plan, rows, None)
+        return capsys.readouterr().err.count(f"({message})")
+
+    lost = [lose(*case) for case in (("too long", 16), ("too long", 16), ("too large", 1))]
+    assert lost == [1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "limit", "flights"),
+    [([0.05], 30.0, 1), ([9.0, 0.05], 30.0, 2), ([9.0, 0.2], 64.0, 2)],
+)
+def test_the_limit_is_20_times_16_flights_and_ignores_compilation(seconds, limit, flights):
+    plan, flown, elapsed, left = make_plan("one"), [], 100.0, iter(seconds)
+
+    def fly_slowly(plan, parameters, recorded):
+        nonlocal elapsed
+        flown.append(len(parameters))
+        elapsed += next(left)
+
+    assert usual_limit(fly_slowly, plan, lambda: elapsed) == pytest.approx(limit)
+    assert len(flown) == flights

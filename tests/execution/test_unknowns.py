@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -10,9 +11,11 @@ from fake_flight import DENSITY, DRAG, ENGINE, LIFT, fly, make_plan, run, write_
 from own_simulators import dive_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution import unknown_points
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.unknown_points import select_points
 from abhv_mc.flights.blocks import Recording
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.documents import read_document
 from abhv_mc.io.messages import InputError
@@ -310,3 +313,27 @@ def test_a_point_of_the_most_failures_is_judged_for_its_requirement_alone(tmp_pa
             entry.controllers["one"].status,
             entry.controllers["one"].words,
         )
+
+
+def test_trials_rank_points_by_a_quantile_and_count_failures(tmp_path, monkeypatch):
+    """At each of two points, 32 flights have the values 0 to 31; one is lost, one has no value."""
+    requirements = (
+        "[{metric: speed_error_max_mps, below: 30, probability: 0.9, ended_early: as_measured},"
+        " {metric: speed_error_max_mps, above: 2, probability: 0.9}]"
+    )
+    campaign = read_campaign(make(tmp_path, runs="20", requirements=requirements))
+    column = [metric.name for metric in campaign.measured].index("speed_error_max_mps")
+    metrics = np.full((64, len(campaign.measured)), -99.0)
+    metrics[:, column] = np.tile(np.arange(32.0), 2)
+    metrics[63, column] = np.nan
+    outcome = np.where(np.arange(64) == 40, Outcome.SIDESLIP_LIMIT, Outcome.OK)
+    block = SimpleNamespace(metrics=metrics, outcome=outcome)
+    monkeypatch.setattr(unknown_points, "simulate", lambda *_, **__: block)
+    stub, added = SimpleNamespace(fly_parallel=None), []
+    progress = SimpleNamespace(add=added.append)
+    trial = unknown_points._evaluate(campaign, "one", stub, progress, np.zeros((2, 2)))
+    assert added == [64]
+    # The 95 % quantile of 32 flights is the 31st of them, and all failures are counted.
+    assert trial.severity.tolist() == [[30.0, -1.0], [30.0, np.inf]]
+    assert trial.failures.tolist() == [[2, 3], [2, 5]]
+    assert trial.largest.tolist() == [[31.0, 0.0], [np.inf, np.inf]]

@@ -15,7 +15,7 @@ from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.api import compare
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.hashes import DAMAGED, REPLACED, refuse_changes
+from abhv_mc.folder.hashes import DAMAGED, REPLACED, Products, record_hashes, refuse_changes
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.lock import hold_lock
 from abhv_mc.folder.manifest import read_manifest
@@ -58,6 +58,19 @@ def test_only_replaced_and_removed_files_are_changes(flown):
     for change in ({first: "0"}, {"removed": "0"}):
         with pytest.raises(InputError, match=REPLACED):
             refuse_changes(folder, replace(manifest, files={**manifest.files, **change}))
+
+
+def test_products_are_those_of_the_controllers_and_their_flights(flown, tmp_path):
+    keys = [Products(CampaignFolder(tmp_path), ("b", "a"), runs) for runs in (60, 5000)]
+    assert [key.envelopes.key for key in keys] == ["a b 60", "a b 4096"]
+    assert [key.samples.key for key in keys] == ["60", "5000"]
+    folder = CampaignFolder(flown)
+    listed = read_manifest(folder.manifest).files
+    stale = {"samples.parquet", "envelopes.parquet"}
+    for runs, forgotten in ((60, set()), (61, stale)):
+        with record_hashes(folder, listed) as files:
+            Products(folder, ("two", "one"), runs).forget_stale(files)
+        assert listed.keys() - files.listed().keys() == forgotten
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,22 @@
 """Entries of the manifest: workers of flights, and events of simulators."""
 
+import json
 from dataclasses import replace
 
-from abhv_mc.folder.manifest import add_events, join_flyers, note_flyers, shift_flyers
+import pytest
+
+from abhv_mc.folder.manifest import (
+    FORMAT,
+    Manifest,
+    add_events,
+    join_flyers,
+    note_flyers,
+    read_manifest,
+    shift_flyers,
+    write_manifest,
+)
 from abhv_mc.identity import this_flyer
+from abhv_mc.io.messages import InputError
 
 
 def test_flights_belong_to_their_last_worker():
@@ -31,3 +44,24 @@ def test_events_of_simulators_are_added_by_system():
     first, second = {"one": {"surplus": 1}, "two": {}}, {"one": {"surplus": 2, "restarts": 1}}
     total = {"one": {"surplus": 3, "restarts": 1}, "two": {}}
     assert add_events([first, None, second]) == total and add_events([None]) is None
+
+
+def test_other_formats_and_damaged_manifests_are_refused(tmp_path):
+    path = tmp_path / "manifest.json"
+    manifest = Manifest(name="x", state="complete", seed=1, campaign_hash="c", source_hash="s")
+    write_manifest(path, manifest)
+    assert read_manifest(path) == manifest
+    entries = json.loads(path.read_text("utf-8"))
+    for content, problem in (
+        (entries | {"format": FORMAT - 1}, f"format {FORMAT - 1}"),
+        ({key: entries[key] for key in entries if key != "format"}, "number is missing"),
+        ([entries], "number is missing"),
+        (entries | {"seed": 2}, "hash differs"),
+        ("{", "damaged"),
+    ):
+        path.write_text(content if content == "{" else json.dumps(content), "utf-8")
+        with pytest.raises(InputError, match=problem):
+            read_manifest(path)
+    for missing, problem in ((path / "manifest.json", "is a file"), (tmp_path / "x", "no such")):
+        with pytest.raises(InputError, match=problem):
+            read_manifest(missing)

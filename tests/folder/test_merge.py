@@ -83,6 +83,19 @@ def test_campaigns_of_other_seeds_follow_each_other(tmp_path):
     # The larger campaign of each seed is named.
     assert "'c' (24 flights: 1 " in sentence and "'d' (10 flights: 1 " in sentence
     assert command.split()[1:] == ["merge", *map(str, (a, c, d)), "-o", f"{a}_merged"]
+    late = replace(first.requirements[0], probability=0.8)
+    estimates = [replace(own, verdict="ESTIMATE") for own in first.requirements]
+    for changes in (
+        {"state": "interrupted"},
+        {"requirements": ()},
+        {"requirements": (*estimates,)},
+        {"requirements": (late, *first.requirements[1:])},
+        {"question": "other"},
+        {"source_hash": "other"},
+    ):
+        assert suggest_merge(a, replace(first, **changes)) == ("", "")
+    pooled_already = replace(first, pooled=(Pooled(5, 80), Pooled(6, 20)))
+    assert suggest_merge(a, pooled_already)[1].split()[2:4] == [str(a), str(d)]
     with pytest.raises(InputError, match="seed 6"):
         check_poolable([b, c])
     pool_campaigns(check_poolable([a, d, b]), tmp_path / "out")
@@ -92,3 +105,10 @@ def test_campaigns_of_other_seeds_follow_each_other(tmp_path):
     parts = [read(folder)[1]["two"].end_time for folder in (a, d, b)]
     assert flights["two"].flight.tolist() == list(range(first.stopped_at + 30))
     assert np.array_equal(flights["two"].end_time, np.concatenate(parts))
+    counts = read_manifest(d / "manifest.json").controllers
+    spoil(d, controllers={**counts, "two": replace(counts["two"], flights_done=8)})
+    pool_campaigns([CampaignFolder(d), CampaignFolder(b)], tmp_path / "shorter")
+    shorter = read_manifest(tmp_path / "shorter/manifest.json")
+    assert shorter.pooled == (Pooled(7, 8), Pooled(6, 20)) and shorter.runs_planned == 28
+    spoil(c, state="interrupted")
+    assert "'b' (20 flights" in suggest_merge(a, first)[0]

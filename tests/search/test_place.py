@@ -1,5 +1,7 @@
 """Tests of the comparison of test flights with simulated sets, with a fake flight."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fake_flight import DENSITY, ENGINE, LIFT, fly, make_plan, run, write_campaign
@@ -172,3 +174,21 @@ def test_a_history_is_ranked_and_leaves_the_band(tmp_path):
     assert flight.covers == pytest.approx((0.3, 1.9))
     low, high, test = placement.bands["altitude_m"]
     assert (low[0], high[0], test[0, 0]) == pytest.approx((0.92, 1.08, 1.01), abs=0.008)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.15])
+def test_a_record_with_another_clock_is_moved_onto_the_simulated_flights(tmp_path, ahead):
+    """The altitude is a wave over time, multiplied by the density."""
+
+    def fly_wave(plan, parameters, record_every=None):
+        block = LINE.fly(plan, parameters, record_every)
+        wave = np.sin(5.0 * block.times)[:, None].astype(np.float32)
+        return replace(block, history=block.history * wave)
+
+    times = np.arange(2, 19) * 0.1
+    waves = 1.03 * np.sin(5.0 * (times - ahead)) + 0.01 * np.cos(40.0 * times)
+    text = "".join(f"{time},{wave}\n" for time, wave in zip(times, waves, strict=True))
+    entries = {"measured": "{altitude_m: 0.01 m}", "dispersions": f"{{{LAWS}}}"}
+    path, files = write_table(tmp_path, f"time,altitude_m\n{text}", **entries)
+    (flight,) = place_flights(path, files, sets=39, engine=replace(LINE, fly=fly_wave)).flights
+    assert flight.offset_s == pytest.approx(ahead, abs=0.04)

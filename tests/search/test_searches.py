@@ -219,6 +219,39 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     assert (tmp_path / "out/manifest.json").read_bytes() == before
 
 
+def test_new_limits_need_a_new_rare_search_but_no_new_worst_case(tmp_path):
+    campaign = write_line(tmp_path / "files")
+    worst = WorstRequest(campaign, tmp_path / "worst", METRIC, flights=160)
+    rare = RareRequest(campaign, tmp_path / "rare", METRIC, flights=8000)
+    before = find_worst(worst, LINE).numbers()
+    find_rare(rare, LINE)
+    write_line(tmp_path / "files", requirements=LIMIT.replace("4.0", "3.0"))
+    after = find_worst(worst, LINE).numbers()
+    assert after["value"] == before["value"] and after["requirements"] != before["requirements"]
+    with pytest.raises(InputError, match=r"other requirements .*4.* -> .*3"):
+        find_rare(rare, LINE)
+
+
+def test_flights_of_other_seeds_have_a_range(tmp_path):
+    turbulence = "wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}"
+    campaign = write_campaign(tmp_path / "files", dispersions=f"{{{turbulence}}}")
+
+    def fly_noise(plan, parameters, record_every=None):
+        block = fly_line(plan, parameters, record_every)
+        seeds = parameters[:, PARAMETER_INDEX["wind.turbulence_seed"]]
+        block.metrics[:] = (parameters[:, PARAMETER_INDEX["wind.turbulence"]] + seeds)[:, None]
+        block.outcome[seeds > 0.9] = Outcome.SIDESLIP_LIMIT
+        return block
+
+    request = WorstRequest(campaign, tmp_path / "out", METRIC, flights=160)
+    worst = find_worst(request, Engine(prepare, fly_noise, "noise"))
+    seeds = worst.flights.samples[-64:, worst.flights.names.index("wind.turbulence_seed")]
+    lasting = np.sort(seeds[seeds <= 0.9]) + worst.flights.samples[worst.worst, 0]
+    number, early, ends = worst.other_seeds
+    assert (number, early) == (64, 64 - len(lasting)) and early > 0
+    assert ends == pytest.approx((lasting[0], np.median(lasting), lasting[-1]))
+
+
 def test_a_metric_that_the_campaign_declares_is_searched_like_any_other(tmp_path):
     campaign = write_line(
         tmp_path / "files",

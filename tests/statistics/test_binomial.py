@@ -95,3 +95,8 @@ def test_jeffreys_intervals_are_those_of_the_table_of_brown_cai_and_dasgupta():
     for failures, ends in published.items():
         assert jeffreys(failures, 10) == pytest.approx(ends, abs=6e-4)
     assert jeffreys(10, 10)[1] == 1.0
+
+
+def test_intervals_of_one_flight_are_closed_forms():
+    assert clopper_pearson(0, 1) == pytest.approx((0.0, 0.975))
+    assert clopper_pearson(1, 1, 0.9) == pytest.approx((0.05, 1.0))

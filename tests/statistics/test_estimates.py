@@ -106,3 +106,9 @@ def test_a_criterion_says_how_far_a_flight_is_beyond_its_limit():
 def test_the_spread_is_of_the_middle_ninety_percent():
     assert spread(np.append(np.arange(101.0), np.inf)) == 90.0
     assert spread(np.zeros(3)) == 1.0
+
+
+def test_few_flights_bound_no_quantile():
+    low, median, high = quantiles(np.arange(5.0), (0.1, 0.5, 0.9))
+    assert (median.value, median.low, median.high) == (2.0, -np.inf, np.inf)
+    assert (low.low, high.high) == (-np.inf, np.inf)

@@ -68,3 +68,17 @@ def test_lost_flights_are_the_worst_and_constants_are_left_out():
     assert indices.found[:, 0].tolist() == [True, True, False]
     assert np.isnan(indices.first[:, 1]).all() and not indices.found[:, 1].any()
     assert indices_of(inputs[:100], output[:100]) is None
+
+
+def test_rare_failures_at_one_end_of_an_input_are_found():
+    """A twentieth of the flights contains the variance, so that scores of neighbours vary more."""
+    inputs = draw_inputs(7, 4, 400)
+    rare = inputs[:, [2]] >= np.sort(inputs[:, 2])[-20]
+    assert np.flatnonzero(indices_of(inputs, rare.astype(float)).found).tolist() == [2]
+
+
+def test_two_rare_failures_in_one_cell_are_no_pair():
+    """Two flights fall into the same one of 64 cells by chance more often than is allowed."""
+    inputs, rare = draw_inputs(8, 3), np.zeros((FLIGHTS, 1))
+    rare[np.argsort(inputs[:, 0] + inputs[:, 1])[[-1, -3]]] = 1.0
+    assert indices_of(inputs, rare).partner.max() == -1

@@ -6,6 +6,8 @@ from scipy import stats
 
 from abhv_mc.statistics.estimates import quantile, quantiles
 from abhv_mc.statistics.quantile_pairs import (
+    _drawn_counts,
+    _together,
     flights_to_bound,
     quantile_difference,
     quantile_differences,
@@ -102,3 +104,23 @@ def test_the_fewest_flights_that_bound_a_difference(probability):
         values = np.random.default_rng(1).standard_normal((2, count))
         difference = quantile_difference(values[0], values[0] + 0.1 * values[1], probability)
         assert np.isfinite(difference.high) == bounds
+
+
+@pytest.mark.parametrize("together", [-0.9, 0.6])
+def test_counts_of_two_controllers_are_correlated_binomials(together):
+    below_a, below_b, drawn = _drawn_counts(400, 0.8, 60_000, together)
+    assert drawn.sum() == 60_000 and len({*zip(below_a, below_b, strict=True)}) == len(drawn)
+    counts = np.repeat([below_a, below_b], drawn, axis=1)
+    assert counts.mean(axis=1) == pytest.approx([320.0] * 2, abs=0.2)
+    assert counts.std(axis=1) == pytest.approx([8.0] * 2, rel=0.02)
+    assert np.corrcoef(counts)[0, 1] == pytest.approx(together, abs=0.01)
+
+
+@pytest.mark.parametrize(("probability", "sign"), [(0.9, 1.0), (0.1, -1.0)])
+def test_the_correlation_is_that_of_the_flights_beyond_both_quantiles(probability, sign):
+    """Of 100 flights, 10 are beyond each quantile and 6 beyond both, less one for caution."""
+    a = sign * np.arange(100.0)
+    b = sign * np.roll(np.arange(100.0), 4)
+    shared = _together(a, b, sign * 89.5, sign * 89.5, probability)
+    assert shared == pytest.approx((0.05 - 0.01) / 0.09)
+    assert _together(a, a[::-1], sign * 89.5, sign * 89.5, probability) == pytest.approx(-1.0 / 9.0)

@@ -45,7 +45,8 @@ def test_integer_weights_are_repetitions():
     assert value == pytest.approx(
         np.quantile(np.repeat(values, weights.astype(int)), 0.9), abs=0.05
     )
-    assert effective_size(np.array([1.0, 1.0, 0.0, 0.0])) == 2.0
+    for scale in (1.0, 1e-3, 0.0):
+        assert effective_size(scale * np.array([1.0, 1.0, 0.0, 0.0])) == (2.0 if scale else 0.0)
 
 
 def test_what_no_flight_reaches_widens_the_interval():

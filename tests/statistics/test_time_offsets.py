@@ -27,3 +27,21 @@ def test_an_offset_is_found_and_a_dispersion_is_not_taken_for_one(drag, shift):
     offset, is_significant = find_offset(simulated, record, 0.1, 1)
     assert is_significant == (shift != 0.0)
     assert not is_significant or offset == pytest.approx(shift, abs=0.5)
+
+
+@pytest.mark.parametrize("row", [0, 38])
+def test_an_offset_is_no_larger_than_those_of_simulated_flights(row):
+    """One of the simulated flights is shifted by more than the record, in noise of others."""
+    for shift in (6.0, 0.0):
+        draw = np.random.default_rng(3)
+        simulated = curves(draw, np.ones(39), shift * (np.arange(39) == row))
+        record = curves(draw, [1.0], [-2.0])[0]
+        offset, is_significant = find_offset(simulated, record, 0.1, 0)
+        assert is_significant == (shift == 0.0) and offset == pytest.approx(2.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("shift", "expected"), [(15.0, 4.0), (-15.0, -4.0)])
+def test_an_offset_is_at_most_the_span(shift, expected):
+    draw = np.random.default_rng(4)
+    record = curves(draw, [1.0], [-shift])[0]
+    assert find_offset(curves(draw, np.ones(39)), record, 0.02, 1) == (expected, True)

@@ -57,6 +57,22 @@ def test_what_the_counts_show(failures, flights, options, status):
     assert judge(failures, flights, *AT, **options).status == status
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [(-1, 9, 0.9), (1, 9, 0.9, 0.1, 0.1, -1), (9, 9, 0.9, 0.1, 0.1, 1), (1, 9, 1.0), (1, 9, 0.0)],
+)
+def test_impossible_counts_and_probabilities_are_refused(arguments):
+    with pytest.raises(ValueError, match="between 0 and"):
+        judge(*arguments)
+
+
+def test_overwhelming_evidence_is_infinite():
+    passed, failed = judge(0, 10**6, *AT), judge(10**4, 10**4, *AT)
+    assert (passed.E_pass, passed.E_fail, passed.p_value) == (np.inf, 0.0, 0.0)
+    assert (failed.E_fail, failed.p_value) == (np.inf, 1.0) and failed.E_pass < 1e-4
+    assert verdict_words(judge(20, 40, 0.5)).endswith("more failures than the requirement allows")
+
+
 def test_verdicts_are_printed_with_what_a_pass_needs():
     needed = advise([judge(0, 500, *AT)]).flights
     chance = about(predict_pass(judge(0, 500, *AT), needed))

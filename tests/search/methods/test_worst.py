@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from abhv_mc.search.methods.worst import search_worst
+from abhv_mc.search.methods.worst import _suggest, search_worst
 
 
 def bowl(dimension, sharpness=2.0):
@@ -109,3 +109,20 @@ def test_sensitivity_about_the_worst():
     assert worst_case.sensitivity[0, 0] == pytest.approx(-0.3)
     assert np.isnan(worst_case.sensitivity[0, 1])
     np.testing.assert_allclose(worst_case.sensitivity[1], -0.01, atol=1e-3)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_slopes_and_parabolas_suggest_the_next_points(sign):
+    """Two parabolas have their tops at 0.4 and -0.27; the third dimension is at its bound."""
+    center, step = sign * np.array([0.2, -0.3, 1.0]), 0.1
+
+    def value(points):
+        x = sign * points
+        return -((x[:, 0] - 0.4) ** 2) - 2.0 * (x[:, 1] + 0.27) ** 2 + x[:, 2]
+
+    compass = np.clip(np.vstack([center + step * np.eye(3), center - step * np.eye(3)]), -1.0, 1.0)
+    (best,) = value(center[None])
+    newton, better, *_, corner = _suggest(center, best, compass, value(compass), step)
+    assert sign * newton == pytest.approx([0.4, -0.27, 1.4])  # a slope gives four steps
+    assert sign * better == pytest.approx([0.3, -0.3, 1.0])
+    assert sign * corner == pytest.approx([1.0, 1.0, 1.0])

@@ -4,7 +4,7 @@ import pytest
 
 from abhv_mc.shipped import find_input
 from abhv_mc_vehicle.kernel.world.earth import WGS84
-from abhv_mc_vehicle.plant.trim import FlightPoint, trim
+from abhv_mc_vehicle.plant.trim import FlightPoint, _specific_force, trim
 from abhv_mc_vehicle.user_code.vehicle_functions import load_vehicle
 from abhv_mc_vehicle.vehicle.vehicle_code import (
     evaluate_coefficients,
@@ -139,3 +139,16 @@ def test_what_cannot_be_balanced_says_why(point, word):
     assert all(math.isfinite(x) for x in trimmed._replace(fault=0.0))
     assert trimmed.angle_of_attack <= math.radians(21.0) + 1e-12
     assert 0.05 <= trimmed.equivalence_ratio <= 2.0
+
+
+@pytest.mark.parametrize("heading", [0.0, 60.0, -120.0])
+def test_a_level_flight_over_a_sphere_needs_gravity_less_the_centripetal_acceleration(heading):
+    """On a meridian or any other great circle, without rotation, also in a climb of 0.2 rad."""
+    earth = WGS84._replace(flattening=0.0, j2=0.0, rotation_rate=0.0)
+    radius = earth.equatorial_radius + 1e4
+    gravity = earth.gravitational_parameter / radius**2
+    for climb in (0.0, 0.2):
+        point = FlightPoint(1e4, 3000.0, 0.0, 0.7, math.radians(heading), climb, 0.5, 1e-3)
+        forces = _specific_force(earth, point)
+        normal = (gravity - 3000.0**2 / radius) * math.cos(climb) + 3000.0 * 1e-3
+        assert forces == pytest.approx((0.5 + gravity * math.sin(climb), normal), rel=1e-9)
