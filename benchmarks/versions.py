@@ -30,11 +30,19 @@ from benchmarks.spread import describe_machine, make_note
 LAWS = ("tlc", "lqr")
 FLIGHT = """
 import sys, time
+from importlib import import_module
 from pathlib import Path
 import numpy as np
-from abhv_mc_vehicle.flight.fly import fly, nominal_parameters
-from abhv_mc_vehicle.flight.prepare import prepare
-from abhv_mc_vehicle.plant.parameters import PARAMETERS
+import abhv_mc
+
+# older versions are one package
+is_apart = Path(abhv_mc.__file__).parents[1].joinpath("abhv_mc_vehicle").exists()
+package = "abhv_mc_vehicle" if is_apart else "abhv_mc"
+fly, nominal_parameters, prepare, PARAMETERS = (
+    getattr(import_module(f"{package}.{module}"), name)
+    for module, name in (("flight.fly", "fly"), ("flight.fly", "nominal_parameters"),
+                         ("flight.prepare", "prepare"), ("plant.parameters", "PARAMETERS"))
+)
 
 configs, law = Path(sys.argv[1]), sys.argv[2]
 names = f"{law}.yaml", f"{law}_ghame_x.yaml"  # older versions have no name of the vehicle

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import typer
 from fake_flight import ENGINE, run, write_campaign
+from own_simulators import dive_campaign
 from typer.models import OptionInfo
 
 from abhv_mc.cli.app import app
@@ -176,6 +177,18 @@ def test_a_dry_run_plans_the_campaign(abhv_mc, tmp_path):
     # up to 2234 flights need 0 failures, of which a fifth of 0.27 % are expected
     assert f"({100 * (1 - 0.2 * 0.0027) ** 1600:.0f}\u202f%)" in out
     assert (tmp_path / "out/plan.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_dry_run_gives_the_chance_of_all_verdicts(abhv_mc, own_list, tmp_path, count):
+    limits = [{"metric": "load", "below": 7.0 + k, "probability": "95 %"} for k in range(count)]
+    campaign = dive_campaign(tmp_path / "f", requirements=limits)
+    options = ("--dry-run", "--json", tmp_path / "plan.json")
+    code, out, err = abhv_mc("validate", campaign, *options)
+    assert code == 0, err
+    (entry,) = json.loads((tmp_path / "plan.json").read_text()).values()
+    assert len(entry["plan"]["requirements"]) == count
+    assert len(re.findall(r"All PASS by 200 \*  .+% to .+%", out)) == (count > 1)
 
 
 def test_paths_outside_a_campaign_are_accepted(flown, tmp_path):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from fake_flight import ENGINE, fly, run, write_campaign
@@ -17,6 +18,7 @@ from abhv_mc.folder import flown_blocks, hashes
 from abhv_mc.folder.flights import (
     DamagedFileError,
     Digest,
+    SampleReader,
     digest_rows,
     read_pieces,
     write_inputs,
@@ -177,3 +179,39 @@ def test_the_table_of_inputs_has_the_samples_with_units(tmp_path):
     assert [*table] == ["flight", "aero.drag", "initial.altitude [m]"]
     drawn = np.column_stack([np.arange(70), campaign.make_samples().draw(0, 70)])
     np.testing.assert_array_equal(table, drawn)
+
+
+def test_joining_detects_any_changed_bit(tmp_path):
+    """Parquet's checksums are written and read; compressed floats would be read without them."""
+    out = run(
+        write_campaign(tmp_path / "f", controllers="{one: one.yaml}"), tmp_path / "out"
+    ).folder
+    paths = sorted((out / "flights").glob("*.parquet"))[:2]
+    joined = flown_blocks.join_files(paths)
+    expected = pq.read_table(joined)
+    joined.unlink()
+    content, draw = paths[0].read_bytes(), np.random.default_rng(1)
+    detected, footer = 0, len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    for position in draw.integers(4, footer, 100).tolist():
+        changed = bytearray(content)
+        changed[position] ^= 1 << int(draw.integers(8))
+        paths[0].write_bytes(changed)
+        try:
+            table = pq.read_table(flown_blocks.join_files(paths))
+        except (OSError, pa.ArrowInvalid, DamagedFileError):
+            detected += 1
+        else:
+            assert table.equals(expected), position
+    assert detected > 50
+
+
+def test_rows_across_groups_are_read_with_the_group_before(tmp_path, monkeypatch):
+    monkeypatch.setattr("abhv_mc.folder.flights.ROW_GROUP", 64)
+    campaign = write_campaign(tmp_path / "f", controllers="{one: one.yaml}")
+    samples = CampaignFolder(run(campaign, tmp_path / "out").folder).samples
+    expected = pq.read_table(samples).drop_columns("flight").to_pandas().to_numpy()
+    reader = SampleReader(samples)
+    for first, stop in ((0, 64), (60, 70), (130, 300), (128, 129), (64, 130)):
+        assert np.array_equal(reader.rows(first, stop), expected[first:stop])
+    assert len(reader._groups) <= 2  # a campaign of a million flights fits into memory
+    assert set(reader._groups) == {1, 2}

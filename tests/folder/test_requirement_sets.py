@@ -1,5 +1,7 @@
 """Files of the successive sets of requirements of a folder."""
 
+from dataclasses import replace
+
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import ControllerCount, Manifest
 from abhv_mc.folder.requirement_sets import add_requirement_set, count_known_flights
@@ -18,6 +20,7 @@ def test_the_first_change_writes_two_sets_and_the_next_writes_one(tmp_path):
         started="2026-01-02T03:04:05+00:00",
     )
     assert count_known_flights(manifest) == 64
+    assert count_known_flights(replace(manifest, controllers={})) == 0
     limit = [{"metric": "miss", "below": 5, "probability": 0.9}]
     none = {"name": "x", "runs": 9, "controllers": {"a": "a.yaml", "b": "b.yaml"}}
     some = none | {"requirements": limit, "under_test": ["a"]}

@@ -124,3 +124,15 @@ def test_the_correlation_is_that_of_the_flights_beyond_both_quantiles(probabilit
     shared = _together(a, b, sign * 89.5, sign * 89.5, probability)
     assert shared == pytest.approx((0.05 - 0.01) / 0.09)
     assert _together(a, a[::-1], sign * 89.5, sign * 89.5, probability) == pytest.approx(-1.0 / 9.0)
+
+
+@pytest.mark.parametrize("probability", [0.05, 0.5, 0.95])
+def test_the_value_is_the_difference_of_the_two_quantiles(probability):
+    draw = np.random.default_rng(3)
+    a, b = 5.0 + draw.standard_normal(400), 1.0 + 2.0 * draw.standard_normal(400)
+    interval = quantile_difference(a, b, probability)
+    expected = np.quantile(a, probability) - np.quantile(b, probability)
+    assert interval.value == pytest.approx(expected, abs=0.1)
+    assert interval.low < interval.value < interval.high
+    opposite = quantile_difference(b, a, probability)
+    assert opposite.value == -interval.value

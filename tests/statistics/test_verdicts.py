@@ -94,6 +94,9 @@ def test_the_predicted_chance_is_the_mean_over_the_rates_that_the_flights_leave(
         assert chance == pytest.approx(truth, abs=1e-4) and chance < 1.0
     assert predict_pass(judge(1, 1000, *AT), 2234) == 0.0  # too few even if none fails
     assert predict_pass(judge(0, 981, *AT), 981) == 1.0
+    # one more flight may fail, and one is added
+    enough = flights_to_pass(1, *AT)
+    assert predict_pass(judge(0, enough - 1, *AT), enough) == 1.0
 
 
 def test_the_advised_number_is_the_smallest_that_is_likely_to_do_for_all():

@@ -176,3 +176,16 @@ def test_limits_have_gaps_where_a_requirement_does_not_apply():
     np.testing.assert_array_equal(level, np.where((time >= 1) & (time <= 9), 3.0, np.nan))
     names.results.reference = {}
     assert [own.tolist() for own in _limit_curves("m", names)[0]] == [[1.0, 9.0], [3.0, 3.0]]
+
+
+def test_an_inset_enlarges_the_largest_change_of_any_band():
+    x = np.linspace(0.0, 60.0, 601)
+    bands = {name: np.zeros(601) for name in (*BANDS, "q50")}
+    bands["max"] = 9.0 * np.exp(-((x - 40.0) ** 2))
+    bands["q95"] = np.exp(-((x - 10.0) ** 2))
+    figure = plot_sheet([EnvelopeRow("y", [EnvelopePanel(x, bands)], inset=True)], ["A"])
+    (inset,) = figure.axes[0].child_axes
+    low, high = inset.get_xlim()
+    assert low < 40.0 < high and (low + high) / 2.0 == pytest.approx(40.0, abs=0.2)
+    bottom, top = inset.get_ylim()
+    assert bottom < 0.0 and 9.0 < top < 10.0

@@ -76,3 +76,14 @@ def test_outcomes_and_findings_are_counted(flown):
     assert (findings.saturated, findings.outside_tables) == (4, 5)
     assert set(findings.cycling.values()) == {2}
     assert {*rank_failed(models.results, "tlc")} >= {0, 1, 2}
+
+
+@pytest.mark.parametrize("can_rerun", [True, False])
+def test_commands_that_fly_are_named_only_where_flights_can_be_run_again(
+    flown, monkeypatch, can_rerun
+):
+    models = Models(flown(200))
+    monkeypatch.setattr(type(models.names.campaign), "can_rerun", can_rerun)
+    section = FLIGHTS.section(models[FLIGHTS], models.names)
+    texts = " ".join(item.text for item in section.items if hasattr(item, "text"))
+    assert ("abhv-mc explain" in texts) is can_rerun

@@ -30,7 +30,7 @@ from abhv_mc.topics.flights.model import worst_flights
 from abhv_mc.topics.formatting import json_data
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.topic import REGISTERED, Models
+from abhv_mc.topics.topic import REGISTERED, Cell, Models, Table
 from abhv_mc.topics.verdicts import VERDICTS
 
 
@@ -233,3 +233,17 @@ def test_a_name_that_it_cannot_have_is_refused(topic, name, message):
 
 def test_the_numbers_and_curves_of_a_report_are_the_stored_ones(tmp_path):
     assert not compare_report("sections", tmp_path)
+
+
+def test_constant_columns_move_to_the_caption():
+    rows = tuple(
+        (Cell(name, head=True), Cell("7"), Cell(text)) for name, text in (("a", "1"), ("b", "2"))
+    )
+    table = Table("T", ("Name", "Same", "Different"), (rows,), "C").without_constant()
+    assert table.heads == ("Name", "Different")
+    assert table.plain_rows() == [["a", "1"], ["b", "2"]]
+    assert table.caption.startswith("C") and table.caption.endswith("Same: 7")
+    varying = Table("T", ("Name", "Different"), (tuple((r[0], r[2]) for r in rows),), "C")
+    assert varying.without_constant() == varying
+    single = Table("T", ("Name", "Same"), ((rows[0][:2],),), "C")
+    assert single.without_constant() == single
