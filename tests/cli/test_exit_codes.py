@@ -105,6 +105,9 @@ def test_tighten_needs_one_confirmed_width(abhv_mc, tmp_path, monkeypatch, statu
     monkeypatch.setattr("abhv_mc.search.tighten.tighten", lambda *_, **__: found)
     ended, out, _ = abhv_mc("tighten", tmp_path)
     assert ended == code and out.count("no PASS at any width") == statuses.count("-")
+    assert "folder " not in out
+    found.folder = "results"
+    assert "folder    results" in abhv_mc("tighten", tmp_path)[1]
 
 
 @pytest.mark.parametrize(

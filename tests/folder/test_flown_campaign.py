@@ -142,3 +142,17 @@ def test_margins_are_metrics_if_all_flights_have_them(with_margins, has_margins)
     required = ("a", *[margin] * has_margins)
     assert results.asked == required
     assert results.metrics == results.compared == (*required, "b")
+
+
+def test_angles_are_turned_to_the_known_part_of_the_envelope():
+    median = np.array([350.0, 360.0, 370.0, np.nan])
+    envelopes = {("a", "heading_deg"): SimpleNamespace(time=np.arange(4.0), median=median)}
+    periods = {"heading_deg": 360.0}
+    results = SimpleNamespace(envelopes=envelopes, campaign=SimpleNamespace(periods=periods))
+    curves = {"time": np.arange(4.0), "speed_mps": np.arange(4.0)}
+    curves["heading_reference_deg"] = np.array([-10.0, 0.0, 10.0, 20.0])
+    aligned = FlownCampaign.align(results, "a", curves)
+    assert aligned["heading_reference_deg"].tolist() == [350.0, 360.0, 370.0, 380.0]
+    assert FlownCampaign.align(results, "b", curves) == curves
+    median[:] = np.nan
+    assert FlownCampaign.align(results, "a", curves) == curves

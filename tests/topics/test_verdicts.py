@@ -1,5 +1,6 @@
 """Tolerance limits of verdicts and the cells that show them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
-from abhv_mc.topics.verdicts.model import find_tolerance
+from abhv_mc.topics.verdicts.model import _unlimited, find_tolerance
 
 NONE = np.empty(0, int)
 # numbers of flights with which 0, 1 and 2 failures pass
@@ -119,3 +120,25 @@ def test_cells_name_the_side_of_the_limit(tmp_path):
 def test_cells_say_that_too_many_flights_terminated_early(tmp_path):
     found, _ = cells(tmp_path, ["below: 50, probability: 0.9"], runs=60, failing=59)
     assert found == [["too many early terminations", "—"]]
+
+
+@pytest.mark.parametrize("bad", ["high", "low"])
+def test_without_requirements_a_row_is_scaled_by_the_median_or_the_spread(tmp_path, bad):
+    results = read_flown(write_campaign(tmp_path / "c", runs=60, requirements=()))
+    metric = next(name for name in results.asked if results.campaign.metrics[name].bad == "high")
+    records = {**results.campaign.metrics}
+    records[metric] = replace(records[metric], bad=bad)
+    for middle, size in ((0.0, None), (-8.0, 8.0)):
+        values = middle + np.repeat([-3.0, 0.0, 3.0], 20)
+        flights = {
+            name: replace(own, metrics={**own.metrics, metric: values})
+            for name, own in results.flights.items()
+        }
+        stub = SimpleNamespace(
+            flights=flights,
+            controllers=results.controllers,
+            campaign=SimpleNamespace(metrics=records, unknowns=results.campaign.unknowns),
+        )
+        row = _unlimited(stub, metric)
+        assert (row.limit, row.below) == (middle, bad == "high")
+        assert row.size == size if size else 2.0 < row.size <= 6.0

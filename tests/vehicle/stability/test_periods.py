@@ -18,6 +18,7 @@ from vehicle.stability.systems import (
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.kernel.plant.vehicle import SENSORS
 from abhv_mc_vehicle.stability.analysis import analyse, margins_of_flights
+from abhv_mc_vehicle.stability.lifted import _loci
 from abhv_mc_vehicle.stability.linearize import closed_period, linearize
 from abhv_mc_vehicle.stability.margins import loop_gains, make_loops
 from abhv_mc_vehicle.stability.model_file import make_model
@@ -294,3 +295,13 @@ def test_intervals_that_differ_between_flights_are_not_linearized_together():
     rows[1] = parameters(sensor__speed_interval=0.1)[0]
     with pytest.raises(InputError, match="differ"):
         margins_of_flights(plan, plan, rows, ["trim"])
+
+
+@pytest.mark.parametrize(("size", "expected"), [(30.0, 0.0), (3e4, 3e4)])
+def test_loci_within_the_rounding_of_their_eigenvectors_are_zero(size, expected):
+    """Nearly parallel eigenvectors amplify the rounding by 1 / angle, here a thousand times."""
+    angle, rounding = 1e-3, 1e-13 * 1e3  # of a matrix whose norm is 1e3
+    small = size * rounding
+    matrix = np.array([[[small, (1.0 - small) / angle], [0.0, 1.0]]], complex)
+    found = np.sort(np.abs(_loci(matrix)[0]))
+    assert found == pytest.approx([expected * rounding, 1.0], rel=1e-3)
