@@ -14,17 +14,20 @@ from fake_flight import ENGINE, fly, run, write_campaign
 from abhv_mc.analysis.replay import find_rows
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution import runner
+from abhv_mc.flights.parameters import Parameter
 from abhv_mc.folder import flown_blocks, hashes
 from abhv_mc.folder.flights import (
+    INPUT,
     DamagedFileError,
     Digest,
     SampleReader,
     digest_rows,
+    make_input_field,
     read_pieces,
     write_inputs,
 )
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.layout import CampaignFolder
+from abhv_mc.folder.layout import CampaignFolder, find_in_campaign
 
 
 class KilledError(BaseException):
@@ -215,3 +218,17 @@ def test_rows_across_groups_are_read_with_the_group_before(tmp_path, monkeypatch
         assert np.array_equal(reader.rows(first, stop), expected[first:stop])
     assert len(reader._groups) <= 2  # a campaign of a million flights fits into memory
     assert set(reader._groups) == {1, 2}
+
+
+@pytest.mark.parametrize(("name", "marked"), [("aero.lift", False), ("mass", True)])
+def test_inputs_without_a_dot_are_marked_so_that_they_are_no_metrics(name, marked):
+    parameter = Parameter(name, "kg", 1.0, "input")
+    assert (INPUT in make_input_field(parameter).metadata) is marked
+
+
+def test_a_path_is_in_a_campaign_only_below_its_own_files(tmp_path):
+    out = run(write_campaign(tmp_path / "f", runs="40"), tmp_path / "out").folder
+    inside = {out: ".", out / "flights/x": "flights/x", out / "manifest.json": "manifest.json"}
+    assert {path: str(find_in_campaign(path)) for path in inside} == inside
+    for outside in (tmp_path, tmp_path / "flights/x", out / "notes/mine.txt"):
+        assert find_in_campaign(outside) is None

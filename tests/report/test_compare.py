@@ -28,6 +28,7 @@ from abhv_mc.report.numbers.compare import (
     require_same_samples,
 )
 from abhv_mc.report.pages.build import is_up_to_date
+from abhv_mc.report.pages.compare_page import _source
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.statistics.gate import Gate
 from abhv_mc.topics.comparison.model import metric_differences
@@ -312,3 +313,18 @@ def test_the_gate_is_that_of_the_worst_point(before):
     gate = _gate(a, b, speed, 0.1, (), unknowns=points)
     assert (gate.pairs, gate.within, gate.shown) == (20, 0, False)
     assert _gate(a, b, speed, 0.3, (), unknowns=points).within == 20
+
+
+def test_the_table_of_sources_has_the_seed_of_flights_and_none_of_tables(tmp_path):
+    a, b = (
+        SimpleNamespace(
+            folder=tmp_path / name,
+            campaign=SimpleNamespace(seed=7, can_rerun=flies),
+            manifest=SimpleNamespace(runs_done=1200, digest=f"digest {name}"),
+        )
+        for name, flies in (("a", True), ("b", False))
+    )
+    rows = _source(a, b, tmp_path / "out", ["--fail"]).plain_rows()
+    assert [row[1] for row in rows] == ["7", "imported"]
+    assert [row[3] for row in rows] == ["digest a", "digest b"]
+    assert len(_source(a, a, tmp_path / "out", []).plain_rows()) == 1

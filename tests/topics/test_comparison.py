@@ -1,11 +1,13 @@
 """Comparison of all pairs of controllers in the leading metrics."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from abhv_mc.campaign.file.unknowns import Unknowns
+from abhv_mc.topics.comparison import _pair_row
 from abhv_mc.topics.comparison.model import (
     compare_any_failures,
     compare_pair,
@@ -130,3 +132,14 @@ def test_winners_are_named_in_compared_metrics_of_independent_flights(results):
     assert len(squares) == 3 and total_usage(flights[0]) == pytest.approx(sum(squares) ** 0.5)
     lost = replace(flights[0], outcome=np.where(np.arange(200) % 3 == 1, 3, 0))
     assert compare_any_failures(lost, flights[0], ()).flights_only_a == tuple(range(1, 30, 3))
+
+
+@pytest.mark.parametrize(("value", "wins"), [(1.2, False), (1.0, True)])
+def test_only_differences_with_a_winner_are_bold(results, value, wins):
+    errors = {name: np.full(200, 1.2) for name in results.controllers}
+    errors["tlc"] = np.full(200, value)
+    pair = next(p for p in compared(results, errors).values() if "tlc" in (p.a, p.b))
+    names = SimpleNamespace(label=str.upper)
+    *heads, won, equal = _pair_row(pair, names, (METRIC, EQUAL[0]))
+    assert [head.text for head in heads] == [pair.a.upper(), pair.b.upper()]
+    assert (won.best, equal.best) == (wins, False)

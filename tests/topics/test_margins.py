@@ -16,6 +16,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.summary import summarize
 from abhv_mc.topics.margins import (
     MARGINS,
+    LeastMargins,
     Spread,
     compute_margins,
     margin_section,
@@ -145,3 +146,20 @@ def test_margins_of_flights_are_counted_on_both_sides_of_the_customary_one(
     assert passed == [[5.0, 10.0], [0.0, 20.0], [12.0, -40.0]]
     assert failed == [[7.0, 80.0], [6.0, 50.0], [0.0, pytest.approx(80.0 + 0.15 * 120.0)]]
     assert phases.collections[0].get_offsets()[0].tolist() == [10.0, 10.0]
+
+
+@pytest.mark.parametrize(
+    ("gain", "phase", "words", "little"),
+    [
+        (14.3, np.inf, ("14.3 dB (rudder)", ""), False),
+        (np.inf, 63.0, ("", "63 deg (elevator)"), False),
+        (6.0, 45.0, ("6.0 dB (rudder)", "45 deg (elevator)"), False),
+        (5.9, 63.0, ("5.9 dB (rudder)", "63 deg (elevator)"), True),
+        (14.3, 29.9, ("14.3 dB (rudder)", "30 deg (elevator)"), True),
+    ],
+)
+def test_margins_are_printed_if_finite_and_compared_with_the_customary_ones(
+    gain, phase, words, little
+):
+    least = LeastMargins(True, gain, "rudder", phase, "elevator")
+    assert (least.words, least.little) == (words, little)
