@@ -229,3 +229,17 @@ def test_flags_are_off_unless_given():
     }
     assert len(flags) > 20
     assert [key for key, value in flags.items() if value] == [("explore", "browser")]
+
+
+@pytest.mark.parametrize(("rate", "code"), [("100 Hz", 0), ("50 Hz", 2)])
+def test_histories_of_two_rates_are_not_stored_together(abhv_mc, own_list, tmp_path, rate, code):
+    law = "from abhv_mc.extend import Command, controller\n@controller\ndef law(measured):\n"
+    (tmp_path / "law.py").write_text(law + "    return Command(0.0, 0.0, 0.0, 0.5)\n")
+    controllers = []
+    for name, own in (("a", "100 Hz"), ("b", rate)):
+        controllers.append(tmp_path / f"{name}.yaml")
+        controllers[-1].write_text(f"law: python\nfile: law.py\nrate: {own}\n")
+    names = ",".join(map(str, controllers))
+    ended, _, err = abhv_mc("fly", "level", "--controllers", names, "-o", tmp_path / "out")
+    assert ended == code, err
+    assert (tmp_path / "out").exists() == (code == 0)

@@ -185,6 +185,12 @@ def test_existing_files_and_unknown_names_or_kinds_are_rejected(tmp_path):
         find_kind(tmp_path / "mine")
 
 
+@pytest.mark.parametrize("option", [["--law"], ["--tune"], ["--vehicle", "abhv"]])
+def test_options_of_the_built_in_simulator_are_refused_for_a_custom_one(abhv_mc, tmp_path, option):
+    code, _, err = abhv_mc("new", tmp_path / "x", "--simulator", "python", *option)
+    assert code == 2 and "--simulator" in err and not (tmp_path / "x").exists()
+
+
 FOLDERS = {
     "campaigns": "campaign",
     "configs/vehicle": "vehicle",
