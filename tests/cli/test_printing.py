@@ -113,6 +113,7 @@ def test_a_group_and_its_rows_are_the_keys_of_a_table(monkeypatch, columns, keys
     ],
 )
 def test_text_is_coloured_and_folded_where_asked(monkeypatch, setting, folds, text):
+    monkeypatch.delenv("NO_COLOR", raising=False)
     for name, value in {"TERM": "xterm", "COLUMNS": "5", **setting}.items():
         monkeypatch.setenv(name, value)
     screen = io.StringIO()
