@@ -14,7 +14,9 @@ INSTALLED := .venv/installed
 DEV_INSTALLED := .venv/installed-dev
 CAMPAIGN := campaigns/s_manoeuvre.yaml
 REPORT := reports/s_manoeuvre/report.html
+# Of the quick tests, many wait for processes or time limits.
 TEST_WORKERS ?= 3
+THOROUGH_WORKERS ?= 2
 SELF_CHECKS := tests/verification tests/vehicle/kernel/test_world.py tests/vehicle/control/design/test_shipped_designs.py
 
 .PHONY: run test test-all test-thorough docs example verify verify-others bench performance bench-peers newest-numba lock dist clean
@@ -46,7 +48,7 @@ test: $(DEV_INSTALLED)
 test-all: test test-thorough
 
 test-thorough: $(DEV_INSTALLED)
-	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal -m thorough
+	$(BIN)/python -m pytest -n $(THOROUGH_WORKERS) --dist worksteal -m thorough
 	$(BIN)/python -m benchmarks.watch
 
 # The examples on the pages are run; warnings are errors.
