@@ -88,7 +88,8 @@ def test_blocks_end_where_missing_data_changes_and_alternate_between_controllers
     assert "".join(block.controller for block in blocks) == "abababababb"
 
 
-def test_a_loss_is_reported_once(capsys):
+def test_a_loss_is_reported_once(capsys, monkeypatch):
+    monkeypatch.setattr("abhv_mc.execution.retry._reported", set())
     plan, rows = make_plan("one"), nominal_parameters(40)
 
     def lose(message, flights):

@@ -153,7 +153,7 @@ def test_margins_of_flights_are_counted_on_both_sides_of_the_customary_one(
     [
         (14.3, np.inf, ("14.3 dB (rudder)", ""), False),
         (np.inf, 63.0, ("", "63 deg (elevator)"), False),
-        (6.0, 45.0, ("6.0 dB (rudder)", "45 deg (elevator)"), False),
+        (6.0, 30.0, ("6.0 dB (rudder)", "30 deg (elevator)"), False),
         (5.9, 63.0, ("5.9 dB (rudder)", "63 deg (elevator)"), True),
         (14.3, 29.9, ("14.3 dB (rudder)", "30 deg (elevator)"), True),
     ],
