@@ -110,6 +110,27 @@ def test_intervals_cover_the_coefficients_of_all_flights():
     assert missed.mean() <= 0.08 * 100 and missed.max() <= 0.12 * 100
 
 
+@pytest.mark.parametrize(("flights", "resampled"), [(60, 60), (1500, 1000)])
+def test_intervals_are_bootstrapped_with_ranks_of_ties_averaged(flights, resampled):
+    draw = np.random.default_rng(6)
+    values = draw.normal(size=(flights, 4))
+    values[:, 1], values[:, 3] = draw.integers(0, 3, flights), np.round(values[:, :3].sum(axis=1))
+    values[:, 2] += values[:, 0]
+    drivers = rank_drivers(values[:, :3], values[:, 3:], 0.9)
+    correlation = np.corrcoef(stats.rankdata(values, axis=0).T)
+    slopes = np.linalg.solve(correlation[:3, :3], correlation[:3, 3])
+    assert drivers.srrc[:, 0] == pytest.approx(slopes, abs=1e-12)
+    random, steps = np.random.default_rng(0), []
+    for _ in range(300):
+        sample = values[random.integers(resampled, size=resampled)]
+        x, y = np.split(stats.zscore(stats.rankdata(sample, axis=0)), [3], axis=1)
+        step = x.T @ (y[:, 0] - x @ slopes) / resampled
+        steps.append(np.linalg.solve(correlation[:3, :3], step))
+    half = stats.norm.ppf(0.95) * np.std(steps, axis=0, ddof=1) * (resampled / flights) ** 0.5
+    assert drivers.srrc_high[:, 0] - slopes == pytest.approx(half, rel=1e-9)
+    assert slopes - drivers.srrc_low[:, 0] == pytest.approx(half, rel=1e-9)
+
+
 def test_constant_output_and_input_are_not_judged():
     inputs = np.column_stack([np.linspace(0.0, 1.0, 50), np.ones(50)])
     drivers = rank_drivers(inputs, np.column_stack([np.zeros(50), np.linspace(0.0, 1.0, 50) ** 3]))

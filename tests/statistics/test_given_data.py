@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from abhv_mc.statistics.drivers import given_data_indices
 from abhv_mc.statistics.ranks import standard_ranks
@@ -82,3 +83,68 @@ def test_two_rare_failures_in_one_cell_are_no_pair():
     inputs, rare = draw_inputs(8, 3), np.zeros((FLIGHTS, 1))
     rare[np.argsort(inputs[:, 0] + inputs[:, 1])[[-1, -3]]] = 1.0
     assert indices_of(inputs, rare).partner.max() == -1
+
+
+def runs_of_signs(total, runs):
+    """Return `total` positive and as many negative signs in `runs` runs of each, alternating."""
+    sizes = total // runs + (np.arange(runs) < total % runs)
+    return np.repeat(np.resize([1.0, -1.0], 2 * runs), np.repeat(sizes, 2))
+
+
+PAIRS = np.repeat([[1, 1, 0], [-1, -1, 0], [1, -1, 0]], [32, 32, 36], axis=0).ravel()
+
+
+@pytest.mark.parametrize(
+    ("sequence", "first", "found"),
+    [
+        # The limit is 2.807 standard deviations above the mean -1/207 of unrelated flights.
+        (runs_of_signs(104, 42), 40 / 208, True),
+        (runs_of_signs(104, 43), 36 / 208, False),
+        # Half of the flights contain the variance: the standard deviation is (2/300)**0.5.
+        (np.r_[runs_of_signs(75, 30), np.zeros(150)], 2 * 31 / 300, False),
+        (np.r_[runs_of_signs(75, 25), np.zeros(150)], 2 * 51 / 300, True),
+        # The mean square of the products is 0.75, but the standard deviation at least 300**-0.5.
+        (PAIRS, 1.5 * 28 / 300, False),
+    ],
+)
+def test_the_share_of_an_input_is_the_correlation_of_neighbours(sequence, first, found):
+    places = np.random.default_rng(3).permutation(len(sequence))
+    indices = given_data_indices(places[:, None].astype(float), 1.0 * sequence[places, None])
+    share = sequence.var()
+    assert indices.first.item() == pytest.approx(first * share, abs=1e-12)
+    assert indices.total.item() == pytest.approx(first * share, abs=1e-12)
+    assert indices.found.item() is found and indices.partner.item() == -1
+
+
+def vary_in_cells(places, y, cells):
+    """Return the share of a pair's interaction in unit variance, and its p-value without others."""
+    flights = len(y)
+    row, column = places * cells // flights
+    rows, columns = (np.bincount(own, y) / np.bincount(own) for own in (row, column))
+    cell = row * cells + column
+    sizes = np.bincount(cell, minlength=cells**2)
+    means = np.bincount(cell, y, cells**2) / np.maximum(sizes, 1)
+    between = (sizes * (means - (rows[:, None] + columns).ravel()) ** 2).sum()
+    variance = np.sum((y - means[cell]) ** 2) / (flights - cells**2)
+    freedom = (cells - 1) ** 2
+    share = (between - freedom * variance) / flights
+    return share, stats.chi2.sf(between / variance, freedom)
+
+
+@pytest.mark.parametrize(("flights", "cells"), [(432, 6), (586, 6), (1400, 8)])
+def test_the_share_of_a_pair_is_its_interaction_in_cells_of_twelve_flights(flights, cells):
+    """The part of the flights that follow a product grows; each input has two possible pairs."""
+    draw = np.random.default_rng(5)
+    places = np.stack([draw.permutation(flights) for _ in range(3)])
+    product = np.sign(np.prod(places[:2] + 0.5 - flights / 2, axis=0))
+    noise, mixed, found = np.resize([1.0, -1.0], flights), draw.random(flights), []
+    for part in np.linspace(0.1, 0.6, 26):
+        y = np.where(mixed < part, product, draw.permutation(noise))
+        y = (y - y.mean()) / y.std()
+        share, p_value = vary_in_cells(places[:2], y, cells)
+        indices = given_data_indices(places.T.astype(float), y[:, None])
+        added = share if 2.0 * p_value <= 0.005 else 0.0
+        assert indices.total[:2, 0] == pytest.approx(indices.first[:2, 0] + added, abs=1e-9)
+        assert indices.partner[:2, 0].tolist() == ([1, 0] if added else [-1, -1])
+        found.append(added > 0.0)
+    assert {*found} == {True, False}
