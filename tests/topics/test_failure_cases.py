@@ -65,3 +65,19 @@ def test_a_case_counts_its_losses_and_their_times_since_the_first_failure(flown)
     shares = [np.interp(time, *elevator) for time in (3.0, 5.0, 12.0)]
     assert shares == pytest.approx([100.0, 200.0 / 3.0, 100.0 / 3.0])
     assert [np.interp(time, *both) for time in (2.5, 3.5)] == [100.0, 0.0]
+
+
+def test_a_loss_at_its_failure_follows_it_by_no_time(flown):
+    results = flown(200)
+    metrics = {item.metric: np.zeros(4) for item in results.campaign.requirements}
+    metrics["end_time_s"] = np.array([9.75, 10.0, 10.0, 10.5])
+    outcome = np.full(4, Outcome.BANK_LIMIT)
+    flights = replace(results.flights["tlc"], flight=np.arange(4), outcome=outcome, metrics=metrics)
+    samples = {"failure.rudder.loss_time": np.full(4, 10.0)}
+    results = replace(results, samples=samples, flights={"tlc": flights})
+    (case,) = compute_failure_cases(results).cases
+    found = case.controllers["tlc"]
+    assert (found.lost, found.lost_before, found.median_time_to_loss_s) == (4, 1, 0.0)
+    ((_, figure),) = draw(None, names_of(results))
+    times, shares = figure.axes[0].lines[0].get_xydata().T
+    assert shares == pytest.approx(np.where(times < 0.5, 100.0 / 3.0, 0.0))

@@ -1,5 +1,6 @@
 """Recommended next step of a campaign."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -45,6 +46,11 @@ def changed(models, **entries):
         (1e6, 0.98, {}, "--runs", "all PASS"),
         (1e6, 0.999999, {}, "", "at least"),  # more than a hundred times the flights are needed
         (1e6, 0.9973, {"runs": 32}, f"--runs {flights_to_pass(0, 0.9973, 0.1)}", fixed(981, 0)),
+        # The least number of flights is 10 times the present number or one more, and 100 times.
+        (1e6, 0.99174, {"runs": 32}, "", "320"),
+        (1e6, 0.99176, {"runs": 32}, "--runs 321", "321"),
+        (1e6, 0.9991714, {"runs": 32}, "--runs 3200", fixed(3200, 0)),
+        (1e6, 0.9991716, {"runs": 32}, "", fixed(3201, 0)),
         (1e6, 0.9973, {"runs": 32, **ONE_LOST}, f"--runs {AFTER_ONE}", fixed(AFTER_ONE, 0)),
         (1e-9, 0.9, {}, "explain DIR --all", ""),
         (1e6, 0.98, {"runs": 60, **UNKNOWN}, f"--runs {LEAST}", f"{LEAST} flights at each point"),
@@ -58,7 +64,7 @@ def test_the_next_step_has_a_command_and_a_reason(
     step = find_next_step(read(tmp_path / "c", limit, probability, **keys))
     assert step.command.endswith(command) if command != "--runs" else command in step.command
     assert reason in step.why and bool(step.command) == bool(command)
-    assert ("Jeffreys" in step.assumption) == ("%" in step.why)
+    assert ("Jeffreys" in step.assumption) == bool(re.search("%|unlikely", step.why))
 
 
 @pytest.mark.parametrize("limit", [1e6, 1e-9])
