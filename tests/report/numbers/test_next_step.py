@@ -23,6 +23,7 @@ UNKNOWN = {
     "points": "{at: {aero.drag: [0.85, 1.0, 1.15]}}",
 }
 LEAST, AFTER_ONE = flights_to_pass(0, 0.98, 0.1), flights_to_pass(1, 0.9973, 0.1)
+TWO = [ENTRY.format(1e6, probability) for probability in (0.99, 0.9991714)]
 ONE_LOST = {
     "controllers": ["tlc", "lqr"],
     "failing": 1,
@@ -51,6 +52,7 @@ def changed(models, **entries):
         (1e6, 0.99176, {"runs": 32}, "--runs 321", "321"),
         (1e6, 0.9991714, {"runs": 32}, "--runs 3200", fixed(3200, 0)),
         (1e6, 0.9991716, {"runs": 32}, "", fixed(3201, 0)),
+        (1e6, 0.0, {"runs": 32, "requirements": TWO}, "--runs 3200", fixed(3200, 0)),
         (1e6, 0.9973, {"runs": 32, **ONE_LOST}, f"--runs {AFTER_ONE}", fixed(AFTER_ONE, 0)),
         (1e-9, 0.9, {}, "explain DIR --all", ""),
         (1e6, 0.98, {"runs": 60, **UNKNOWN}, f"--runs {LEAST}", f"{LEAST} flights at each point"),

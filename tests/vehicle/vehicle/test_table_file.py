@@ -66,6 +66,39 @@ def test_axes_in_other_units(tmp_path, text, columns, grid):
     assert read(tmp_path, text, columns).axes[0].grid == pytest.approx(grid)
 
 
+@pytest.mark.parametrize(
+    ("head", "role", "narrow", "wide"),
+    [("altitude_m", "altitude m", 199.0, 200.0), ("alpha_deg", "angle_of_attack deg", 0.99, 1.0)],
+)
+def test_a_narrow_axis_needs_a_declared_unit(tmp_path, head, role, narrow, wide):
+    texts = [f"mach,{head},value\n4,0,1\n4,{end},2\n6,0,3\n6,{end},4\n" for end in (narrow, wide)]
+    for columns in ({}, {head: role.split()[0]}, {"mach": "mach"}):
+        with pytest.raises(InputError) as caught:
+            read(tmp_path, texts[0], columns)
+        assert (caught.value.line, caught.value.column) == (2, 3)
+        assert np.ptp(read(tmp_path, texts[1], columns).axes[1].grid) > 0.0
+    for text in texts:
+        assert np.ptp(read(tmp_path, text, {head: role}).axes[1].grid) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("head", "least", "most"),
+    [
+        ("mach", 0, 50),
+        ("phi", 0, 20),
+        ("altitude_km", -1, 200),
+        ("mass_kg", 0.001, 1e7),
+        ("beta_deg", -180, 180),
+    ],
+)
+def test_the_bounds_of_a_plausible_axis_are_inside(tmp_path, head, least, most):
+    grid = read(tmp_path, f"{head},value\n{least},1\n{most},2\n").axes[0].grid
+    assert grid[1] - grid[0] > 0.0
+    for low, high in ((least - 0.01, most), (least, 1.001 * most)):
+        with pytest.raises(InputError):
+            read(tmp_path, f"{head},value\n{low},1\n{high},2\n")
+
+
 ROWS = "4,-1,1\n4,0,2\n4,2,3\n6,-1,4\n6,0,5\n6,2,6\n"
 MATRIX = "mach\\alpha_deg;-1;0;2\n4;1;2;3\n6;4;5;6\n"
 
