@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.cli import linearizing, loops
 
@@ -63,3 +64,29 @@ def test_a_phase_is_continuous_and_neutral_points_are_marked_where_curves_pass()
     marks = [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "+"]
     assert marks == [[[-180.0, 0.0]]]
     assert axes.lines[1].get_ydata()[0] == pytest.approx(20.0 * np.log10(50.0))
+
+
+@pytest.mark.parametrize(("moved", "listed", "rest"), [(0, 0, 0), (6, 6, 0), (7, 6, 1), (9, 6, 3)])
+def test_a_smallest_margin_lists_six_of_its_dispersions(monkeypatch, capsys, moved, listed, rest):
+    names = ["aero.lift", "aero.drag", "atmosphere.density", "mass.total"]
+    names += [f"aero.{axis}" for axis in ("pitch", "roll", "yaw", "side_force", "damping")]
+    result = SimpleNamespace(
+        controller="own",
+        metric=MARGIN_NAMES[0],
+        nominal=6.0,
+        found=3.25,
+        fault="",
+        parameters=dict.fromkeys(names, 1.0),
+        moved=names[:moved],
+    )
+    campaign = SimpleNamespace(parameters=None)
+    monkeypatch.setattr(linearizing, "_find_flown", lambda *_: (None, None, {"own": None}))
+    monkeypatch.setattr("abhv_mc.campaign.file.check.read_campaign", lambda file: campaign)
+    monkeypatch.setattr("abhv_mc.search.worst.find_worst_margins", lambda *_: [result])
+    monkeypatch.setattr(
+        "abhv_mc.topics.formatting.shown_value", lambda name, value, _: f"<{value:g}>"
+    )
+    linearizing._show_worst(None, None, None, False)
+    out = " ".join(capsys.readouterr().out.split())
+    assert "3.25 dB" in out and out.count("<1>") == listed
+    assert (f"and {rest} more" in out) == (" more" in out) == (rest > 0)

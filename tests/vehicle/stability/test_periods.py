@@ -5,6 +5,7 @@ The model of a period is compared with an independent one and with flights.
 
 import numpy as np
 import pytest
+from fake_flight import make_plan
 from vehicle.stability.systems import (
     assert_neutral,
     assert_predicted,
@@ -16,10 +17,10 @@ from vehicle.stability.systems import (
 )
 
 from abhv_mc.io.messages import InputError
-from abhv_mc_vehicle.kernel.plant.vehicle import SENSORS
+from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, SENSORS
 from abhv_mc_vehicle.stability.analysis import analyse, margins_of_flights
 from abhv_mc_vehicle.stability.lifted import _loci
-from abhv_mc_vehicle.stability.linearize import closed_period, linearize
+from abhv_mc_vehicle.stability.linearize import closed_period, linearize, sensor_ticks
 from abhv_mc_vehicle.stability.margins import loop_gains, make_loops
 from abhv_mc_vehicle.stability.model_file import make_model
 from abhv_mc_vehicle.stability.point_slopes import SWITCHES, find_period
@@ -305,3 +306,12 @@ def test_loci_within_the_rounding_of_their_eigenvectors_are_zero(size, expected)
     matrix = np.array([[[small, (1.0 - small) / angle], [0.0, 1.0]]], complex)
     found = np.sort(np.abs(_loci(matrix)[0]))
     assert found == pytest.approx([expected * rounding, 1.0], rel=1e-3)
+
+
+def test_sample_periods_are_the_nearest_whole_ticks():
+    plan = make_plan("one")  # ticks of 0.1 s
+    rows = parameters(6)
+    rows[:, PARAMETER_INDEX["sensor.speed_interval"]] = 0.0, 0.04, 0.14, 0.16, 0.24, 0.3
+    ticks = sensor_ticks(plan, rows)
+    assert ticks[:, SENSORS.index("speed")].tolist() == [1, 1, 1, 2, 2, 3]
+    assert (np.delete(ticks, SENSORS.index("speed"), axis=1) == 1).all()

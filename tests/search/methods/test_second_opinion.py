@@ -1,0 +1,53 @@
+"""Mixtures of normal densities near failures, against SciPy."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from abhv_mc.search.methods.evaluation import make_generator
+from abhv_mc.search.methods.second_opinion import choose_mixture, fit_mixture
+
+
+def log_density(mixture, points):
+    parts = [
+        np.log(weight) + multivariate_normal(mean, factor @ factor.T).logpdf(points)
+        for weight, mean, factor in zip(*vars(mixture).values(), strict=True)
+    ]
+    return logsumexp(parts, axis=0)
+
+
+def test_one_component_has_the_moments_of_its_points_and_a_prior():
+    points = np.random.default_rng(1).normal(size=(50, 3)) * [1.0, 2.0, 0.5] + 3.0
+    mixture = choose_mixture(np.repeat(points, 2, axis=0), 1)
+    assert mixture.weights.tolist() == [1.0]
+    assert mixture.means[0] == pytest.approx(points.mean(axis=0), rel=1e-9)
+    covariance = 1.3 * (50 * np.cov(points.T, bias=True) + 3 * np.eye(3)) / 53
+    np.testing.assert_allclose(mixture.factors[0] @ mixture.factors[0].T, covariance, rtol=1e-9)
+
+
+def test_the_number_of_components_is_that_of_the_first_least_criterion():
+    """Check Schwarz's criterion of 60 points in two groups, closer and closer together."""
+    numbers = []
+    for distance in np.linspace(2.15, 2.0, 7):
+        points = np.random.default_rng(2).normal(size=(60, 2))
+        points[::2, 0] += 2.0 * distance
+        criteria = []
+        for count in (1, 2, 3):
+            mixture = fit_mixture(np.unique(points, axis=0), count, make_generator(3, count))
+            assert np.logaddexp.reduce(mixture.log_parts(points), axis=1) == pytest.approx(
+                log_density(mixture, points)
+            )
+            free = count - 1 + 2 * count + 3 * count
+            criteria.append((free + 1) * np.log(60) - 2.0 * log_density(mixture, points).sum())
+        numbers.append(1 + int(np.argmax(np.diff([*criteria, np.inf]) >= 0.0)))
+        assert len(choose_mixture(points, 3).weights) == numbers[-1]
+    assert {*numbers} == {1, 2}
+
+
+def test_more_components_than_points_allow_are_not_fitted():
+    """Two components of two dimensions have 12 free numbers."""
+    groups = np.repeat([[0.0, 0.0], [100.0, 100.0]], 6, axis=0)
+    points = groups + np.random.default_rng(4).normal(size=(12, 2))
+    assert len(choose_mixture(points, 1).weights) == 2
+    assert len(choose_mixture(points[1:], 1).weights) == 1
