@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from fake_flight import run, write_campaign
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.folder.manifest import Pooled, read_manifest, write_manifest
@@ -100,6 +101,8 @@ def test_campaigns_of_other_seeds_follow_each_other(tmp_path):
         check_poolable([b, c])
     pool_campaigns(check_poolable([a, d, b]), tmp_path / "out")
     manifest, flights = read(tmp_path / "out")
+    assert manifest.seed == read_campaign(tmp_path / "out/campaign.yaml").seed == 5
+    assert manifest.started == first.started and manifest.stopped_at is None
     assert manifest.pooled == (Pooled(5, first.stopped_at), Pooled(7, 10), Pooled(6, 20))
     assert manifest.runs_planned == first.stopped_at + 30 < 400
     parts = [read(folder)[1]["two"].end_time for folder in (a, d, b)]

@@ -1,12 +1,14 @@
 """List of the campaigns below a folder, in the terminal and as a page."""
 
 import json
+import re
 import shlex
 
 import pytest
 from programs import invoke
 from report.synthetic import write_campaign
 
+from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.folder.stores import LocalStore
 from abhv_mc.report.numbers.runs import find_runs
 from abhv_mc.report.pages.build import build_report
@@ -61,6 +63,9 @@ def test_the_terminal_fits_80_columns(reports, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "80")
     output = invoke("runs", reports, "-o", tmp_path / "x.html").stdout
     assert max(map(len, output.splitlines()[:-1])) <= 80 and "damaged" in output
+    own = read_manifest(reports / "first/manifest.json")
+    facts = rf"first {own.started[:10]}, 12 flights, .*?, digest {own.digest[:12]} "
+    assert re.search(facts, " ".join(output.split()))
     listed = json.loads(invoke("runs", reports, "--json", "-", "-o", tmp_path / "x.html").stdout)
     assert len(listed) == 4
 

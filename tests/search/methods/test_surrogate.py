@@ -103,3 +103,43 @@ def test_no_estimate_where_neighbours_say_nothing_of_each_other():
     )
     result = estimate(case, 1, runs=64)
     assert re.search(r" 62 .* \d\S* .* \d", result.refusal)  # flights, and the range
+
+
+def test_the_first_points_are_a_latin_hypercube_of_twice_the_standard_deviation():
+    """Twelve points, three more in each dimension, and twenty plain ones."""
+    seen = []
+
+    def severity(points):
+        seen.append(points)
+        return points.sum(axis=1) - 1.0
+
+    estimate_by_surrogate(severity, SubsetPlan(3, 0.0, 4), runs=1)
+    (points,) = seen
+    assert points.shape == (21 + 20, 3)
+    cells = np.floor(21 * stats.norm.cdf(points[:21] / 2.0))
+    assert np.sort(cells, axis=0).T.tolist() == 3 * [list(range(21))]
+    assert not np.array_equal(cells[:, 0], cells[:, 1])
+    assert 0.7 < points[21:].std() < 1.3
+
+
+def test_an_estimate_does_not_depend_on_the_unit_of_the_metric():
+    found = [
+        estimate_by_surrogate(
+            lambda points, unit=unit: unit * (np.sinh(points[:, 0]) + points[:, 1]),
+            SubsetPlan(2, unit * 1.5, 6),
+            runs=38,
+        )
+        for unit in (1.0, 1024.0)
+    ]
+    numbers = [[own.probability, own.low, own.high] for own in found]
+    assert numbers[1] == pytest.approx(numbers[0], rel=0.01)
+
+
+def test_a_limit_that_all_points_violate_has_the_probability_one():
+    result = estimate_by_surrogate(
+        lambda points: 2.0 + np.exp(points[:, 0]) + points[:, 1] ** 2,
+        SubsetPlan(2, 1.0, 6),
+        runs=38,
+    )
+    assert result.low <= result.probability == pytest.approx(1.0, abs=0.1) and result.high == 1.0
+    assert result.steps[-1].failures == result.flights and result.plain == (20, 20)

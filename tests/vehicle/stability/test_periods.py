@@ -3,6 +3,8 @@
 The model of a period is compared with an independent one and with flights.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fake_flight import make_plan
@@ -17,6 +19,7 @@ from vehicle.stability.systems import (
 )
 
 from abhv_mc.io.messages import InputError
+from abhv_mc_vehicle.kernel.laws import columns as ref
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX, SENSORS
 from abhv_mc_vehicle.stability.analysis import analyse, margins_of_flights
 from abhv_mc_vehicle.stability.lifted import _loci
@@ -25,6 +28,7 @@ from abhv_mc_vehicle.stability.margins import loop_gains, make_loops
 from abhv_mc_vehicle.stability.model_file import make_model
 from abhv_mc_vehicle.stability.point_slopes import SWITCHES, find_period
 from abhv_mc_vehicle.stability.points import flown_points
+from abhv_mc_vehicle.stability.probe import law_tick
 from abhv_mc_vehicle.stability.steady import trim_points
 
 # Path and throttle at rates of their own over attitude and body rates at every tick.
@@ -315,3 +319,23 @@ def test_sample_periods_are_the_nearest_whole_ticks():
     ticks = sensor_ticks(plan, rows)
     assert ticks[:, SENSORS.index("speed")].tolist() == [1, 1, 1, 2, 2, 3]
     assert (np.delete(ticks, SENSORS.index("speed"), axis=1) == 1).all()
+
+
+def test_a_sensor_delay_is_the_nearest_number_of_ticks():
+    plan = steady_plan("lqr_retuned_ghame_x")  # ticks of 0.01 s
+    rows = parameters(3, sensor__delay=np.array([0.004, 0.014, 0.016]))
+    assert linearize(plan, trim_points(plan, rows).points).delay.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("tick", [0, 150])
+def test_a_tick_of_a_law_follows_its_row_of_the_reference(tick):
+    plan = flight_plan("lqr_retuned_ghame_x", 3.0)
+    points = flown_points(plan, parameters(), 0.0).points
+    commands = []
+    for own, others in ((0.0, 0.0), (0.0, 5.0), (5.0, 0.0)):
+        reference = plan.reference.copy()
+        reference[:, ref.SPEED] += np.where(np.arange(len(reference)) == tick, own, others)
+        moved = replace(plan, reference=reference)
+        commands.append(law_tick(moved, tick, points.measured, points.memory).command)
+    assert np.array_equal(commands[0], commands[1])
+    assert np.abs(commands[2] - commands[0]).max() > 0.01
