@@ -14,6 +14,7 @@ def greet(name: str) -> None:
     """Say hello."""
     print(f"hello {name}")
 '''
+GREETED = ("greet", "verify.greet", "verify.run")
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def program(tmp_path):
     """Return a function that runs the program with a working and a broken package installed."""
     for name, text, entries in (
         ("broken", "import no_such_module", "one = broken:one\ntwo = broken:two"),
-        ("greeter", GREETING, "greet = greeter:greet\nverify.greet = greeter:greet"),
+        ("greeter", GREETING, "".join(f"{name} = greeter:greet\n" for name in GREETED)),
     ):
         (tmp_path / f"{name}.py").write_text(f"print('{name} is imported')\n{text}")
         information = tmp_path / f"{name}-1.0.dist-info"
@@ -50,6 +51,9 @@ def test_a_package_adds_commands_and_a_broken_one_causes_one_warning(program):
     in_a_group = program("verify", "greet", "all")
     assert in_a_group.stdout.splitlines()[-1] == "hello all"
     assert program("one").returncode == 2
+    # A command in a group has no examples of the program's command with the same name.
+    assert program("run", "--help").stdout.count("abhv-mc run ") >= 3
+    assert "abhv-mc run " not in program("verify", "run", "--help").stdout
 
 
 @pytest.mark.parametrize(
