@@ -153,6 +153,12 @@ def fly_slowly(plan, parameters, record_every=None):
     return fly(plan, parameters, record_every)
 
 
+def sleep_and_fly(plan, parameters, record_every=None):
+    """Take half a second in which the processor is idle."""
+    time.sleep(0.5)
+    return fly(plan, parameters, record_every)
+
+
 ENGINE = Engine(prepare, fly, "fake")
 SLOW_ENGINE = Engine(prepare, fly_slowly, "fake")
 

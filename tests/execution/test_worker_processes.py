@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from fake_flight import ENGINE, fly, make_plan, run, write_campaign
+from fake_flight import ENGINE, fly, make_plan, run, sleep_and_fly, write_campaign
 from programs import run_python
 
 import abhv_mc
@@ -21,6 +21,7 @@ from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
+from abhv_mc.execution.retry import FlightLostError
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.messages import InputError
@@ -173,3 +174,18 @@ def test_an_engine_with_defaults_can_be_sent_to_another_process():
     engine = pickle.loads(pickle.dumps(Engine(None, fly, "")))  # noqa: S301
     assert engine.is_stability_compiled() and engine.describe_crash(3) == ""
     engine.close()
+
+
+def test_a_flight_may_take_longer_than_its_limit_on_processor_time(monkeypatch):
+    """A flight that sleeps for 0.5 s may take the larger of two wall times."""
+    plan, parameters = make_plan("one"), nominal_parameters(3)
+    monkeypatch.setattr(module, "_WALL", 2.0)
+    for asleep, limit, ends in ((60.0, 0.2, True), (0.01, 10.0, True), (0.01, 0.2, False)):
+        monkeypatch.setattr(module, "_ASLEEP", asleep)
+        with contextlib.closing(WorkerPool(sleep_and_fly, 1, limit, lambda process: "")) as pool:
+            if ends:
+                assert pool.fly(plan, parameters).outcome.tolist() == [0, 0, 0]
+            else:
+                with pytest.raises(FlightLostError) as caught:
+                    pool.fly(plan, parameters)
+                assert caught.value.hung
