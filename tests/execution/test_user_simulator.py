@@ -15,9 +15,13 @@ from own_simulators import DIVE, DIVE_CHANNELS, DIVE_HISTORY, dive_campaign, sho
 from abhv_mc.analysis.explain import explain_flight
 from abhv_mc.analysis.failure_map import map_failures
 from abhv_mc.analysis.replay import replay_flight
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.check_inputs import check_inputs
+from abhv_mc.execution.executor import make_ready
+from abhv_mc.execution.first_flights import fly_first
 from abhv_mc.execution.merge import merge_campaign
 from abhv_mc.execution.runner import run_campaign
+from abhv_mc.external_simulators.simulator import ExternalSimulator
 from abhv_mc.folder import envelope_states
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.histories import QUANTILES
@@ -358,3 +362,13 @@ def test_resumed_and_merged_campaigns_have_the_same_tables(tmp_path):
     ):
         with pytest.raises(InputError, match=pattern):
             run_campaign(Request(dive_campaign(own, **changes | other), out))
+
+
+@pytest.mark.parametrize(("seconds", "is_tried"), [(None, True), (0.99, True), (1.0, False)])
+def test_dispersions_of_slow_flights_are_not_tried(tmp_path, monkeypatch, seconds, is_tried):
+    monkeypatch.setattr(ExternalSimulator, "time_of_flight", lambda *_: seconds)
+    path = dive_campaign(tmp_path, DIVE.replace('inputs["thrust"]', "1.0"), runs=4)
+    campaign = read_campaign(path)
+    plans = campaign.simulator.make_plans(campaign.controllers)
+    warnings = fly_first(make_ready(campaign, plans), 1, {}).warnings
+    assert any("'thrust'" in warning for warning in warnings) is is_tried
