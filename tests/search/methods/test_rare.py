@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.stats import norm
 from search.methods import known_probabilities as known
 
-from abhv_mc.search.methods.rare import estimate_rare, noise_share
-from abhv_mc.search.methods.second_opinion import find_failures, sample_importance
+from abhv_mc.search.methods.rare import choose_chains, estimate_rare, noise_share
+from abhv_mc.search.methods.second_opinion import (
+    ImportanceEstimate,
+    find_failures,
+    sample_importance,
+)
 from abhv_mc.search.methods.strata import MOST_COMBINATIONS, estimate_switched, list_combinations
-from abhv_mc.search.methods.subset import SubsetPlan, run_subset
+from abhv_mc.search.methods.subset import Level, Repetition, SubsetPlan, run_subset
+from abhv_mc.statistics.binomial import clopper_pearson
 
 SEEDS = 3
 
@@ -41,6 +47,128 @@ def test_right_within_its_interval():
             assert result.flights <= 20_000
     assert right >= 0.9 * count
     assert refused <= 0.1 * count
+
+
+def interval_of(repetitions, number=None):
+    """Return mean, low and high: Student's interval of the logarithm, for `number` repetitions."""
+    logs = np.log([repetition.probability for repetition in repetitions])
+    chains = np.mean([sum(level.cov**2 for level in own.levels) for own in repetitions])
+    own, number = len(logs) - 1, number or len(logs)
+    # The chains count as four repetitions, with 1.3 times their standard deviation.
+    variance = (4.0 * 1.3**2 * chains + own * logs.var(ddof=1)) / (4 + own)
+    half = stats.t.ppf(0.975, 4 + number - 1) * np.sqrt(variance / number)
+    mean = np.exp(logs).mean()
+    return mean, mean * np.exp(-half), min(mean * np.exp(half), 1.0)
+
+
+@pytest.mark.parametrize(("target_cov", "flights"), [(0.2, 20_000), (0.1, 40_000), (0.1, 16_000)])
+def test_the_interval_is_students_of_the_repetitions_that_it_needs(target_cov, flights):
+    sizes, case = [], known.linear(25, 3.5)
+
+    def severity(points):
+        sizes.append(len(points))
+        return case.severity(points)
+
+    plan = SubsetPlan(25, case.threshold, 5)
+    result = estimate_rare(severity, plan, target_cov, flights)
+    found = result.repetitions
+    assert result.refusal is None and result.check is None and result.flights == sum(sizes)
+    assert (result.probability, result.low, result.high) == pytest.approx(interval_of(found))
+    estimates = np.array([repetition.probability for repetition in found])
+    assert result.cov == pytest.approx(stats.variation(estimates, ddof=1) / len(found) ** 0.5)
+    assert [repetition.number for repetition in found] == [*range(len(found))]
+    needed = result.high / result.probability <= np.exp(1.96 * target_cov) * (1.0 + 1e-4)
+    assert needed == (flights >= 20_000) and len(found) >= 4
+    assert needed or flights - sum(sizes) < max(repetition.flights for repetition in found)
+    assert result.plain == (sum(own.plain_failures for own in found), 640 * len(found))
+    high = clopper_pearson(*result.plain, 0.9)[1]
+    assert result.unwarned_high == pytest.approx(high)
+    assert result.include_unwarned().high == max(result.high, high)
+    assert len(result.failures) == sum(np.sum(own.values > 3.5) for own in found)
+
+
+def made_repetition(probability, cov, flights=20_001, **state):
+    level = Level(1.0, probability, cov, 0.4, 0.5)
+    values = np.arange(10.0)
+    return Repetition(0, values[:, None], values, flights, 0, [level], **{"reached": True, **state})
+
+
+@pytest.mark.parametrize(
+    ("repetitions", "is_refused"),
+    [
+        ([(1e-3, 0.3)] * 4, False),
+        ([(1e-3, 0.98)] * 4, False),  # exp(2 t 1.3 cov / 7**0.5) = 9.8, and 10.3
+        ([(1e-3, 1.0)] * 4, True),
+        # The ratio of standard deviations is at most 2 (chi2.isf(0.001, 3) / 3)**0.5 = 4.66.
+        ([(1e-3 * np.exp(sign * 0.2), 0.05) for sign in (1, -1, 1, -1)], False),
+        ([(1e-3 * np.exp(sign * 0.203), 0.05) for sign in (1, -1, 1, -1)], True),
+    ],
+)
+def test_repetitions_that_contradict_each_other_are_refused(monkeypatch, repetitions, is_refused):
+    made = [made_repetition(*entry) for entry in repetitions]
+    monkeypatch.setattr("abhv_mc.search.methods.rare.run_subset", lambda *_: [*made])
+    result = estimate_rare(first, SubsetPlan(25, 1.0, 0))
+    assert (result.refusal is not None) == is_refused
+    assert (result.probability, result.low, result.high) == pytest.approx(interval_of(made))
+    for state in ({"reached": False}, {"cut_short": True}):
+        made[1] = made_repetition(1e-3, 0.3, **state)
+        assert estimate_rare(first, SubsetPlan(25, 1.0, 0)).refusal is not None
+
+
+@pytest.mark.parametrize(("size", "fitting"), [(500, 40), (4000, 5)])
+def test_as_many_repetitions_are_added_as_are_needed_or_fit(monkeypatch, size, fitting):
+    asked, made = [], [made_repetition(1e-3, 0.3, size) for _ in range(4)]
+
+    def run(evaluate, plan, numbers, flights, fewest=0):
+        asked.append([*numbers])
+        return made[:1] * len(numbers)
+
+    monkeypatch.setattr("abhv_mc.search.methods.rare.run_subset", run)
+    estimate_rare(first, SubsetPlan(25, 1.0, 0), 0.1)
+    enough = [
+        n for n in range(4, 99) if interval_of(made, n)[2] <= 1e-3 * np.exp(0.1 * norm.ppf(0.975))
+    ]
+    assert asked[:2] == [[0, 1, 2, 3], [*range(4, min(enough[0], 4 + fitting))]]
+    assert [choose_chains(n) for n in (100, 20_000, 59_999, 10**6)] == [32, 64, 160, 256]
+
+
+@pytest.mark.parametrize(
+    ("factor", "effective", "is_replaced", "is_refused", "is_raised"),
+    [
+        (1.05, 200.0, False, False, True),
+        (3.0, 7.9, False, False, False),  # too few failures for any conclusion
+        (3.0, 29.0, False, True, True),
+        (3.0, 30.0, True, False, True),
+        (0.3, 99.0, False, False, False),
+        (0.3, 100.0, False, True, False),
+    ],
+)
+def test_importance_sampling_raises_replaces_or_refuses_an_estimate(
+    monkeypatch, factor, effective, is_replaced, is_refused, is_raised
+):
+    made = [made_repetition(1e-3, 0.1) for _ in range(4)]
+    monkeypatch.setattr("abhv_mc.search.methods.rare.run_subset", lambda *_: [*made])
+
+    def estimate_with(factor, effective):
+        check = ImportanceEstimate(factor * 1e-3, 0.1, effective, 4096)
+        monkeypatch.setattr("abhv_mc.search.methods.rare.sample_importance", lambda *_: check)
+        return estimate_rare(first, SubsetPlan(15, 9.0, 2))
+
+    probability, low, high = interval_of(made)
+    result = estimate_with(factor, effective)
+    end = np.exp(norm.ppf(0.975) * 1.5 * 0.1)
+    assert (result.check.effective, result.refusal is not None) == (effective, is_refused)
+    if is_replaced:
+        probability, low = factor * 1e-3, factor * 1e-3 / end
+    raised = max(high, factor * 1e-3 * end) if is_raised else high
+    numbers = result.probability, result.low, result.high, result.cov
+    cov = pytest.approx(0.15 * is_replaced, abs=1e-12)
+    assert numbers == (*map(pytest.approx, (probability, low, raised)), cov)
+    # A contradiction is a ratio beyond three standard deviations.
+    edge = np.exp(3.0 * np.hypot(0.1, np.log(high / interval_of(made)[1]) / 3.92))
+    for ratio in (0.99, 1.01):
+        assert (estimate_with(ratio * edge, 29.0).refusal is not None) == (ratio > 1.0)
+        assert (estimate_with(1.0 / ratio / edge, 100.0).refusal is not None) == (ratio > 1.0)
 
 
 def test_refused_where_the_event_is_never_met():
@@ -184,6 +312,43 @@ def test_what_plain_flights_see_takes_no_levels():
     )
 
 
+@pytest.mark.parametrize(
+    "case",
+    [
+        known.switched(1, 0.05, 8.0, fatal=1),
+        known.switched(2, 0.3, 2.5, 0.5),
+        known.switched(8, 2e-3, 2.0, fatal=1),
+        known.switched(2, 0.1, 9.0),  # no failure
+    ],
+    ids=lambda case: case.name,
+)
+def test_the_total_is_the_sum_of_the_combinations_and_their_exact_intervals(case):
+    result, strata = estimate_switched(
+        case.severity, case.rates, SubsetPlan(2, 0.0, 4), flights=6400
+    )
+    listed = list_combinations(case.rates)[:MOST_COMBINATIONS]
+    assert [(own.on, own.weight) for own in strata if own.on is not None] == listed
+    below, above, clean = [], [], [0.0]
+    for own in strata:
+        failures = round(own.probability * own.flights)
+        low, high = clopper_pearson(failures, own.flights)
+        assert (own.probability, own.low, own.high) == pytest.approx(
+            (failures / own.flights, low, high)
+        )
+        assert own.value == own.weight * own.probability
+        below.append(own.weight * (own.probability - low))
+        if failures:
+            above.append(own.weight * (high - own.probability))
+        else:
+            clean.append(-own.weight * np.log(1.0 - high))
+    total = sum(own.value for own in strata)
+    low, high = total - np.linalg.norm(below), total + np.linalg.norm([*above, max(clean)])
+    assert (result.probability, result.low, result.high) == pytest.approx((total, low, high))
+    assert result.cov == (pytest.approx((high - low) / 3.92 / total) if total else np.inf)
+    assert (result.refusal is not None) == (high > 10.0 * low)
+    assert result.flights == sum(own.flights for own in strata) <= 6400
+
+
 def test_combinations_come_by_weight():
     listed = list_combinations(np.array([0.1, 0.4]))
     assert [on for on, _ in listed] == [(), (1,), (0,), (0, 1)]
@@ -200,6 +365,42 @@ def test_the_same_whatever_runs_beside_it():
     alone = run_subset(first, plan, range(2, 3), 100_000)[0]
     np.testing.assert_array_equal(together[2].points, alone.points)
     assert together[2].levels == alone.levels
+
+
+def test_levels_begin_at_the_tenth_of_the_most_severe_points():
+    seen = []
+
+    def severity(points):
+        seen.append(points[:, 0])
+        return points[:, 0]
+
+    repetitions = run_subset(severity, SubsetPlan(3, 3.0, 1), range(4), 100_000)
+    for repetition, values in zip(repetitions, seen[0].reshape(4, 640), strict=True):
+        start, *_, before, last = repetition.levels
+        assert (start.threshold, start.probability) == (np.sort(values)[576], 0.1)
+        assert (start.acceptance, start.spread) == (1.0, 1.0)
+        assert start.cov == pytest.approx((0.9 / 64.0) ** 0.5)
+        assert repetition.plain_failures == np.sum(values > 3.0)
+        assert (
+            last.threshold == 3.0 > before.threshold and repetition.values.min() >= before.threshold
+        )
+        inside = repetition.values.reshape(10, 64) > 3.0
+        share, steps = inside.mean(), np.arange(1, 10)
+        lags = [np.mean(inside[k:] & inside[: 10 - k]) - share**2 for k in steps]
+        inflation = 1.0 + 2.0 * np.sum((1.0 - steps / 10.0) * lags) / (share * (1.0 - share))
+        assert last.probability == share
+        assert last.cov == pytest.approx(
+            ((1.0 - share) / share / 640.0 * max(inflation, 1.0)) ** 0.5
+        )
+        points = repetition.points.reshape(10, 64, 3)
+        moved = (points[1:] != points[:-1]).any(axis=2)
+        assert last.acceptance == pytest.approx(moved.mean()) == pytest.approx(0.44, abs=0.1)
+        assert np.array_equal(repetition.points[:, 0], repetition.values)
+        assert np.array_equal(repetition.failures, repetition.points[repetition.values > 3.0])
+        shares = [level.probability for level in repetition.levels]
+        assert repetition.reached and repetition.probability == pytest.approx(np.prod(shares))
+        assert repetition.flights == 640 + 576 * (len(shares) - 1)
+        assert repetition.cov**2 == pytest.approx(sum(level.cov**2 for level in repetition.levels))
 
 
 def test_batches_fill_lanes_and_flights_are_counted():
