@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +26,9 @@ from abhv_mc.folder.manifest import read_manifest
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.messages import InputError
 from abhv_mc.requests import RareRequest, WorstRequest
+from abhv_mc.search.methods.second_opinion import ImportanceEstimate
 from abhv_mc.search.rare import find_rare, find_requirement
+from abhv_mc.search.search_flights import binding_requirements, rank_distinct
 from abhv_mc.search.worst import find_worst, find_worst_margins
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 
@@ -204,6 +207,119 @@ def test_seeds_are_common_in_worst_and_each_flights_own_in_rare(tmp_path):
     assert rare.noise_share == 0.0 and rare.includes_unwarned
     assert rare.estimate.high >= rare.estimate.unwarned_high
     assert f"{rare.estimate.unwarned_high:.1e}" in rare.unwarned
+
+
+def test_numbers_of_a_rare_search_are_those_of_its_flights_and_combinations(tmp_path):
+    switch = "atmosphere.density: {distribution: uniform, half_width: 2 %, probability: 40 %}"
+    laws = f"{{aero.lift: {{distribution: normal, sigma: 5 %}}, {switch}}}"
+    limit = "[{metric: altitude_error_max_m, below: 1.0, probability: 0.9}]"
+    campaign = write_campaign(tmp_path / "files", dispersions=laws, requirements=limit)
+    found = find_rare(RareRequest(campaign, tmp_path / "out", METRIC, flights=1600), LINE)
+    numbers, estimate = found.numbers(), found.estimate
+    values = found.flights.column(METRIC)
+    np.testing.assert_array_equal(found.severities, values - 1.0)
+    assert found.failures == numbers["failures"] == np.sum(values >= 1.0) > 0
+    assert numbers["low"] <= stats.norm.sf(1.0) <= numbers["high"]
+    for key in ("probability", "low", "high", "flights", "cov", "unwarned_high", "refusal"):
+        assert numbers[key] == getattr(estimate, key)
+    assert numbers["worst_flights"] == rank_distinct(found.severities, found.flights.samples, 20)
+    assert numbers["below"] == 1.0 and numbers["confidence"] == 0.95 and not numbers["repetitions"]
+    assert (numbers["ended_early"], numbers["failed_to_run"]) == (0, 0)
+    combinations = numbers["combinations"]
+    assert [own["weight"] for own in combinations] == pytest.approx([0.6, 0.4])
+    for own, stratum in zip(combinations, found.strata, strict=True):
+        assert own | {"on": stratum.on} == vars(stratum)
+    words = [own["on"] for own in combinations]
+    words.append(found.words(replace(found.strata[0], on=None)))
+    assert [text == "'atmosphere.density'" for text in words] == [False, True, False]
+    assert len({*words}) == 3
+    refused = replace(found, estimate=replace(estimate, refusal="no")).numbers()
+    assert [refused[key] for key in ("probability", "low", "high", "cov")] == [None] * 4
+    assert refused["refusal"] == "no" and found.unwarned == ""
+
+
+def test_second_opinions_and_bounds_are_printed_where_they_apply(tmp_path):
+    line = write_line(tmp_path / "files", requirements=LIMIT.replace("4.0", "2.0"))
+    found = find_rare(RareRequest(line, tmp_path / "out", METRIC, flights=4000), LINE)
+    estimate, numbers = found.estimate, found.numbers()
+    assert numbers["levels"] == [
+        {
+            "repetition": own.number,
+            "limit": level.threshold,
+            "probability": level.probability,
+            "cov": level.cov,
+            "acceptance": level.acceptance,
+        }
+        for own in estimate.repetitions
+        for level in own.levels
+    ]
+    shares = [own.probability for own in estimate.repetitions]
+    assert numbers["repetitions"] == shares and len(shares) < len(numbers["levels"])
+    check = ImportanceEstimate(3.4e-5, np.inf, 12.3, 640)
+
+    def replaced(check=None, names=2, high=1.0, included=False, **state):
+        space = replace(found.space, names=found.space.names * (names // 2))
+        made = replace(estimate, check=check, high=high, **state)
+        return replace(found, estimate=made, space=space, includes_unwarned=included)
+
+    assert replaced(check).numbers()["importance_sampling"] == vars(check) | {"cov": None}
+    assert replaced().numbers()["importance_sampling"] is None
+    assert re.findall(r"\d\S*", replaced(check).second_opinion) == ["3.4e-05", "12"]
+    assert re.findall(r"\d+", replaced().second_opinion) == ["20"]  # most dimensions
+    bound = f"{estimate.unwarned_high:.1e}"
+    shown = {
+        key: replaced(**options).unwarned
+        for key, options in {
+            "looked": {"check": check},
+            "unchecked": {},
+            "many": {"check": check, "names": 12},
+            "by the bound": {"check": check, "included": True, "high": estimate.unwarned_high},
+            "by levels": {"check": check, "included": True},
+            "no flights": {"repetitions": ()},
+        }.items()
+    }
+    assert shown.pop("looked") == shown.pop("no flights") == ""
+    assert all(bound in text for text in shown.values())
+    assert shown["many"] == shown["unchecked"] and len({*shown.values()}) == 3
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_noise_above_one_half_is_reported(tmp_path, capsys, share):
+    turbulence = "wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}"
+    campaign = write_campaign(
+        tmp_path / "files", dispersions=f"{{{turbulence}}}", requirements=LIMIT
+    )
+
+    def fly_noise(plan, parameters, record_every=None):
+        block = fly_line(plan, parameters, record_every)
+        seeds = parameters[:, PARAMETER_INDEX["wind.turbulence_seed"]]
+        level = parameters[:, PARAMETER_INDEX["wind.turbulence"]] / 2.0
+        block.metrics[:] = (share * seeds + (1.0 - share) * level)[:, None]
+        return block
+
+    def find(flights):
+        request = RareRequest(campaign, tmp_path / "out", METRIC, flights=flights)
+        return find_rare(request, Engine(prepare, fly_noise, "noise"))
+
+    with pytest.raises(InputError, match=r"1407\b.* 1408$"):  # 4 * 320 + 2 * 64
+        find(1407)
+    found = find(1600)
+    expected = share**2 / (share**2 + (1.0 - share) ** 2)
+    assert found.noise_share == pytest.approx(expected, abs=0.15) and found.includes_unwarned
+    printed = re.findall(r"warning: (\d+) %", capsys.readouterr().err)
+    assert printed == ([f"{100.0 * found.noise_share:.0f}"] if share > 0.5 else [])
+
+
+def test_requirements_bind_the_controllers_that_they_name(tmp_path):
+    entry = "{{metric: {}, below: 5, probability: 0.9{}}}"
+    rows = [(METRIC, ""), ("sideslip_max_deg", ", controllers: [two]")]
+    requirements = f"[{', '.join(entry.format(*row) for row in rows)}]"
+    campaign = read_campaign(write_campaign(tmp_path, requirements=requirements))
+    bound = {
+        name: [item.metric for item in binding_requirements(campaign, name)]
+        for name in ("one", "two")
+    }
+    assert bound == {"one": [METRIC], "two": [METRIC, "sideslip_max_deg"]}
 
 
 def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
