@@ -105,6 +105,9 @@ def test_a_surrogate_learns_the_metric_and_says_what_it_is_not_for(tmp_path, lin
     assert numbers["flights"] == found.flights.stop == numbers["surrogate"][-1]["runs"] <= 400
     assert numbers["failures"] == numbers["surrogate"][-1]["failures"] > 0
     assert f"{numbers['unwarned_high']:.1e}" in found.unwarned
+    last, first = (numbers["surrogate"][k]["probabilities"] for k in (-1, 0))
+    assert re.findall(r"\d\S*e\S*", found.second_opinion) == [f"{share:.1e}" for share in last]
+    assert last != first
     discrete = "{aero.lift: {distribution: discrete, values: [0.9, 1.1]}}"
     turbulence = "{wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}}"
     for dispersions, problem in ((discrete, "'aero.lift'"), (turbulence, "turbulence")):
@@ -134,6 +137,39 @@ def test_worst_finds_the_corner_and_its_folder_reads_like_a_campaigns(tmp_path, 
         WorstRequest(line, tmp_path / "low", METRIC, bad="low", flights=400, box=2.5), LINE
     )
     assert smallest.numbers()["value"] == pytest.approx(-2.5)
+
+
+def test_numbers_of_a_worst_search_leave_out_random_and_failed_flights(tmp_path, line):
+    found = find_worst(WorstRequest(line, tmp_path / "out", METRIC, flights=160), LINE)
+    (requirement,), rows, searched = found.requirements, found.flights, found.searched
+    assert rows.stop == 2 * searched == found.searched + found.random
+    values = np.where(np.arange(rows.stop) % 10 < 4, 5.0, 3.0)  # The limit is 4.
+    outcome = np.array(rows.outcome, object)
+    outcome[[0, 1, 4, searched]] = Outcome.FAILED_TO_RUN.code
+    outcome[[5, 6, 7, 11, searched + 1]] = Outcome.SIDESLIP_LIMIT.code
+    made = np.where(np.array(rows.columns) == METRIC, values[:, None], rows.values)
+    found = replace(found, flights=replace(rows, outcome=tuple(outcome.tolist()), values=made))
+    numbers = found.numbers()
+    failing = np.sum(values[:searched] >= 4.0) - 2 + 3  # two not computed, three early ends
+    assert numbers["requirements"] == [{"below": 4.0, "failures": failing}]
+    assert found.failures(requirement) == failing and numbers["ended_early"] == 4
+    assert (numbers["value"], numbers["random_worst"]) == (
+        values[found.worst],
+        values[found.random_worst],
+    )
+    assert numbers["flight"] == found.worst < searched <= numbers["random_flight"]
+    samples = rows.samples[found.worst].tolist()
+    assert numbers["parameters"] == dict(zip(rows.names, samples, strict=True))
+    assert numbers["outcome"] == outcome[found.worst]
+    assert numbers["random_outcome"] == outcome[found.random_worst]
+    assert found.severities.argmax() == found.worst and len(found.severities) == rows.stop
+    assert found.random_worst == searched + found.severities[searched:].argmax()
+    for bad, limits, sign in (("low", None, -1.0), ("high", None, 1.0), ("low", 1, 1.0)):
+        own = limits and requirement.limits
+        criterion = found.criterion._replace(bad=bad, limits=own)
+        assert replace(found, criterion=criterion).sign == sign
+    with pytest.raises(InputError, match=r"^--flights: found 159; .* 160 .* 2 "):
+        find_worst(WorstRequest(line, tmp_path / "few", METRIC, flights=159), LINE)
 
 
 def test_an_early_end_is_worse_than_any_value(tmp_path):
