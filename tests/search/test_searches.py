@@ -317,6 +317,7 @@ def test_second_opinions_and_bounds_are_printed_where_they_apply(tmp_path):
     assert shown.pop("looked") == shown.pop("no flights") == ""
     assert all(bound in text for text in shown.values())
     assert shown["many"] == shown["unchecked"] and len({*shown.values()}) == 3
+    assert [key for key, text in shown.items() if "levels" in text] == ["by levels"]
 
 
 @pytest.mark.parametrize("share", [0.3, 0.9])
