@@ -259,6 +259,32 @@ def test_a_history_is_ranked_and_leaves_the_band(tmp_path):
     assert (low[0], high[0], test[0, 0]) == pytest.approx((0.92, 1.08, 1.01), abs=0.008)
 
 
+def test_angles_over_the_whole_circle_have_no_band_and_are_named(tmp_path):
+    """The density turns the heading by up to a whole turn after 1 s, and the bank not at all."""
+    from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
+
+    def fly_turn(plan, parameters, record_every=None):
+        block = LINE.fly(plan, parameters, record_every)
+        history = block.history.copy()
+        early, turn = 10.0 * history[:, :, 0], 360.0 * (history[:, :, 0] - 0.92) / 0.16
+        history[:, :, CHANNEL_INDEX["heading_deg"]] = np.where(block.times > 1.0, turn, early)
+        history[:, :, CHANNEL_INDEX["bank_deg"]] = 179.0 + 2.0 * (history[:, :, 0] > 1.0)
+        return replace(block, history=history)
+
+    text = "".join(f"{k / 10},1.0,10,-179.5,7\n" for k in range(2, 19))
+    heads = "time,altitude_m,heading_deg,bank_deg,unknown"
+    path, files = write_table(tmp_path, f"{heads}\n{text}", dispersions=f"{{{LAWS}}}")
+    placement = place_flights(path, files, sets=59, engine=replace(LINE, fly=fly_turn))
+    assert placement.spread == ("heading_deg",) and placement.ignored == ("unknown",)
+    low, high, test = placement.bands["heading_deg"]
+    late = placement.times > 1.05
+    assert np.isnan([low[late], high[late], test[0, late]]).all()
+    assert ((low > 9.0) & (high < 11.0) & (test == 10.0))[:, ~late].all()
+    low, high, test = placement.bands["bank_deg"]
+    assert ((low < 179.1) & (high > 180.9) & (test == 180.5)).all()
+    assert placement.flights[0].leaves is None and placement.flights[0].vehicle == "flights.csv"
+
+
 @pytest.mark.parametrize("ahead", [0.0, 0.15])
 def test_a_record_with_another_clock_is_moved_onto_the_simulated_flights(tmp_path, ahead):
     """The altitude is a wave over time, multiplied by the density."""
