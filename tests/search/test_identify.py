@@ -10,6 +10,7 @@ from fake_flight import DENSITY, DRAG
 from scipy import stats
 from search.known_flights import LINE, METRIC, write_line
 
+from abhv_mc.io.messages import InputError
 from abhv_mc.search.identify import identify
 
 
@@ -68,6 +69,25 @@ def test_correlated_nuisances_widen_the_error_by_their_joint_variance(tmp_path):
     assert lift.values == pytest.approx({"A": 1.075, "B": 0.85}, abs=1e-3)
     assert [*lift.errors.values()] == pytest.approx([0.05 * variance**0.5] * 2, rel=1e-3)
     assert {*answer.dispersions} == {"aero.lift", *answer.nuisances}
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"noise": None}, "^--measured: "),
+        ({"noise": {"none": 1.0}}, "'none'"),
+        ({"parameters": ["aero.drag"]}, r"'aero\.drag'"),
+        ({"output": "campaign.yaml"}, "^-o: "),
+        ({"output": "other/renewed.yaml"}, "^-o: "),
+    ],
+)
+def test_unknown_errors_names_and_places_are_rejected(tmp_path, options, problem):
+    path, table = write_line(tmp_path), tmp_path / "flights.csv"
+    table.write_text(f"{METRIC}\n0.5\n")
+    if "output" in options:
+        options = {"output": tmp_path / options["output"]}
+    with pytest.raises(InputError, match=problem):
+        identify(path, [table], **{"noise": {METRIC: 0.2}, "engine": LINE, **options})
 
 
 def test_results_are_printed_with_their_intervals(tmp_path):

@@ -92,6 +92,8 @@ def test_early_ends_count_as_failures_where_the_requirement_says_so(tmp_path):
             RareRequest(campaign, tmp_path / f"{rule}_out", METRIC, flights=8000),
             ENGINE,
         )
+        assert result.includes_unwarned == (rule == "failure")
+        assert 0 < result.numbers()["ended_early"] < result.flights.stop
         if probability is None:
             assert result.estimate.refusal is not None
         else:
@@ -370,6 +372,11 @@ def test_another_search_in_the_same_folder_is_refused(tmp_path, line):
     with pytest.raises(InputError, match=r"\bsource .*\bnewer\b"):
         find_worst(request, Engine(prepare, fly_line, "newer"))
     assert (tmp_path / "out/manifest.json").read_bytes() == before
+    laws = "atmosphere.density: {distribution: uniform, half_width: 2 %}, "
+    laws += "aero.lift: {distribution: normal, sigma: 5 %}"
+    write_line(tmp_path / "files", dispersions=f"{{{laws}}}")  # in another order
+    with pytest.raises(InputError, match="another campaign"):
+        find_worst(request, LINE)
 
 
 def test_new_limits_need_a_new_rare_search_but_no_new_worst_case(tmp_path):

@@ -115,20 +115,23 @@ def test_repetitions_that_contradict_each_other_are_refused(monkeypatch, repetit
         assert estimate_rare(first, SubsetPlan(25, 1.0, 0)).refusal is not None
 
 
-@pytest.mark.parametrize(("size", "fitting"), [(500, 40), (4000, 5)])
+@pytest.mark.parametrize(("size", "fitting"), [(500, 35), (4000, 4)])
 def test_as_many_repetitions_are_added_as_are_needed_or_fit(monkeypatch, size, fitting):
+    """A tenth of the flights, in whole lanes, is left for importance sampling."""
     asked, made = [], [made_repetition(1e-3, 0.3, size) for _ in range(4)]
 
     def run(evaluate, plan, numbers, flights, fewest=0):
-        asked.append([*numbers])
+        asked.append(([*numbers], flights, fewest))
         return made[:1] * len(numbers)
 
     monkeypatch.setattr("abhv_mc.search.methods.rare.run_subset", run)
-    estimate_rare(first, SubsetPlan(25, 1.0, 0), 0.1)
-    enough = [
-        n for n in range(4, 99) if interval_of(made, n)[2] <= 1e-3 * np.exp(0.1 * norm.ppf(0.975))
-    ]
-    assert asked[:2] == [[0, 1, 2, 3], [*range(4, min(enough[0], 4 + fitting))]]
+    check = ImportanceEstimate(1e-3, 0.1, 1.0, 2016)
+    monkeypatch.setattr("abhv_mc.search.methods.rare.sample_importance", lambda *_: check)
+    estimate_rare(first, SubsetPlan(15, 1.0, 0), 0.1)
+    limit = 1e-3 * np.exp(0.1 * norm.ppf(0.975))
+    enough = next(n for n in range(4, 99) if interval_of(made, n)[2] <= limit)
+    assert asked[0] == ([0, 1, 2, 3], 20_000, 4)
+    assert asked[1] == ([*range(4, min(enough, 4 + fitting))], 20_000 - 2016, 0)
     assert [choose_chains(n) for n in (100, 20_000, 59_999, 10**6)] == [32, 64, 160, 256]
 
 
@@ -413,6 +416,13 @@ def test_batches_fill_lanes_and_flights_are_counted():
     repetitions = run_subset(counted, SubsetPlan(3, 4.0, 1), range(4), 100_000)
     assert all(size % 32 == 0 for size in sizes)
     assert sum(sizes) == sum(repetition.flights for repetition in repetitions)
+
+
+def test_at_most_twelve_levels_are_tried():
+    (repetition,) = run_subset(first, SubsetPlan(1, 99.0, 0, 32), range(1), 10**6)
+    assert len(repetition.levels) == 12 and repetition.flights == 320 + 11 * 288
+    assert not repetition.reached and not repetition.cut_short and repetition.probability == 0.0
+    assert not len(repetition.failures)
 
 
 def test_flights_that_do_not_suffice_drop_the_last_repetitions():
