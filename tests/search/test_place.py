@@ -282,7 +282,9 @@ def test_angles_over_the_whole_circle_have_no_band_and_are_named(tmp_path):
     assert ((low > 9.0) & (high < 11.0) & (test == 10.0))[:, ~late].all()
     low, high, test = placement.bands["bank_deg"]
     assert ((low < 179.1) & (high > 180.9) & (test == 180.5)).all()
-    assert placement.flights[0].leaves is None and placement.flights[0].vehicle == "flights.csv"
+    (flight,) = placement.flights
+    assert flight.leaves is None and flight.vehicle == "flights.csv"
+    assert flight.covers == pytest.approx((0.2, 1.8))
 
 
 @pytest.mark.parametrize("ahead", [0.0, 0.15])

@@ -165,6 +165,7 @@ def test_numbers_of_a_worst_search_leave_out_random_and_failed_flights(tmp_path,
     assert numbers["outcome"] == outcome[found.worst]
     assert numbers["random_outcome"] == outcome[found.random_worst]
     assert found.severities.argmax() == found.worst and len(found.severities) == rows.stop
+    assert found.drawn.numbers[0] == found.worst and max(found.drawn.numbers) < searched
     assert found.random_worst == searched + found.severities[searched:].argmax()
     for bad, limits, sign in (("low", None, -1.0), ("high", None, 1.0), ("low", 1, 1.0)):
         own = limits and requirement.limits
@@ -394,18 +395,22 @@ def test_new_limits_need_a_new_rare_search_but_no_new_worst_case(tmp_path):
 
 def test_flights_of_other_seeds_have_a_range(tmp_path):
     turbulence = "wind.turbulence: {distribution: uniform, low: 0 m/s, high: 2 m/s}"
-    campaign = write_campaign(tmp_path / "files", dispersions=f"{{{turbulence}}}")
+    discrete = "atmosphere.density: {distribution: discrete, values: [0.95, 1.05]}"
+    laws = f"{{{turbulence}, {discrete}}}"  # All combinations have the seed of the search.
+    campaign = write_campaign(tmp_path / "files", dispersions=laws)
 
     def fly_noise(plan, parameters, record_every=None):
         block = fly_line(plan, parameters, record_every)
         seeds = parameters[:, PARAMETER_INDEX["wind.turbulence_seed"]]
-        block.metrics[:] = (parameters[:, PARAMETER_INDEX["wind.turbulence"]] + seeds)[:, None]
+        turbulence = parameters[:, PARAMETER_INDEX["wind.turbulence"]]
+        block.metrics[:, :-1] = (turbulence + seeds)[:, None]
         block.outcome[seeds > 0.9] = Outcome.SIDESLIP_LIMIT
         return block
 
     request = WorstRequest(campaign, tmp_path / "out", METRIC, flights=160)
     worst = find_worst(request, Engine(prepare, fly_noise, "noise"))
     seeds = worst.flights.samples[-64:, worst.flights.names.index("wind.turbulence_seed")]
+    assert len({*worst.flights.samples[:-64, 2]}) == 1
     lasting = np.sort(seeds[seeds <= 0.9]) + worst.flights.samples[worst.worst, 0]
     number, early, ends = worst.other_seeds
     assert (number, early) == (64, 64 - len(lasting)) and early > 0

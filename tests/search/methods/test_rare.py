@@ -352,6 +352,32 @@ def test_the_total_is_the_sum_of_the_combinations_and_their_exact_intervals(case
     assert result.flights == sum(own.flights for own in strata) <= 6400
 
 
+@pytest.mark.parametrize(
+    ("rate", "target_cov", "is_used"),
+    [(0.014, 0.2, True), (0.0145, 0.2, False), (0.028, 0.1, True), (0.0285, 0.1, False)],
+)
+def test_levels_are_used_unless_2560_plain_flights_are_enough(
+    monkeypatch, rate, target_cov, is_used
+):
+    """Enough are 3.7 (1 - rate) / (0.5 cov rate), if all flights with the switch fail."""
+    budgets, made = [], estimate_rare(first, SubsetPlan(25, 1.0, 0), flights=2560)
+
+    def estimate_main(evaluate, plan, cov, flights):
+        budgets.append(flights)
+        return made
+
+    monkeypatch.setattr("abhv_mc.search.methods.strata.estimate_rare", estimate_main)
+    case = known.switched(1, rate, 99.0, fatal=1)
+    result, strata = estimate_switched(
+        case.severity, case.rates, SubsetPlan(1, 0.0, 4), target_cov, 20_000
+    )
+    assert budgets == [15_000] * is_used
+    assert result.repetitions == (made.repetitions if is_used else ())
+    if is_used:
+        assert (strata[0].probability, strata[0].low) == (made.probability, made.low)
+        assert strata[0].flights == 64 + made.flights and strata[0].high == made.high
+
+
 def test_combinations_come_by_weight():
     listed = list_combinations(np.array([0.1, 0.4]))
     assert [on for on, _ in listed] == [(), (1,), (0,), (0, 1)]
