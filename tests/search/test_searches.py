@@ -20,6 +20,7 @@ from search.known_flights import LIMIT, LINE, METRIC, fly_line, write_line
 from search.methods.known_probabilities import paraboloid
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flights import SampleReader
 from abhv_mc.folder.manifest import read_manifest
@@ -29,7 +30,7 @@ from abhv_mc.requests import RareRequest, WorstRequest
 from abhv_mc.search.methods.second_opinion import ImportanceEstimate
 from abhv_mc.search.rare import find_rare, find_requirement
 from abhv_mc.search.search_flights import binding_requirements, rank_distinct
-from abhv_mc.search.worst import find_worst, find_worst_margins
+from abhv_mc.search.worst import MARGIN_EVALUATIONS, find_worst, find_worst_margins
 from abhv_mc_vehicle.kernel.plant.vehicle import PARAMETER_INDEX
 
 
@@ -451,11 +452,16 @@ def test_a_hidden_corner_is_found_and_what_is_off_the_middle_is_named(monkeypatc
             rows[:, PARAMETER_INDEX["aero.lift"]],
         )
         least = 10.0 - 20.0 * (density - 1.0) + 1000.0 * (lift - 0.94) ** 2
-        return np.tile(least[:, None], 4), [""] * len(rows)
+        faults = ["unstable" if row > 1.09 else "" for row in density]
+        return least[:, None] * np.arange(1.0, 5.0), faults
 
     monkeypatch.setattr(campaign.simulator, "trim_margins", lambda _: {"tlc": margins})
-    gain, *other_margins = find_worst_margins(campaign, ("tlc",))
-    assert len(other_margins) == 3
+    found = find_worst_margins(campaign, ("tlc",))
+    assert [(own.controller, own.metric) for own in found] == [("tlc", m) for m in MARGIN_NAMES]
+    for factor, own in enumerate(found, 1):
+        assert (own.nominal, own.found) == pytest.approx((13.6 * factor, 8.0 * factor), abs=4e-3)
+        assert own.fault == "unstable" and 256 < own.evaluations <= MARGIN_EVALUATIONS
+    gain = found[0]
     assert gain.nominal == pytest.approx(13.6)
     assert gain.found == pytest.approx(8.0, abs=1e-3)
     assert gain.parameters["atmosphere.density"] == pytest.approx(1.1)

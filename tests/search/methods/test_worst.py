@@ -1,3 +1,5 @@
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,7 @@ def test_stages_have_their_shares_of_the_evaluations():
     stages = "one at a time", "corners", "Sobol points", "CMA-ES"
     assert [last[stage] for stage in stages] == [128, 256, 512, 1408]
     assert last["sensitivity"] == last["polish"] + 32 <= 2000
+    assert {*map(tuple, worst_case.points[128:132])} == {*product((-1.0, 1.0), repeat=2)}
 
 
 def test_values_that_are_no_numbers_are_never_the_worst():
