@@ -1,5 +1,7 @@
 """Subset simulation, and the estimates made of it, on probabilities that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -376,6 +378,18 @@ def test_levels_are_used_unless_2560_plain_flights_are_enough(
     if is_used:
         assert (strata[0].probability, strata[0].low) == (made.probability, made.low)
         assert strata[0].flights == 64 + made.flights and strata[0].high == made.high
+
+
+def test_a_refused_estimate_of_the_main_combination_counts_its_plain_flights(monkeypatch):
+    made = estimate_rare(first, SubsetPlan(25, 9.0, 0), flights=5000)
+    assert made.refusal is not None and made.flights - made.plain[1] == 4 * 576
+    made = replace(made, refusal="too rare")
+    monkeypatch.setattr("abhv_mc.search.methods.strata.estimate_rare", lambda *_: made)
+    case = known.switched(2, 0.1, 99.0)
+    result, strata = estimate_switched(case.severity, case.rates, SubsetPlan(1, 0.0, 4), 0.2, 6400)
+    plain = strata[0].flights - 4 * 576
+    assert plain >= 64 + made.plain[1] and strata[0].high == clopper_pearson(0, plain)[1]
+    assert result.probability == 0.0 and result.cov == np.inf and "too rare" in result.refusal
 
 
 def test_combinations_come_by_weight():
