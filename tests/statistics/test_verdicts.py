@@ -309,6 +309,15 @@ def test_the_chance_of_a_verdict_at_any_flight_is_the_sum_over_all_counts(status
         assert ever_chance(90, 0.9, 0.2, np.array([rate]), status) == pytest.approx(chance)
 
 
+@pytest.mark.parametrize(("status", "rate"), [("PASS", 0.092), ("FAIL", 0.11)])
+def test_the_chance_from_400_of_all_counts_is_a_close_lower_bound(monkeypatch, status, rate):
+    arguments = 6000, 0.9, 0.2, np.array([rate]), status
+    bound = ever_chance(*arguments)[0]
+    monkeypatch.setattr("abhv_mc.statistics.flights_planned._MOST_LOOKS", 10**6)
+    exact = ever_chance(*arguments)[0]
+    assert exact - 0.02 <= bound < exact < 0.6
+
+
 def test_all_together_lies_between_the_bounds():
     chance_a, chance_b = np.array([0.9, 0.3]), np.array([0.8, 0.2])
     low, high = together([chance_a, chance_b])
