@@ -9,8 +9,9 @@ from search.known_flights import LINE
 
 from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.io.messages import InputError
-from abhv_mc.search.flight_records import Programme
+from abhv_mc.search.flight_records import Programme, sample
 from abhv_mc.search.place import find_band, place_flights
+from abhv_mc.statistics.placement import simultaneous_band
 from abhv_mc.topics.envelopes import ENVELOPES
 from abhv_mc.topics.topic import Models
 from abhv_mc_vehicle.flight.metrics import METRICS
@@ -46,6 +47,8 @@ def test_measured_inputs_condition_the_simulated_flights(tmp_path, error):
     placement = place_flights(path, files, engine=ENGINE)
     assert placement.measured == ("atmosphere.density", "aero.lift")
     assert placement.noise == {METRIC: 3.0}
+    assert (placement.simulated, placement.vehicles, placement.bands) == (199, 3, {})
+    assert (placement.together_p_value <= 0.05) == (error > 0.0)
     outside = [flight.name for flight in placement.flights if flight.p_value <= 0.05]
     assert outside == (["flights.csv:3"] if error else [])
     low, high = (getattr(placement.flights[0].metrics[0], name) for name in ("low", "high"))
@@ -63,6 +66,77 @@ def test_flights_of_a_vehicle_share_parameters_given_measurements(tmp_path):
     assert density[:, 0].mean() == pytest.approx(1.0485, abs=1e-3)  # shrunk to 1
     assert density[:, 0].std() == pytest.approx(0.01, rel=0.1)
     assert np.corrcoef(density[:, 1], density[:, 2])[0, 1] == pytest.approx(0.0, abs=0.1)
+
+
+def test_priors_are_combined_with_measurements_by_their_variances(tmp_path):
+    discrete = "aero.drag: {distribution: discrete, values: [0.9, 1.1]}"
+    laws = f"{{{LAWS}, aero.lift: {{distribution: normal, mean: 1.1, sigma: 5 %}}, {discrete}}}"
+    heads = "atmosphere.density,atmosphere.density_error,aero.side_force,aero.side_force_error"
+    rows = "1.05,0.01,1.2,0.03,1\n,,,,2\n"
+    path, files = write_table(tmp_path, f"{heads},{METRIC}\n{rows}", dispersions=laws)
+    programme = Programme(path, files, engine=ENGINE)
+    density, lift, drag, side = (
+        programme.columns.index(f"{name}")
+        for name in ("atmosphere.density", "aero.lift", "aero.drag", "aero.side_force")
+    )
+    assert programme.measured == ("atmosphere.density", "aero.side_force")
+    assert programme.by_vehicle == ("aero.lift", "aero.drag") and programme.vehicles == [0, 1]
+    center, scale = programme.priors
+    sigma = 0.16 / 12**0.5
+    weight = 1.0 / (1.0 + (0.01 / sigma) ** 2)
+    assert center[:, density] == pytest.approx([1.0 + 0.05 * weight, 1.0])
+    assert scale[:, density] == pytest.approx([0.01 * weight**0.5, sigma])
+    assert scale[0, density] == pytest.approx((0.01**-2 + sigma**-2) ** -0.5)
+    assert center[:, side] == pytest.approx([1.2, 1.0]) and scale[:, side].tolist() == [0.03, 0.0]
+    assert center[:, lift] == pytest.approx([1.1] * 2) and scale[:, lift] == pytest.approx(
+        [0.05] * 2
+    )
+    assert scale[:, drag].tolist() == [0.0, 0.0]
+    drawn = programme.draw(500)
+    assert {*drawn[:, 0, drag]} == {0.9, 1.1} and drawn[:, 0, side].std() == pytest.approx(
+        0.03, rel=0.1
+    )
+    assert (drawn[:, 1, side] == 1.0).all()
+
+
+def test_samples_are_interpolated_at_times_of_the_simulation():
+    record = {"time": np.array([0.0, 1.0, 3.0]), "x": np.array([0.0, 2.0, 4.0])}
+    record["angle"] = np.array([170.0, -170.0, -150.0])
+    times = np.array([-0.5, 0.5, 2.0, 2.5, 3.5])
+    sampled = sample(record, ["x", "angle", "none"], times, {"angle": 360.0, "x": 0.0}, offset=0.5)
+    assert sampled.T.tolist()[0][:4] == [0.0, 2.0, 3.5, 4.0]
+    assert sampled[:4, 1].tolist() == [170.0, 190.0, 205.0, 210.0]
+    assert np.isnan(sampled[4]).all() and np.isnan(sampled[:, 2]).all()
+    metrics = sample({"x": np.array([7.0])}, ["x", "y"], np.zeros(1), {})
+    assert metrics[0, 0] == 7.0 and np.isnan(metrics[0, 1])
+
+
+def test_histories_are_compared_at_most_at_500_times_of_the_longest(tmp_path):
+    path, files = write_table(tmp_path, CHANNELS.replace("2,1,1", "1.3,1,1"))
+    text = "".join(f"{k / 1000},1,2\n" for k in range(1501))
+    (tmp_path / "long.csv").write_text(f"time,altitude_m,x\n{text}", encoding="utf-8")
+    programme = Programme(path, [*files, tmp_path / "long.csv"], engine=ENGINE)
+    assert programme.times == pytest.approx(np.arange(0, 1501, 4) / 1000)
+    assert (programme.names, programme.ignored) == (("altitude_m", "speed_mps"), ("x",))
+
+
+def test_the_band_is_of_the_39_random_histories_alone(tmp_path, monkeypatch):
+    """Of 78 flights, those with even numbers are stored at random, others because they are bad."""
+    keep = "{histories: {flights: [worst 5, every 2], channels: [altitude_m], rate: 2 Hz}}"
+    entries = {"controllers": "{one: one.yaml}", "execution": "{workers: 1, batch: 78}"}
+    path = write_campaign(tmp_path, runs="78", keep=keep, **entries)
+    results, times = read_flown(run(path, tmp_path / "out").folder), np.array([0.0, 1.0])
+    names, band = find_band(results, "one", ["mach", "altitude_m"], times)
+    stored = read_histories(tmp_path / "out", "one")
+    assert len(stored) > 39 and names == ["altitude_m"]
+    expected = simultaneous_band(
+        np.stack([sample(stored[k], names, times, {}) for k in range(0, 78, 2)])
+    )
+    assert band.factor == pytest.approx(expected.factor)
+    np.testing.assert_allclose(band.edges, expected.edges)
+    assert find_band(results, "one", ["mach"], times) is None
+    monkeypatch.setattr("abhv_mc.search.place.FEWEST_FLIGHTS", 40)
+    assert find_band(results, "one", names, times) is None
 
 
 def test_correlated_parameters_follow_a_measured_one(tmp_path):
@@ -89,21 +163,29 @@ def test_errors_of_the_sensors_are_added(tmp_path):
             "altitude_bias": "mean: 100 m, sigma: 1 mm",
             "speed_scale": "mean: 1.5, sigma: 0.001 %",
             "speed_noise": "mean: 20 m/s, sigma: 1 mm/s",
+            "sideslip_bias": "mean: 5 deg, sigma: 0.001 deg",
+            "sideslip_noise": "mean: 2 deg, sigma: 0.001 deg",
         }.items()
     )
-    path, files = write_table(tmp_path, CHANNELS, dispersions=f"{{{laws}}}")
+    text = "time,altitude_m,speed_mps,sideslip_deg\n0,1,1,1\n1,1,1,1\n2,1,1,1\n"
+    path, files = write_table(tmp_path, text, dispersions=f"{{{laws}}}")
     programme = Programme(path, files, engine=ENGINE)
     rows = programme.draw(400)
     with programme.open() as simulate:
-        measured = simulate(rows, True)[:, 0]
+        measured, exact = simulate(rows, True)[:, 0], simulate(rows)[:, 0]
     history = fly(make_plan("one"), OURS.nominal[np.newaxis], 1).history[0, ::10]
     from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
 
     true = history[:, [CHANNEL_INDEX[name] for name in programme.names]]
-    assert measured.mean(axis=0) == pytest.approx(true * [1.0, 1.5] + [100.0, 0.0], abs=3.0)
+    expected = true * [1.0, 1.5, 1.0] + [100.0, 0.0, 5.0]
+    assert exact.mean(axis=0) == pytest.approx(expected, rel=1e-4, abs=1e-3)
+    assert (measured - exact).mean(axis=0) == pytest.approx(np.zeros((3, 3)), abs=3.0)
     assert measured.std(axis=0)[:, 1] == pytest.approx([20.0] * 3, rel=0.15)
+    assert (measured - exact).std(axis=0)[:, 2] == pytest.approx([2.0] * 3, rel=0.15)
+    assert (measured == exact)[:, :, 0].all()
     assert [*programme.sensors["speed_mps"]] == ["scale", "noise"]
-    assert programme.by_vehicle == ("sensor.altitude_bias", "sensor.speed_scale")
+    shared = "sensor.altitude_bias", "sensor.speed_scale", "sensor.sideslip_bias"
+    assert programme.by_vehicle == shared
 
 
 @pytest.mark.parametrize(
@@ -161,6 +243,7 @@ def test_a_history_is_ranked_and_leaves_the_band(tmp_path):
     placement = place_flights(path, files, engine=LINE)
     drawn = Programme(path, files, engine=LINE).draw(199)[:, 0, 0].astype(np.float32)
     (flight,) = placement.flights
+    assert placement.together_p_value is None and placement.vehicles == 1
     ranks = {entry.metric.partition(", ")[2]: entry for entry in flight.metrics}
     mean = (13 * 1.01 + 4 * 1.2) / 17
     for summary, value in (("smallest", 1.01), ("largest", 1.2), ("last", 1.2), ("mean", mean)):
@@ -174,6 +257,34 @@ def test_a_history_is_ranked_and_leaves_the_band(tmp_path):
     assert flight.covers == pytest.approx((0.3, 1.9))
     low, high, test = placement.bands["altitude_m"]
     assert (low[0], high[0], test[0, 0]) == pytest.approx((0.92, 1.08, 1.01), abs=0.008)
+
+
+def test_angles_over_the_whole_circle_have_no_band_and_are_named(tmp_path):
+    """The density turns the heading by up to a whole turn after 1 s, and the bank not at all."""
+    from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
+
+    def fly_turn(plan, parameters, record_every=None):
+        block = LINE.fly(plan, parameters, record_every)
+        history = block.history.copy()
+        early, turn = 10.0 * history[:, :, 0], 360.0 * (history[:, :, 0] - 0.92) / 0.16
+        history[:, :, CHANNEL_INDEX["heading_deg"]] = np.where(block.times > 1.0, turn, early)
+        history[:, :, CHANNEL_INDEX["bank_deg"]] = 179.0 + 2.0 * (history[:, :, 0] > 1.0)
+        return replace(block, history=history)
+
+    text = "".join(f"{k / 10},1.0,10,-179.5,7\n" for k in range(2, 19))
+    heads = "time,altitude_m,heading_deg,bank_deg,unknown"
+    path, files = write_table(tmp_path, f"{heads}\n{text}", dispersions=f"{{{LAWS}}}")
+    placement = place_flights(path, files, sets=59, engine=replace(LINE, fly=fly_turn))
+    assert placement.spread == ("heading_deg",) and placement.ignored == ("unknown",)
+    low, high, test = placement.bands["heading_deg"]
+    late = placement.times > 1.05
+    assert np.isnan([low[late], high[late], test[0, late]]).all()
+    assert ((low > 9.0) & (high < 11.0) & (test == 10.0))[:, ~late].all()
+    low, high, test = placement.bands["bank_deg"]
+    assert ((low < 179.1) & (high > 180.9) & (test == 180.5)).all()
+    (flight,) = placement.flights
+    assert flight.leaves is None and flight.vehicle == "flights.csv"
+    assert flight.covers == pytest.approx((0.2, 1.8))
 
 
 @pytest.mark.parametrize("ahead", [0.0, 0.15])

@@ -1,6 +1,6 @@
 """Planted drivers are found among idle ones, and none is found where there is none."""
 
-from itertools import combinations
+from itertools import chain, combinations, product
 
 import numpy as np
 import openturns
@@ -188,35 +188,150 @@ def test_a_difference_rides_on_no_real_input():
             assert {c.parameter for c in rules[0].conditions} <= {"4", "9"}
 
 
-def test_p_values_of_rules_are_hypergeometric_and_corrected_for_all_candidates():
-    draw = np.random.default_rng(96)
-    x, y, z = inputs = draw.random((3, 400))
-    noise, difference = draw.random(400), stats.zscore(x) - stats.zscore(z)
-    levels = [0.01, 0.02, 0.05, *np.arange(1, 10) / 10.0, 0.95, 0.98, 0.99]
-    ends = [(x <= low) | (x > high) for low, high in combinations(np.quantile(x, levels), 2)]
-    for rate, tried, number, regions in [
-        (0.25 * (x > 0.7), 15, 9, [x > end for end in np.quantile(x, levels)]),
-        (0.3 * (abs(x - 0.5) > 0.4), 105, 8, ends),
-        (0.7 * (x > 0.7) * (y < 0.3), 18**2, 9, None),  # corner
-        (0.4 * (x - z > 0.5), 45, 10, [difference > e for e in np.quantile(difference, levels)]),
-    ]:  # fmt: skip
-        failed = noise < rate
-        rule = rules_for(inputs.T, failed)[0]
-        if regions:  # the one with the largest excess of failures in standard deviations
-            region = max(regions, key=lambda r: np.corrcoef(r, failed)[0, 1])
-            given = [np.ones(400, bool)]
-        else:
-            given = [x > rule.conditions[0].threshold, y <= rule.conditions[1].threshold]
-            region = given[0] & given[1]
-            assert rule.failures_inside + rule.others_inside == region.sum()
-        counts = [(side.sum(), np.sum(side & failed), region.sum()) for side in given]
-        tails = [stats.hypergeom.sf(np.sum(region & failed) - 1, *table) for table in counts]
-        assert rule.p_value == pytest.approx(tried * max(tails), rel=1e-7)
-        assert rule.q_value == pytest.approx(number * rule.p_value, rel=1e-9)
+LEVELS = [0.01, 0.02, 0.05, *np.arange(1, 10) / 10.0, 0.95, 0.98, 0.99]
+
+
+def excess(region, failed):
+    """Return the failures in a region above their mean, in standard deviations."""
+    flights, size, failures, bad = (
+        failed.size,
+        *map(np.count_nonzero, (region, failed, region & failed)),
+    )
+    mean = failures * size / flights
+    variance = mean * (1.0 - size / flights) * (flights - failures) / (flights - 1)
+    return round((bad - mean) / variance**0.5, 9) if variance else -np.inf
+
+
+def tail(region, failed):
+    return stats.hypergeom.sf((region & failed).sum() - 1, failed.size, failed.sum(), region.sum())
+
+
+def half_lines(values, levels, *names):
+    """Return those below and then above each quantile, with a mask of the flights."""
+    edges = np.quantile(values, levels).tolist()
+    sides = [(above, edge) for above in (False, True) for edge in edges]
+    return [((*names, *side), (values > side[1]) == side[0]) for side in sides]
+
+
+def given(a, b, failed):
+    """Return region `a` and the failures among the flights in `b`, and the other way round."""
+    return (a[b], failed[b]), (b[a], failed[a])
+
+
+def along(values, failed, tried, *names):
+    """Return the best half-lines, or both ends: p-value, conditions, flights."""
+    lines = half_lines(values, LEVELS, *names)
+    best = [max(lines[k : k + 15], key=lambda line: excess(line[1], failed)) for k in (0, 15)]
+    found = [(15 * tried * tail(mask, failed), [side], mask, False) for side, mask in best]
+    ends = [(low, high) for k, low in enumerate(lines[:15]) for high in lines[16 + k :]]
+    low, high = max(ends, key=lambda pair: excess(pair[0][1] | pair[1][1], failed))
+    parts = (low[1][~high[1]], failed[~high[1]]), (high[1][~low[1]], failed[~low[1]])
+    both = 105 * tried * tail(low[1] | high[1], failed)
+    if (
+        min(excess(*part) for part in parts) >= 2.0
+        and 105 * tried * max(tail(*part) for part in parts) <= 0.05
+        and both < min(found)[0]
+    ):
+        return [(both, [low[0], high[0]], low[1] | high[1], True)]
+    return found
+
+
+def sharpen(values, above, threshold, failed):
+    """Move a threshold by at most 5 % of 400 flights to separate failures from others."""
+    ordered, worth = np.sort(values)[:: -1 if above else 1], {}
+    for count in np.sum((values > threshold) == above) + np.arange(-20, 21):
+        if 1 <= count < 400:
+            middle = ordered[count - 1 : count + 1].mean()
+            region = (values > middle) == above
+            worth[middle] = round(region[failed].mean() - region[~failed].mean(), 12)
+    return max(worth, key=worth.get)
+
+
+def rules_of_the_definition(x, failed):
+    """Return conditions, failures and others inside, p-value, q-value and `either` of each rule."""
+    pairs = [*combinations(range(len(x)), 2)]
+    lines = {k: along(values, failed, 1, str(k), None) for k, values in enumerate(x)}
+    corners, differences = [], []
+    for i, j in pairs:
+        a, b = max(
+            product(*(half_lines(x[k], LEVELS[3:12], str(k), None) for k in (i, j))),
+            key=lambda sides: min(
+                excess(*part) for part in given(sides[0][1], sides[1][1], failed)
+            ),
+        )
+        p_value = 324 * max(tail(*part) for part in given(a[1], b[1], failed))
+        corners.append((p_value, [a[0], b[0]], a[1] & b[1], False))
+        best = min(324 * tail(a[1] & b[1], failed), min(lines[i])[0], min(lines[j])[0])
+        standard = stats.zscore(x[i]) - stats.zscore(x[j])
+        tried = along(standard, failed, len(pairs), str(i), str(j))
+        differences += [entry for entry in tried if entry[0] < min(best, 1.0)]
+    candidates = [*chain(*lines.values()), *corners, *differences]
+    p_values = np.minimum([entry[0] for entry in candidates], 1.0)
+    q_values = stats.false_discovery_control(p_values)
+    rules = []
+    for p, q, (_, sides, mask, either) in zip(p_values, q_values, candidates, strict=True):
+        moved, region = sides, mask
+        if len(sides) == 1 or either:
+            moved, region = [], np.zeros(400, bool)
+            for name, minus, above, threshold in sides:
+                own = x[int(name)]
+                if minus:
+                    own = stats.zscore(own) - stats.zscore(x[int(minus)])
+                moved.append((name, minus, above, sharpen(own, above, threshold, failed)))
+                region |= (own > moved[-1][3]) == above
+        if q <= 0.05:
+            inside = (region & failed).sum(), (region & ~failed).sum()
+            rules.append((moved, *inside, p, q, either))
+    return sorted(rules, key=lambda rule: (rule[3], len(rule[0])))
+
+
+@pytest.mark.parametrize(
+    "chance",
+    [
+        lambda x, y, z: 0.4 * (x > 0.7) + 0.5 * (z < 0.1),
+        lambda x, y, z: 0.6 * (abs(x - 0.5) > 0.42) + 0.25 * (y < 0.2),
+        lambda x, y, z: 0.9 * (x > 0.7) * (y < 0.3),
+        lambda x, y, z: 0.6 * (x - z > 0.5) + 0.1 * (y > 0.5),
+        lambda x, y, z: 0.7 * (abs(x - z) > 0.6),
+    ],
+    ids=["lines", "ends", "corner", "difference", "distance"],
+)
+def test_rules_are_those_of_trying_all_regions_one_by_one(chance):
+    draw = np.random.default_rng(97)
+    x = draw.random((3, 400))
+    failed = draw.random(400) < chance(*x)
+    expected, found = rules_of_the_definition(x, failed), rules_for(x.T, failed)
+    assert len(found) == len(expected) > 0
+    for rule, (sides, bad, others, p, q, either) in zip(found, expected, strict=True):
+        assert [(c.parameter, c.minus, c.above) for c in rule.conditions] == [
+            side[:3] for side in sides
+        ]
+        assert [c.threshold for c in rule.conditions] == pytest.approx([s[3] for s in sides])
+        assert (rule.failures_inside, rule.others_inside, rule.either) == (bad, others, either)
         assert (rule.failures, rule.others) == (failed.sum(), 400 - failed.sum())
-        assert rule.either == (tried == 105)
-        # The thresholds of half-lines are moved to where failures begin.
-        assert regions is None or rule.failures_inside / rule.failures > 0.9
+        assert (rule.p_value, rule.q_value) == pytest.approx((p, q), rel=1e-6, abs=0.0)
+
+
+def test_only_differences_of_the_six_inputs_most_related_to_failures_are_tried():
+    """Two weak inputs, behind which five stronger ones fail as often, have a common difference."""
+    draw = np.random.default_rng(98)
+    x = draw.random((8, 4000))
+    apart = (x[1] - x[2] > 0.75) & (draw.random(4000) < 0.5)
+    assert rules_for(x[1:3].T, apart)[0].conditions[0].minus == "1"
+    for strong, tried in ((4, True), (5, False)):
+        failed = apart | (x[3 : 3 + strong] < 0.05).any(axis=0)
+        differences = {c.minus for rule in rules_for(x.T, failed) for c in rule.conditions}
+        assert ("2" in differences) == tried
+
+
+@pytest.mark.parametrize(("others", "judged"), [(5, True), (4, False)])
+def test_rules_need_five_failures_and_five_others_and_ignore_constants(others, judged):
+    x = np.column_stack([np.full(400, 3.0), np.random.default_rng(1).permutation(400)])
+    few = x[:, 1] < others
+    for failed in (few, ~few):
+        rules = rules_for(x, failed)
+        assert [rule.conditions[0].parameter for rule in rules[:1]] == ["1"] * judged
+        assert {rule.failures for rule in rules} <= {failed.sum()}
 
 
 @pytest.mark.thorough

@@ -41,6 +41,19 @@ def test_shares_are_the_analytic_ones():
     assert indices.total[:, 0] == pytest.approx(indices.first[:, 0], abs=0.03)
 
 
+def test_shares_of_residuals_are_in_units_of_the_whole_variance():
+    inputs = draw_inputs(9, 3, 2000)
+    y = standard_ranks(np.column_stack([inputs[:, 0] * inputs[:, 1], np.sin(6.0 * inputs[:, 2])]))
+    whole, part = given_data_indices(inputs, y), given_data_indices(inputs, y * [0.8, 0.2])
+    factors = [0.64, 0.04]
+    assert part.first == pytest.approx(whole.first * factors)
+    assert part.total == pytest.approx(whole.total * factors)
+    assert whole.total[0, 0] > whole.first[0, 0] + 0.5
+    assert whole.found.T.tolist() == [[True, True, False], [False, False, True]]
+    assert part.found.T.tolist() == [[True, True, False], [False] * 3]  # less than a tenth
+    assert part.partner.tolist() == whole.partner.tolist()
+
+
 def test_nothing_is_named_where_nothing_drives():
     named = 0
     for seed in range(60):

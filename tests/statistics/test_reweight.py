@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy import stats
 
 from abhv_mc.statistics.binomial import clopper_pearson
+from abhv_mc.statistics.estimates import quantile
 from abhv_mc.statistics.reweight import (
     effective_size,
     join_unseen,
@@ -29,6 +30,27 @@ LEVELS = (0.5, 0.95, 0.9973)
 def test_equal_weights_give_numpys_quantile(values, level, weight):
     interval = weighted_quantile(values, np.full(values.size, weight), level)
     assert interval.value == pytest.approx(np.quantile(values, level), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("flights", [100, 300, 2500])
+@pytest.mark.parametrize("level", [0.1, *LEVELS])
+def test_equal_weights_give_the_order_statistics_of_exact_intervals(flights, level):
+    values = np.random.default_rng(flights).normal(size=flights)
+    exact, weights = quantile(values, level), np.full(flights, 2.5)
+    interval = weighted_quantile(values, weights, level)
+    assert (interval.low, interval.high) == (exact.low, exact.high)
+    # Flights without weight count for nothing.
+    more = np.append(values, [-9.0, 9.0]), np.append(weights, [0.0, 0.0])
+    assert weighted_quantile(*more, level) == interval
+
+
+def test_few_flights_have_the_bounds_that_order_statistics_have():
+    for level, low, high in ((0.1, -np.inf, 2.0), (0.5, -np.inf, np.inf), (0.95, 3.0, np.inf)):
+        interval = weighted_quantile(np.arange(5.0), np.ones(5), level)
+        assert (interval.low, interval.high) == (low, high)
+    assert weighted_quantile(np.array([3.0, 9.0]), np.array([1.0, 0.0]), 0.9).value == 3.0
+    infinite = weighted_quantile(np.append(np.arange(99.0), np.inf), np.ones(100), 0.999)
+    assert infinite.value == infinite.high == np.inf and infinite.low < 99.0
 
 
 @pytest.mark.parametrize("count", [0, 7, 300])

@@ -113,6 +113,48 @@ def test_extremes_are_missing_only_where_rows_were_removed(law, digits):
         assert check(column(values[values > law.ppf(0.02275)][:1000], law)).missing == ((0, 0),)
 
 
+@pytest.mark.parametrize(("factor", "is_found"), [(1.01, True), (0.99, False)])
+def test_columns_levels_and_pairs_share_the_risk(factor, is_found):
+    """Four tests of each of three columns, two of each of two atoms, and one of each of six pairs.
+
+    A risk just above 22 times a p-value shows the contradiction.
+    """
+    random, n = np.random.default_rng(11), 80
+    x, y, wide = random.standard_normal((3, n))
+    y = 0.6 * x + 0.8 * y
+    wide = 1.6 * wide
+    ones = np.repeat([0.0, 1.0], [62, 18])
+    atoms, shares = np.array([0.0, 1.0]), np.array([0.9, 0.1])
+    law = stats.rv_discrete(values=(atoms.astype(int), shares))
+    columns = [*(column(v, stats.norm()) for v in (x, y, wide)), column(ones, law, atoms, shares)]
+    stated, level = 0.05, stats.binom.sf(17, n, 0.1)
+    correlation = np.eye(4)
+    correlation[0, 1] = correlation[1, 0] = stated
+    mean = 6.0 / np.pi * (np.arcsin(stated) + (n - 2) * np.arcsin(stated / 2.0)) / (n + 1)
+    sigma = ((1.0 + 0.5 * (6.0 / np.pi * np.arcsin(stated / 2.0)) ** 2) / (n - 3)) ** 0.5
+    rank = stats.spearmanr(x, y).statistic
+    pair = 2.0 * stats.norm.sf(abs(np.arctanh(rank) - np.arctanh(mean)) / sigma)
+    spread = stats.chi2.sf(np.sum(wide**2), n)
+    assert max(pair, level) < 0.05 / 22 and spread < stats.kstest(wide, "norm").pvalue
+
+    def find(p_value):
+        return check(*columns, correlation=correlation, risk=22.0 * factor * p_value)
+
+    assert (2 in find(spread).too_far) == is_found
+    assert [(found.column, found.count) for found in find(level).levels] == (
+        [(3, 62), (3, 18)] if is_found else []
+    )
+    pairs = [found for found in find(pair).correlations if found.columns == (0, 1)]
+    assert len(pairs) == is_found
+    if is_found:
+        assert pairs[0].found == pytest.approx(rank)
+        assert pairs[0].stated == pytest.approx(6.0 / np.pi * np.arcsin(stated / 2.0))
+    # Missing extremes have a risk of their own, shared by both sides of three columns.
+    tail = 1.0 - (1e-6 / factor / 6.0) ** (1.0 / n)
+    columns[1] = replace(columns[1], tails=(0.0, tail))
+    assert check(*columns, risk=1e-6).missing == (((1, 1),) if is_found else ())
+
+
 def test_levels_are_counted_exactly():
     atoms, shares = np.array([0.0, 1.0]), np.array([0.999, 0.001])
     law = stats.rv_discrete(values=(atoms.astype(int), shares))

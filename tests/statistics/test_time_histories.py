@@ -37,3 +37,7 @@ def test_bands_are_quantiles_at_three_sigma_and_of_90_per_cent():
     values[2, 7:], values[3, :9] = np.nan, np.nan
     expected = np.nanquantile(values, QUANTILES, axis=1)
     assert band_quantiles(values) == pytest.approx(expected, rel=1e-6)
+    values[1] = np.nan
+    assert np.isnan(band_quantiles(values)[:, 1]).all()
+    none = band_quantiles(np.empty((3, 0)))
+    assert none.shape == (5, 3) and np.isnan(none).all()

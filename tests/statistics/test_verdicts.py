@@ -1,6 +1,7 @@
 """Tests of the verdicts: published thresholds, error limits, families and planning."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,17 @@ from abhv_mc.statistics.evidence import (
 )
 from abhv_mc.statistics.family import hold_family, holm, judge_family
 from abhv_mc.statistics.flights_planned import ever_chance, pass_chance, together
-from abhv_mc.statistics.verdicts import about, advise, predict_pass, tolerance_limit, verdict_words
+from abhv_mc.statistics.verdicts import (
+    SET_LATER,
+    UNSEARCHED,
+    about,
+    advice_words,
+    advise,
+    label_status,
+    predict_pass,
+    tolerance_limit,
+    verdict_words,
+)
 
 AT = 0.9973, 0.10
 
@@ -81,6 +92,56 @@ def test_verdicts_are_printed_with_what_a_pass_needs():
     assert f"--runs {needed}), " in words and words.endswith(chance)
     assert verdict_words(judge(5, 500, *AT)).endswith("more failures than the requirement allows")
     assert (about(0.0), about(0.534), about(1.0)) == ("about 1 %", "about 53 %", "about 99 %")
+
+
+def test_notes_mark_requirements_set_later_and_withhold_advice_without_a_search():
+    plain = judge(0, 500, *AT)
+    later, unsearched = replace(plain, note=SET_LATER), replace(plain, note=UNSEARCHED)
+    assert [verdict.set_later for verdict in (plain, later, unsearched)] == [False, True, False]
+    assert [verdict.label for verdict in (plain, later)] == ["NOT SHOWN", "NOT SHOWN (set later)"]
+    assert (
+        label_status("PASS", True) == "PASS (set later)" and label_status("FAIL", False) == "FAIL"
+    )
+    assert advice_words(unsearched) == "" and verdict_words(unsearched).endswith(f"; {UNSEARCHED}")
+    assert SET_LATER in verdict_words(later) and advice_words(later) == advice_words(plain) != ""
+
+
+def test_a_verdict_is_printed_with_grouped_counts_and_those_not_computed():
+    verdict = judge(3, 20_000, *AT, uncomputed=2)
+    assert verdict_words(verdict).startswith("PASS: 5 of 20\u202f000 flights failed; 2 of these")
+    assert verdict_words(judge(5, 20_000, *AT)) == "PASS: 5 of 20\u202f000 flights failed"
+    assert (verdict.failures, verdict.uncomputed, verdict.flights) == (5, 2, 20_000)
+    assert verdict.E_pass == pytest.approx(judge(5, 20_000, *AT).E_pass)
+    assert verdict.p_value == pytest.approx(1.0 / verdict.E_pass)
+    failed = judge(20, 1000, *AT, uncomputed=2)
+    assert failed.E_fail == pytest.approx(judge(20, 1000, *AT).E_fail) and failed.p_value == 1.0
+    risks = judge(0, 9, 0.9), judge(0, 9, 0.9, 0.2), judge(0, 9, 0.9, 0.2, 0.3)
+    assert [(v.consumer_risk, v.producer_risk) for v in risks] == [
+        (0.1,) * 2,
+        (0.2,) * 2,
+        (0.2, 0.3),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("failures", "flights", "advised"),
+    [
+        (0, 20, (981, 14, "")),  # ten times the flights are too few
+        (0, 500, (981, 71, "(--runs 981)")),
+        (9, 3334, (flights_to_pass(9, *AT), 1, "")),  # 0.0027 * 3334 = 9.002
+        (9, 3333, None),  # 8.999, more than the requirement allows
+    ],
+)
+def test_advice_is_the_number_for_a_pass_unless_too_many_failed(failures, flights, advised):
+    words = advice_words(judge(failures, flights, *AT))
+    assert bool(re.search(r"\d", words)) == (advised is not None)
+    if advised:
+        number, percent, option = advised
+        assert words.startswith(f"{number} ") and words.endswith(f" {percent} %")
+        assert option in words and ("--runs" in words) == (option != "")
+        chance = predict_pass(judge(failures, flights, *AT), number)
+        assert chance < 0.01 or chance == pytest.approx(percent / 100.0, abs=0.005)
+    assert "--runs" not in advice_words(judge(failures, flights, *AT), flies=False)
 
 
 def test_the_predicted_chance_is_the_mean_over_the_rates_that_the_flights_leave():
@@ -246,6 +307,15 @@ def test_the_chance_of_a_verdict_at_any_flight_is_the_sum_over_all_counts(status
             chance += shares[ends].sum()
             shares[ends] = 0.0
         assert ever_chance(90, 0.9, 0.2, np.array([rate]), status) == pytest.approx(chance)
+
+
+@pytest.mark.parametrize(("status", "rate"), [("PASS", 0.092), ("FAIL", 0.11)])
+def test_the_chance_from_400_of_all_counts_is_a_close_lower_bound(monkeypatch, status, rate):
+    arguments = 6000, 0.9, 0.2, np.array([rate]), status
+    bound = ever_chance(*arguments)[0]
+    monkeypatch.setattr("abhv_mc.statistics.flights_planned._MOST_LOOKS", 10**6)
+    exact = ever_chance(*arguments)[0]
+    assert exact - 0.02 <= bound < exact < 0.6
 
 
 def test_all_together_lies_between_the_bounds():

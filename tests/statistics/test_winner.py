@@ -128,13 +128,8 @@ def test_ratios_are_of_finite_positive_pairs():
 
 
 def test_failures_are_cross_counted():
-    a = np.array([1, 1, 1, 0, 0, 0, 0], dtype=bool)
-    b = np.array([1, 0, 0, 1, 0, 0, 0], dtype=bool)
+    a, b = np.repeat([[1, 1, 0, 0], [1, 0, 1, 0]], [2, 3, 4, 5], axis=1).astype(bool)
     comparison = compare_failures(a, b)
-    assert (comparison.both, comparison.only_a, comparison.only_b, comparison.neither) == (
-        1,
-        2,
-        1,
-        3,
-    )
-    assert comparison.p_value == 1.0
+    counts = comparison.both, comparison.only_a, comparison.only_b, comparison.neither
+    assert counts == (2, 3, 4, 5) and comparison.p_value == 1.0
+    assert compare_failures(a, np.zeros(14, bool)).p_value == 0.0625  # 5 of 5: 2 / 32

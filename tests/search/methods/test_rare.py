@@ -1,14 +1,22 @@
 """Subset simulation, and the estimates made of it, on probabilities that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.stats import norm
 from search.methods import known_probabilities as known
 
-from abhv_mc.search.methods.rare import estimate_rare, noise_share
-from abhv_mc.search.methods.second_opinion import find_failures, sample_importance
+from abhv_mc.search.methods.rare import choose_chains, estimate_rare, noise_share
+from abhv_mc.search.methods.second_opinion import (
+    ImportanceEstimate,
+    find_failures,
+    sample_importance,
+)
 from abhv_mc.search.methods.strata import MOST_COMBINATIONS, estimate_switched, list_combinations
-from abhv_mc.search.methods.subset import SubsetPlan, run_subset
+from abhv_mc.search.methods.subset import Level, Repetition, SubsetPlan, run_subset
+from abhv_mc.statistics.binomial import clopper_pearson
 
 SEEDS = 3
 
@@ -41,6 +49,131 @@ def test_right_within_its_interval():
             assert result.flights <= 20_000
     assert right >= 0.9 * count
     assert refused <= 0.1 * count
+
+
+def interval_of(repetitions, number=None):
+    """Return mean, low and high: Student's interval of the logarithm, for `number` repetitions."""
+    logs = np.log([repetition.probability for repetition in repetitions])
+    chains = np.mean([sum(level.cov**2 for level in own.levels) for own in repetitions])
+    own, number = len(logs) - 1, number or len(logs)
+    # The chains count as four repetitions, with 1.3 times their standard deviation.
+    variance = (4.0 * 1.3**2 * chains + own * logs.var(ddof=1)) / (4 + own)
+    half = stats.t.ppf(0.975, 4 + number - 1) * np.sqrt(variance / number)
+    mean = np.exp(logs).mean()
+    return mean, mean * np.exp(-half), min(mean * np.exp(half), 1.0)
+
+
+@pytest.mark.parametrize(("target_cov", "flights"), [(0.2, 20_000), (0.1, 40_000), (0.1, 16_000)])
+def test_the_interval_is_students_of_the_repetitions_that_it_needs(target_cov, flights):
+    sizes, case = [], known.linear(25, 3.5)
+
+    def severity(points):
+        sizes.append(len(points))
+        return case.severity(points)
+
+    plan = SubsetPlan(25, case.threshold, 5)
+    result = estimate_rare(severity, plan, target_cov, flights)
+    found = result.repetitions
+    assert result.refusal is None and result.check is None and result.flights == sum(sizes)
+    assert (result.probability, result.low, result.high) == pytest.approx(interval_of(found))
+    estimates = np.array([repetition.probability for repetition in found])
+    assert result.cov == pytest.approx(stats.variation(estimates, ddof=1) / len(found) ** 0.5)
+    assert [repetition.number for repetition in found] == [*range(len(found))]
+    needed = result.high / result.probability <= np.exp(1.96 * target_cov) * (1.0 + 1e-4)
+    assert needed == (flights >= 20_000) and len(found) >= 4
+    assert needed or flights - sum(sizes) < max(repetition.flights for repetition in found)
+    assert result.plain == (sum(own.plain_failures for own in found), 640 * len(found))
+    high = clopper_pearson(*result.plain, 0.9)[1]
+    assert result.unwarned_high == pytest.approx(high)
+    assert result.include_unwarned().high == max(result.high, high)
+    assert len(result.failures) == sum(np.sum(own.values > 3.5) for own in found)
+
+
+def made_repetition(probability, cov, flights=20_001, **state):
+    level = Level(1.0, probability, cov, 0.4, 0.5)
+    values = np.arange(10.0)
+    return Repetition(0, values[:, None], values, flights, 0, [level], **{"reached": True, **state})
+
+
+@pytest.mark.parametrize(
+    ("repetitions", "is_refused"),
+    [
+        ([(1e-3, 0.3)] * 4, False),
+        ([(1e-3, 0.98)] * 4, False),  # exp(2 t 1.3 cov / 7**0.5) = 9.8, and 10.3
+        ([(1e-3, 1.0)] * 4, True),
+        # The ratio of standard deviations is at most 2 (chi2.isf(0.001, 3) / 3)**0.5 = 4.66.
+        ([(1e-3 * np.exp(sign * 0.2), 0.05) for sign in (1, -1, 1, -1)], False),
+        ([(1e-3 * np.exp(sign * 0.203), 0.05) for sign in (1, -1, 1, -1)], True),
+    ],
+)
+def test_repetitions_that_contradict_each_other_are_refused(monkeypatch, repetitions, is_refused):
+    made = [made_repetition(*entry) for entry in repetitions]
+    monkeypatch.setattr("abhv_mc.search.methods.rare.run_subset", lambda *_: [*made])
+    result = estimate_rare(first, SubsetPlan(25, 1.0, 0))
+    assert (result.refusal is not None) == is_refused
+    assert (result.probability, result.low, result.high) == pytest.approx(interval_of(made))
+    for state in ({"reached": False}, {"cut_short": True}):
+        made[1] = made_repetition(1e-3, 0.3, **state)
+        assert estimate_rare(first, SubsetPlan(25, 1.0, 0)).refusal is not None
+
+
+@pytest.mark.parametrize(("size", "fitting"), [(500, 35), (4000, 4)])
+def test_as_many_repetitions_are_added_as_are_needed_or_fit(monkeypatch, size, fitting):
+    """A tenth of the flights, in whole lanes, is left for importance sampling."""
+    asked, made = [], [made_repetition(1e-3, 0.3, size) for _ in range(4)]
+
+    def run(evaluate, plan, numbers, flights, fewest=0):
+        asked.append(([*numbers], flights, fewest))
+        return made[:1] * len(numbers)
+
+    monkeypatch.setattr("abhv_mc.search.methods.rare.run_subset", run)
+    check = ImportanceEstimate(1e-3, 0.1, 1.0, 2016)
+    monkeypatch.setattr("abhv_mc.search.methods.rare.sample_importance", lambda *_: check)
+    estimate_rare(first, SubsetPlan(15, 1.0, 0), 0.1)
+    limit = 1e-3 * np.exp(0.1 * norm.ppf(0.975))
+    enough = next(n for n in range(4, 99) if interval_of(made, n)[2] <= limit)
+    assert asked[0] == ([0, 1, 2, 3], 20_000, 4)
+    assert asked[1] == ([*range(4, min(enough, 4 + fitting))], 20_000 - 2016, 0)
+    assert [choose_chains(n) for n in (100, 20_000, 59_999, 10**6)] == [32, 64, 160, 256]
+
+
+@pytest.mark.parametrize(
+    ("factor", "effective", "is_replaced", "is_refused", "is_raised"),
+    [
+        (1.05, 200.0, False, False, True),
+        (3.0, 7.9, False, False, False),  # too few failures for any conclusion
+        (3.0, 29.0, False, True, True),
+        (3.0, 30.0, True, False, True),
+        (0.3, 99.0, False, False, False),
+        (0.3, 100.0, False, True, False),
+    ],
+)
+def test_importance_sampling_raises_replaces_or_refuses_an_estimate(
+    monkeypatch, factor, effective, is_replaced, is_refused, is_raised
+):
+    made = [made_repetition(1e-3, 0.1) for _ in range(4)]
+    monkeypatch.setattr("abhv_mc.search.methods.rare.run_subset", lambda *_: [*made])
+
+    def estimate_with(factor, effective):
+        check = ImportanceEstimate(factor * 1e-3, 0.1, effective, 4096)
+        monkeypatch.setattr("abhv_mc.search.methods.rare.sample_importance", lambda *_: check)
+        return estimate_rare(first, SubsetPlan(15, 9.0, 2))
+
+    probability, low, high = interval_of(made)
+    result = estimate_with(factor, effective)
+    end = np.exp(norm.ppf(0.975) * 1.5 * 0.1)
+    assert (result.check.effective, result.refusal is not None) == (effective, is_refused)
+    if is_replaced:
+        probability, low = factor * 1e-3, factor * 1e-3 / end
+    raised = max(high, factor * 1e-3 * end) if is_raised else high
+    numbers = result.probability, result.low, result.high, result.cov
+    cov = pytest.approx(0.15 * is_replaced, abs=1e-12)
+    assert numbers == (*map(pytest.approx, (probability, low, raised)), cov)
+    # A contradiction is a ratio beyond three standard deviations.
+    edge = np.exp(3.0 * np.hypot(0.1, np.log(high / interval_of(made)[1]) / 3.92))
+    for ratio in (0.99, 1.01):
+        assert (estimate_with(ratio * edge, 29.0).refusal is not None) == (ratio > 1.0)
+        assert (estimate_with(1.0 / ratio / edge, 100.0).refusal is not None) == (ratio > 1.0)
 
 
 def test_refused_where_the_event_is_never_met():
@@ -184,6 +317,81 @@ def test_what_plain_flights_see_takes_no_levels():
     )
 
 
+@pytest.mark.parametrize(
+    "case",
+    [
+        known.switched(1, 0.05, 8.0, fatal=1),
+        known.switched(2, 0.3, 2.5, 0.5),
+        known.switched(8, 2e-3, 2.0, fatal=1),
+        known.switched(2, 0.1, 9.0),  # no failure
+    ],
+    ids=lambda case: case.name,
+)
+def test_the_total_is_the_sum_of_the_combinations_and_their_exact_intervals(case):
+    result, strata = estimate_switched(
+        case.severity, case.rates, SubsetPlan(2, 0.0, 4), flights=6400
+    )
+    listed = list_combinations(case.rates)[:MOST_COMBINATIONS]
+    assert [(own.on, own.weight) for own in strata if own.on is not None] == listed
+    below, above, clean = [], [], [0.0]
+    for own in strata:
+        failures = round(own.probability * own.flights)
+        low, high = clopper_pearson(failures, own.flights)
+        assert (own.probability, own.low, own.high) == pytest.approx(
+            (failures / own.flights, low, high)
+        )
+        assert own.value == own.weight * own.probability
+        below.append(own.weight * (own.probability - low))
+        if failures:
+            above.append(own.weight * (high - own.probability))
+        else:
+            clean.append(-own.weight * np.log(1.0 - high))
+    total = sum(own.value for own in strata)
+    low, high = total - np.linalg.norm(below), total + np.linalg.norm([*above, max(clean)])
+    assert (result.probability, result.low, result.high) == pytest.approx((total, low, high))
+    assert result.cov == (pytest.approx((high - low) / 3.92 / total) if total else np.inf)
+    assert (result.refusal is not None) == (high > 10.0 * low)
+    assert result.flights == sum(own.flights for own in strata) <= 6400
+
+
+@pytest.mark.parametrize(
+    ("rate", "target_cov", "is_used"),
+    [(0.014, 0.2, True), (0.0145, 0.2, False), (0.028, 0.1, True), (0.0285, 0.1, False)],
+)
+def test_levels_are_used_unless_2560_plain_flights_are_enough(
+    monkeypatch, rate, target_cov, is_used
+):
+    """Enough are 3.7 (1 - rate) / (0.5 cov rate), if all flights with the switch fail."""
+    budgets, made = [], estimate_rare(first, SubsetPlan(25, 1.0, 0), flights=2560)
+
+    def estimate_main(evaluate, plan, cov, flights):
+        budgets.append(flights)
+        return made
+
+    monkeypatch.setattr("abhv_mc.search.methods.strata.estimate_rare", estimate_main)
+    case = known.switched(1, rate, 99.0, fatal=1)
+    result, strata = estimate_switched(
+        case.severity, case.rates, SubsetPlan(1, 0.0, 4), target_cov, 20_000
+    )
+    assert budgets == [15_000] * is_used
+    assert result.repetitions == (made.repetitions if is_used else ())
+    if is_used:
+        assert (strata[0].probability, strata[0].low) == (made.probability, made.low)
+        assert strata[0].flights == 64 + made.flights and strata[0].high == made.high
+
+
+def test_a_refused_estimate_of_the_main_combination_counts_its_plain_flights(monkeypatch):
+    made = estimate_rare(first, SubsetPlan(25, 9.0, 0), flights=5000)
+    assert made.refusal is not None and made.flights - made.plain[1] == 4 * 576
+    made = replace(made, refusal="too rare")
+    monkeypatch.setattr("abhv_mc.search.methods.strata.estimate_rare", lambda *_: made)
+    case = known.switched(2, 0.1, 99.0)
+    result, strata = estimate_switched(case.severity, case.rates, SubsetPlan(1, 0.0, 4), 0.2, 6400)
+    plain = strata[0].flights - 4 * 576
+    assert plain >= 64 + made.plain[1] and strata[0].high == clopper_pearson(0, plain)[1]
+    assert result.probability == 0.0 and result.cov == np.inf and "too rare" in result.refusal
+
+
 def test_combinations_come_by_weight():
     listed = list_combinations(np.array([0.1, 0.4]))
     assert [on for on, _ in listed] == [(), (1,), (0,), (0, 1)]
@@ -202,6 +410,42 @@ def test_the_same_whatever_runs_beside_it():
     assert together[2].levels == alone.levels
 
 
+def test_levels_begin_at_the_tenth_of_the_most_severe_points():
+    seen = []
+
+    def severity(points):
+        seen.append(points[:, 0])
+        return points[:, 0]
+
+    repetitions = run_subset(severity, SubsetPlan(3, 3.0, 1), range(4), 100_000)
+    for repetition, values in zip(repetitions, seen[0].reshape(4, 640), strict=True):
+        start, *_, before, last = repetition.levels
+        assert (start.threshold, start.probability) == (np.sort(values)[576], 0.1)
+        assert (start.acceptance, start.spread) == (1.0, 1.0)
+        assert start.cov == pytest.approx((0.9 / 64.0) ** 0.5)
+        assert repetition.plain_failures == np.sum(values > 3.0)
+        assert (
+            last.threshold == 3.0 > before.threshold and repetition.values.min() >= before.threshold
+        )
+        inside = repetition.values.reshape(10, 64) > 3.0
+        share, steps = inside.mean(), np.arange(1, 10)
+        lags = [np.mean(inside[k:] & inside[: 10 - k]) - share**2 for k in steps]
+        inflation = 1.0 + 2.0 * np.sum((1.0 - steps / 10.0) * lags) / (share * (1.0 - share))
+        assert last.probability == share
+        assert last.cov == pytest.approx(
+            ((1.0 - share) / share / 640.0 * max(inflation, 1.0)) ** 0.5
+        )
+        points = repetition.points.reshape(10, 64, 3)
+        moved = (points[1:] != points[:-1]).any(axis=2)
+        assert last.acceptance == pytest.approx(moved.mean()) == pytest.approx(0.44, abs=0.1)
+        assert np.array_equal(repetition.points[:, 0], repetition.values)
+        assert np.array_equal(repetition.failures, repetition.points[repetition.values > 3.0])
+        shares = [level.probability for level in repetition.levels]
+        assert repetition.reached and repetition.probability == pytest.approx(np.prod(shares))
+        assert repetition.flights == 640 + 576 * (len(shares) - 1)
+        assert repetition.cov**2 == pytest.approx(sum(level.cov**2 for level in repetition.levels))
+
+
 def test_batches_fill_lanes_and_flights_are_counted():
     sizes = []
 
@@ -212,6 +456,13 @@ def test_batches_fill_lanes_and_flights_are_counted():
     repetitions = run_subset(counted, SubsetPlan(3, 4.0, 1), range(4), 100_000)
     assert all(size % 32 == 0 for size in sizes)
     assert sum(sizes) == sum(repetition.flights for repetition in repetitions)
+
+
+def test_at_most_twelve_levels_are_tried():
+    (repetition,) = run_subset(first, SubsetPlan(1, 99.0, 0, 32), range(1), 10**6)
+    assert len(repetition.levels) == 12 and repetition.flights == 320 + 11 * 288
+    assert not repetition.reached and not repetition.cut_short and repetition.probability == 0.0
+    assert not len(repetition.failures)
 
 
 def test_flights_that_do_not_suffice_drop_the_last_repetitions():

@@ -76,6 +76,11 @@ def test_right_within_its_interval():
     assert result.high < 3.0 * result.low and result.flights <= 400
     assert result.steps[-1].failures > 0
     last, before = result.steps[-1], result.steps[-2]
+    assert (result.low, result.high, result.flights) == (last.low, last.high, last.runs)
+    assert result.probability == pytest.approx(np.mean(last.probabilities))
+    assert result.low < min(last.probabilities) and max(last.probabilities) < result.high
+    assert result.cov == pytest.approx(np.log(result.high / result.low) / 3.92)
+    assert before.low <= last.high and last.low <= before.high
     assert last.runs - before.runs == BATCH
     assert all(step.high <= np.exp(3.92 * 0.2) * step.low for step in (before, last))
     assert (case.severity(result.failures) > case.threshold).mean() > 0.9
