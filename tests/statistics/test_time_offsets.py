@@ -45,3 +45,20 @@ def test_an_offset_is_at_most_the_span(shift, expected):
     draw = np.random.default_rng(4)
     record = curves(draw, [1.0], [-shift])[0]
     assert find_offset(curves(draw, np.ones(39)), record, 0.02, 1) == (expected, True)
+
+
+def test_a_channel_without_dispersion_is_not_used():
+    """The second channel is a command that switches at the same time in all flights."""
+    draw = np.random.default_rng(1)
+    simulated = curves(draw, 1.0 + 0.05 * draw.standard_normal(39))
+    record = curves(draw, [1.0], [-7.0])[0]
+    expected = find_offset(simulated, record, 0.1, 1)
+    for command in (1.0 * (TIME > 100.0), 0.0 * TIME):
+        with_command = np.concatenate(
+            [simulated, np.broadcast_to(command[:, None], (39, 200, 1))], axis=2
+        )
+        own = np.column_stack([record, np.roll(command, 7) + 0.1])
+        assert find_offset(with_command, own, 0.1, 1) == expected
+    assert find_offset(with_command[:, :, 2:], own[:, 2:], 0.1, 1) == (0.0, False)
+    own[:, :2] = np.nan
+    assert find_offset(with_command, own, 0.1, 1) == (0.0, False)

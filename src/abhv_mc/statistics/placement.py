@@ -194,10 +194,16 @@ def find_offset(simulated: Floats, record: Floats, span: float, modes: int) -> t
     [flight, time, channel] that the first principal `modes` of the simulated flights do not
     explain, so that dispersed parameters do not look like an offset. `span` is the largest shift as
     a share of the samples. A shift is significant if it reduces the deviation by more than for any
-    simulated flight.
+    simulated flight. Channels that are the same in all simulated flights are not used.
     """
     simulated = np.where(np.isfinite(simulated).any(axis=0), simulated, 0.0)
     middle, spread = np.nanmean(simulated, axis=0), np.nanstd(simulated, axis=0)
+    varied = spread.max(axis=0) > _ROUNDING * np.abs(middle).max(axis=0)
+    varied &= np.isfinite(record).any(axis=0)
+    if not varied.any():
+        return 0.0, False
+    simulated, record = simulated[..., varied], record[:, varied]
+    middle, spread = middle[:, varied], spread[:, varied]
     spread = np.maximum(spread, _FLOOR * spread.max(axis=0) + np.finfo(float).tiny)
     deviations = np.nan_to_num((simulated - middle) / spread).reshape(len(simulated), -1)
     directions = np.linalg.svd(deviations, full_matrices=False)[2][:modes]
