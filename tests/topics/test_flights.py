@@ -10,7 +10,7 @@ from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.flights import FLIGHTS
-from abhv_mc.topics.flights.figures import worst_channels
+from abhv_mc.topics.flights.figures import draw_replayed, worst_channels
 from abhv_mc.topics.flights.model import (
     Findings,
     FlightCounts,
@@ -267,3 +267,115 @@ def test_listed_flights_have_their_exceedance_metric_and_samples(flown, monkeypa
     for item in listed:
         for columns, values in ((metrics, item.metrics), (results.samples, item.samples)):
             assert all(values[name] == column[item.flight] for name, column in columns.items())
+
+
+def drawn(found, names, monkeypatch, histories):
+    """Return the figures of flights with given histories, by name."""
+    monkeypatch.setattr(
+        "abhv_mc.topics.flights.figures.read_histories", lambda _, name: histories.get(name, {})
+    )
+    return {text.name: (text, figure) for text, figure in FLIGHTS.figures(found, names)}
+
+
+def test_critical_errors_are_from_the_command_the_reference_or_the_channel(failing, monkeypatch):
+    """Each controller has its case; flights without history are skipped."""
+    time = np.linspace(0.0, 60.0, 7)
+    reference = failing.reference
+    bank, command, error = 20.0 + time, 18.0 - 2.0 * time, np.sin(time)
+    altitude = np.interp(time, reference["time"], reference["altitude_reference_m"]) + error
+    histories = {
+        "tlc": {2: {"time": time, "bank_deg": bank, "bank_command_deg": command}},
+        "lqr": {5: {"time": time, "altitude_m": altitude, "sideslip_deg": error}},
+        "lqr_retuned": {7: {"time": time, "altitude_m": altitude}},
+    }
+    names = Models(failing).names
+    found = SimpleNamespace(
+        worst={
+            "tlc": (worst(1, by="sideslip_max_deg"), worst(2, by="bank_error_max_deg")),
+            "lqr": (worst(5, outcome="sideslip_limit"),),
+            "lqr_retuned": (worst(7, outcome="law_crashed"), worst(8)),
+        }
+    )
+    figures = drawn(found, names, monkeypatch, histories)
+    assert [*figures] == ["critical_errors"]
+    panels = [axes for axes in figures["critical_errors"][1].axes if axes.get_visible()]
+    expected = [
+        (2, "Bank error from own command (deg)", bank - command, []),
+        (5, "Sideslip (deg)", error, [-0.7, 0.7]),
+        (7, "Altitude error (m)", error, [-50.0, 50.0]),
+    ]
+    for axes, (number, label, values, limits) in zip(panels, expected, strict=True):
+        assert axes.texts[-1].get_text().endswith(f", flight {number}")
+        assert axes.get_ylabel().replace("\n", " ") == label
+        curve, *levels = axes.lines
+        assert curve.get_xdata().tolist() == time.tolist()
+        assert curve.get_ydata() == pytest.approx(values, abs=1e-9)
+        assert [float(level.get_ydata()[0]) for level in levels] == limits
+
+
+def test_ground_tracks_are_drawn_with_zones(failing, monkeypatch):
+    zone = np.array([[50.0, 10.0], [51.0, 10.0], [51.0, 12.0]])  # latitude and longitude
+    contents = replace(failing.campaign.contents, zones={"A": zone})
+    names = Models(failing).names
+    names = replace(names, campaign=replace(names.campaign, contents=contents))
+
+    def track(k, **more):
+        return {"time": np.arange(3.0), "latitude_deg": 50.0 + k * np.arange(3.0), **more}
+
+    def longitude(k):
+        return {"longitude_deg": 10.0 - k * np.arange(3.0)}
+
+    histories = {
+        "tlc": {1: track(1, **longitude(1)), 2: track(2, **longitude(2)), 3: track(3)},
+        "lqr": {4: track(4, mach=np.ones(3), **longitude(4))},
+    }
+    nothing = SimpleNamespace(worst=dict.fromkeys(names.controllers, ()))
+    ((_, figure),) = drawn(nothing, names, monkeypatch, histories).values()
+    (axes,) = figure.axes
+    assert axes.patches[0].get_xy()[:3].tolist() == zone[:, ::-1].tolist()
+    for k, line in zip((1, 2, 4), axes.lines, strict=True):
+        assert line.get_xdata().tolist() == longitude(k)["longitude_deg"].tolist()
+        assert line.get_ydata().tolist() == track(k)["latitude_deg"].tolist()
+    shown = axes.get_legend_handles_labels()[1]
+    assert len(shown) == 2 and shown[0] == "TLC" and shown[1].startswith("LQR")
+    first, second, third = (line.get_color() for line in axes.lines)
+    assert first == second != third
+    assert drawn(nothing, Models(failing).names, monkeypatch, histories) == {}
+
+
+@pytest.mark.parametrize("has_nominal", [True, False])
+def test_a_flight_that_was_run_again_is_drawn_beside_the_nominal_one(
+    failing, monkeypatch, tmp_path, has_nominal
+):
+    """A channel with a limit replaces the curve of that label; a missing channel has no panel."""
+    reference, names = failing.reference, Models(failing).names
+    time = reference["time"]
+    flight = {
+        "time": time,
+        "altitude_error_m": np.cos(time),
+        "bank_deg": np.sin(time),
+        "sideslip_deg": 0.01 * time,
+    }
+    nominal = {"tlc": {name: 2.0 * values for name, values in flight.items()} | {"time": time}}
+    results = replace(failing, nominal=nominal if has_nominal else {})
+    monkeypatch.setattr(
+        "abhv_mc.topics.flights.figures.read_replayed", lambda path: ("tlc", 6, flight)
+    )
+    text, figure = draw_replayed(tmp_path / "tlc-6.parquet", replace(names, results=results))
+    assert (text.name, text.title) == ("replayed_tlc-6", "Flight 6 of TLC")
+    panels = {axes.texts[-1].get_text(): axes.lines for axes in figure.axes if axes.get_visible()}
+    assert set(panels) == {"altitude error (m)", "bank (deg)", "sideslip (deg)"}
+    sizes = (1.0, 2.0) if has_nominal else (1.0,)
+    for title, channel, limits in (
+        ("altitude error (m)", "altitude_error_m", [-50.0, 50.0]),
+        ("sideslip (deg)", "sideslip_deg", [-0.7, 0.7]),
+        ("bank (deg)", "bank_deg", []),
+    ):
+        curves = [line.get_ydata() for line in panels[title]]
+        for size, curve in zip(sizes, curves, strict=False):
+            assert curve == pytest.approx(size * flight[channel])
+        levels = curves[len(sizes) : len(sizes) + len(limits)]
+        assert [level[-1] for level in levels] == limits
+        others = curves[len(sizes) + len(limits) :]
+        assert len(others) == (channel == "bank_deg")
+        assert all(np.array_equal(curve, reference["bank_reference_deg"]) for curve in others)
