@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from abhv_mc.campaign.file.unknowns import Unknowns
-from abhv_mc.topics.comparison import _pair_row
+from abhv_mc.statistics.estimates import Interval
+from abhv_mc.topics.comparison import _pair_row, pair_tables
 from abhv_mc.topics.comparison.model import (
+    ComparedMetric,
+    ControllerPair,
+    ListedFailures,
     compare_any_failures,
     compare_pair,
     compute_comparison,
@@ -143,3 +147,76 @@ def test_only_differences_with_a_winner_are_bold(results, value, wins):
     *heads, won, equal = _pair_row(pair, names, (METRIC, EQUAL[0]))
     assert [head.text for head in heads] == [pair.a.upper(), pair.b.upper()]
     assert (won.best, equal.best) == (wins, False)
+
+
+def test_a_pair_has_a_table_of_differences_and_one_of_failures():
+    def metric(better, gain, **entries):
+        standard = {"compared": True, "winner": None, "closer": None, "mixed": False}
+        return ComparedMetric(
+            a_better=better,
+            b_better=100 - better,
+            ties=0,
+            median_difference=Interval(-2.04, -2.5, -1.6),
+            pairing_gain=gain,
+            worse_tails=(),
+            uncompared_tails=(),
+            loses_more=False,
+            worst=(1.0, 2.0),
+            quantile_differences={
+                "q50": Interval(7.0, 6.0, 8.0),
+                "q95": Interval(3.1, 2.5, 3.7),
+                "q99.73": Interval(np.inf, 4.0, np.inf),
+            },
+            **standard | entries,
+        )
+
+    def failures(both, only_a, only_b, p_value, *flights):
+        counts = {"both": both, "only_a": only_a, "only_b": only_b, "p_value": p_value}
+        first, second = flights
+        return ListedFailures(
+            **counts,
+            neither=1100 - both - only_a - only_b,
+            flights_only_a=first,
+            flights_only_b=second,
+        )
+
+    metrics = {
+        "a": metric(70, 1.05, winner="tlc"),
+        "b": metric(30, 1.04, mixed=True),
+        "c": metric(50, None),
+        "d": metric(1, 12.34, compared=False, mixed=True),
+    }
+    pair = ControllerPair(
+        a="tlc",
+        b="lqr",
+        pairs=1100,
+        metrics={},
+        requirements=(failures(3, 2, 11, 0.0224, (7, 9), tuple(range(10))),),
+        ended_early=failures(0, 0, 1, 1.0, (), (4,)),
+        losing=None,
+        surfaces={},
+    )
+    names = SimpleNamespace(
+        label=str.upper,
+        metrics={name: SimpleNamespace(label_with_unit=f"{name} (m)") for name in metrics},
+        campaign=SimpleNamespace(kind="controller"),
+    )
+    differences, lost = pair_tables(pair, names, metrics, ["x < 3"])
+    assert (
+        differences.heads[4] == "TLC better in"
+        and "TLC minus quantiles of LQR" in differences.caption
+    )
+    ends = ["−2.0 (−2.5 to −1.6)", "3.1 (2.5 to 3.7)", "not reached"]
+    assert differences.plain_rows() == [
+        ["a (m)", *ends, "70 of 1100", "1.1 times", "TLC"],
+        ["b (m)", *ends, "30 of 1100", "none", "mixed"],
+        ["c (m)", *ends, "50 of 1100", "none", "neither"],
+        ["d (m)", *ends, "1 of 1100", "12 times", ""],
+    ]
+    assert lost.heads[1:] == (
+        "Both failed", "Only TLC", "Only LQR", "Neither", "p-value",
+        "Flights, only TLC", "Flights, only LQR")  # fmt: skip
+    assert [row[1:] for row in lost.plain_rows()] == [
+        ["3", "2", "11", "1084", "0.022", "7, 9", "0, 1, 2, 3, 4, 5, 6, 7, 8, 9, …"],
+        ["0", "0", "1", "1099", "1.0", "—", "4"],
+    ]

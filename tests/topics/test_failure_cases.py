@@ -1,5 +1,6 @@
 """Survival of flights by failure case."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
+from abhv_mc.campaign.file.experiment import Experiment
 from abhv_mc.flights.metrics import MARGIN_FAULTS, MARGIN_NAMES
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.topics.failure_cases import (
@@ -19,7 +21,7 @@ from abhv_mc.topics.failure_cases.figures import draw
 from abhv_mc.topics.topic import Models, names_of
 
 
-def test_a_case_counts_its_losses_and_their_times_since_the_first_failure(flown):
+def test_a_case_counts_its_losses_and_their_times_since_the_first_failure(flown, monkeypatch):
     """The mission ends at 60 s: the failures of flights 4 and 5 do not occur."""
     results = flown(200)
     stuck, loss, end, altitude, gain, unstable = (
@@ -59,7 +61,28 @@ def test_a_case_counts_its_losses_and_their_times_since_the_first_failure(flown)
     assert one.margins == CaseMargins(3, 1, 8.0)
     (table,) = failure_case_section(found, Models(results).names).tables()
     share = "25\u202f% (0.6\u202f% to 81\u202f%)"
-    assert table.plain_rows()[1][:6] == ["elevator stuck", "4", "TLC", share, "3", "7.0 s"]
+    rows = table.plain_rows()
+    assert rows[1][:6] == ["elevator stuck", "4", "TLC", share, "3", "7.0 s"]
+    assert [row[:3] + row[4:6] for row in (rows[0], rows[2])] == [
+        ["none", "3", "TLC", "1", ""],
+        ["elevator stuck + rudder loss", "1", "TLC", "1", "3.0 s"],
+    ]
+    assert re.findall(r"by (\d), (\w+)|(\S+) dB|(\d of \d)", rows[1][6]) == [
+        ("4", "FAIL", "", ""), ("3", "FAIL", "", ""), ("3", "FAIL", "", ""),
+        ("", "", "8.0", ""), ("", "", "", "1 of 3")]  # fmt: skip
+    assert (found.end_s, none.survived.value) == (60.0, pytest.approx(2 / 3))
+    monkeypatch.setattr(Experiment, "judged", False)
+    dependent = compute_failure_cases(results)
+    own = dependent.cases[1].controllers["tlc"]
+    assert own.survived.value == 0.25 and np.isnan([own.survived.low, own.survived.high]).all()
+    assert {verdict.status for verdict in own.requirements.values()} == {"ESTIMATE"}
+    lqr = replace(results.flights["tlc"], metrics={**others, "end_time_s": end})
+    case = compute_failure_cases(replace(results, flights={"lqr": lqr})).cases[1]
+    assert case.controllers["lqr"].margins is None  # not computed
+    assert case.controllers["lqr"].requirements == {}  # which are TLC's
+    none = {"atmosphere.density": np.ones(8)}
+    nothing = compute_failure_cases(replace(results, samples=none))
+    assert nothing.cases == () and failure_case_section(nothing, names_of(results)) is None
     ((_, figure),) = draw(found, names_of(results))  # worst histories make no band
     elevator, both = (axes.lines[0].get_xydata().T for axes in figure.axes)
     # Of the three flights that end after the failure, two are lost, 4 and 10 s later.
