@@ -2,13 +2,15 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from abhv_mc.analysis.failure_map import ControllerFailures, Dispersed, FailureGroup
 from abhv_mc.topics.failures import FAILURES, map_table
-from abhv_mc.topics.simulator import compute_simulator
-from abhv_mc.topics.topic import Models
+from abhv_mc.topics.simulator import SIMULATOR, FailureReason, SimulatorFacts, compute_simulator
+from abhv_mc.topics.topic import Models, Records
 
 METRIC = "speed_error_max_mps"  # below 5
 
@@ -61,3 +63,60 @@ def test_reasons_are_counted_with_their_first_flights(flown):
     (own,) = compute_simulator(replace(results, flights=flights)).reasons.values()
     assert {(reason.flights, reason.first) for reason in own} == {(3, 2), (1, 5), (1, 1)}
     assert (own[0].reason, own[0].flights) == ("a", 3)
+
+
+def names_for(is_repeatable):
+    capabilities = SimpleNamespace(is_repeatable=is_repeatable)
+    simulator = SimpleNamespace(capabilities=capabilities)
+    return SimpleNamespace(
+        campaign=SimpleNamespace(simulator=simulator), kind="System", label=str.upper
+    )
+
+
+@pytest.mark.parametrize("is_repeatable", [True, False])
+def test_reasons_and_events_of_a_simulator_have_rows(is_repeatable):
+    """At most 20 reasons of each system are listed."""
+    reasons = tuple(FailureReason(f"r{k}", 1200 - k, k + 3) for k in range(22))
+    facts = SimulatorFacts(
+        repeatable="no",
+        events={"a": {"restarts": 1500, "other": 2}, "b": {"surplus": 1}},
+        notes=("first", "second"),
+        files=("x.py", "y.csv"),
+        reasons={"a": reasons, "b": reasons[:1]},
+    )
+    names = names_for(is_repeatable)
+    records, *_ = SIMULATOR.section(facts, names).items
+    assert isinstance(records, Records)
+    lines = {record.label: record.line for record in records.records}
+    assert lines["Note"] == "Note: first; second" and "x.py, y.csv" in [*lines.values()][-1]
+    assert len(lines["Repeatable"]) > 15
+    events, failed = SIMULATOR.section(facts, names).tables()
+    assert [[row[0], *row[2:]] for row in events.plain_rows()] == [
+        ["A", "1500"], ["A", "2"], ["B", "1"]]  # fmt: skip
+    assert events.plain_rows()[1][1] == "other"
+    expected = [["A", f"r{k}", f"{1200 - k}", f"{k + 3}"] for k in range(20)]
+    assert failed.plain_rows() == [*expected, ["B", "r0", "1200", "3"]]
+    quiet = replace(facts, reasons={}, events={})
+    section = SIMULATOR.section(quiet, names)
+    assert section is None if is_repeatable else section.tables() == []
+    nothing = SimulatorFacts(None, {}, (), (), {})
+    assert SIMULATOR.section(nothing, names) is None
+
+
+@pytest.mark.parametrize(
+    ("can_rerun", "is_repeatable", "noted"),
+    [(True, False, True), (True, True, False), (False, False, False), (False, True, False)],
+)
+def test_facts_of_a_simulator_are_those_of_the_manifest(flown, can_rerun, is_repeatable, noted):
+    inputs = {"inputs/simulator/a/b.py": "0", "inputs/vehicle.yaml": "1", "inputs/simulator/c": "2"}
+    results = flown(80)
+    manifest = replace(results.manifest, warnings=("w",), inputs=inputs, simulator_events=None)
+    capabilities = SimpleNamespace(can_rerun=can_rerun, is_repeatable=is_repeatable)
+    campaign = SimpleNamespace(simulator=SimpleNamespace(capabilities=capabilities))
+    stub = SimpleNamespace(manifest=manifest, campaign=campaign, flights=results.flights)
+    facts = compute_simulator(stub)
+    assert (facts.files, facts.events, facts.reasons) == (("a/b.py", "c"), {}, {})
+    assert facts.notes == (("w",) if noted else ())
+    events = {"tlc": {"restarts": 3}}
+    stub.manifest = replace(manifest, simulator_events=events)
+    assert compute_simulator(stub).events == events
