@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from abhv_mc.topics.envelopes import ENVELOPES, Curve, _ends, compute_envelopes
+from abhv_mc.topics.envelopes import ENVELOPES, Curve, Envelopes, _ends, compute_envelopes
 from abhv_mc.topics.envelopes.figures import flight_curve, panel_of
 from abhv_mc.topics.topic import Models
 
@@ -102,3 +102,47 @@ def test_simultaneous_bands_are_drawn_around_each_channel(failing, monkeypatch, 
         assert high.tolist() == (-low).tolist() == np.arange(k, 1202.0, 2).tolist()
     assert [name for name, *_ in asked] == ["tlc", "lqr", "lqr_retuned"]
     assert {len(recorded) for _, *recorded in asked} == {10}
+
+
+@pytest.mark.parametrize(("flights", "among"), [(80, False), (50, True)])
+def test_the_section_says_how_many_flights_and_which_spacing(flown, flights, among):
+    names = Models(flown(80)).names
+    ranges = {"tlc": {"altitude_m": (19950.0, 20040.0), "bank_deg": (-3.2, 7.4)}}
+    found = Envelopes(ranges, 0.1, flights)
+    section = ENVELOPES.section(found, names)
+    lines = {record.label: record.line for record in section.items[0].records}
+    assert ("flights 0 to 49" in lines["Bands"]) is among and "0.1 s" in lines["All flights"]
+    assert "Unknowns" not in lines
+    (table,) = section.tables()
+    assert table.plain_rows() == [
+        ["altitude (m)", "19\u202f950 to 20\u202f040", "", ""],
+        ["bank (deg)", "−3 to 7", "", ""],
+    ]
+    model = names.campaign.model.model_copy(update={"figures": "paper"})
+    unknowns = replace(names.campaign.unknowns, points=np.zeros((4, 1)))
+    campaign = replace(names.campaign, model=model, unknowns=unknowns)
+    section = ENVELOPES.section(found, replace(names, campaign=campaign))
+    lines = {record.label: record.line for record in section.items[0].records}
+    assert "4 points" in lines["Unknowns"] and f"with {flights // 4} flights" in lines["Unknowns"]
+    assert [row[4] for row in section.tables()[0].plain_rows()] == ["Fig. 3", "Fig. 7"]
+    empty = replace(found, step_s=None)
+    records = ENVELOPES.section(empty, names).items[0].records
+    assert records == ()
+
+
+def test_channels_without_a_median_are_named(flown):
+    """Where flights spread over the circle, the band is missing though flights are airborne."""
+    results = flown(80)
+
+    def envelope(*medians):
+        return SimpleNamespace(count=np.array([3, 3, 0]), median=np.array(medians))
+
+    envelopes = {
+        ("tlc", "bank_deg"): envelope(1.0, 2.0, np.nan),
+        ("lqr", "heading_deg"): envelope(1.0, np.nan, np.nan),
+    }
+    results = replace(results, envelopes=envelopes)
+    section = ENVELOPES.section(Envelopes({}, 0.1, 80), Models(results).names)
+    lines = [record.line for record in section.items[0].records]
+    assert any("heading_deg" in line for line in lines)
+    assert not any("bank_deg" in line for line in lines)

@@ -19,12 +19,18 @@ from abhv_mc.topics.comparison.figures import (
 )
 from abhv_mc.topics.comparison.model import total_usage
 from abhv_mc.topics.envelopes import ENVELOPES
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes, plot_sheet
+from abhv_mc.topics.figure_bands import (
+    EnvelopePanel,
+    EnvelopeRow,
+    plot_envelopes,
+    plot_errors,
+    plot_sheet,
+)
 from abhv_mc.topics.figure_style import BLUE, CYCLE
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.figures import _limit_curves
 from abhv_mc.topics.flights.model import channel_of
-from abhv_mc.topics.metrics.figures import Spread, plot_distributions
+from abhv_mc.topics.metrics.figures import Spread, make_spread, plot_distributions
 from abhv_mc.topics.topic import Models
 from abhv_mc_vehicle.flight.metrics import METRICS
 
@@ -325,3 +331,83 @@ def test_differences_are_cumulative_with_their_medians_and_intervals():
     assert (low, high) == pytest.approx((-1.12 * reach, 1.12 * reach))
     assert second.get_xlim() == pytest.approx((-0.06, 0.06)) and not second.containers
     assert (first.get_xlabel(), second.get_xlabel()) == ("E (m)", "F (m)")
+
+
+def test_an_inset_is_where_any_controller_changes_most():
+    """The smaller change of the first controller is at another time; short flights have none."""
+    x = np.linspace(0.0, 60.0, 601)
+
+    def panel(time, center, size):
+        bump = size * np.exp(-((time - center) ** 2))
+        return EnvelopePanel(
+            time, {"q50": 5.0 + 0.0 * time, "min": 5.0 - bump, "max": 5.0 + 0.0 * time}
+        )
+
+    row = EnvelopeRow("y", [panel(x, 10.0, 2.0), panel(x, 40.0, 3.0)], inset=True)
+    (inset,) = plot_sheet([row], ["A", "B"]).axes[0].child_axes
+    assert np.mean(inset.get_xlim()) == pytest.approx(40.0, abs=0.2)
+    early = EnvelopeRow("y", [panel(x, 1.0, 2.0)], inset=True)
+    assert plot_sheet([early], ["A"]).axes[0].child_axes[0].get_xlim() == (0.0, 6.0)
+    short = EnvelopeRow("y", [panel(x[:110], 10.0, 2.0)], inset=True)
+    assert plot_sheet([short], ["A"]).axes[0].child_axes == []
+    plain = EnvelopeRow("y", [panel(x, 10.0, 2.0)])
+    assert plot_sheet([plain], ["A"]).axes[0].child_axes == []
+
+
+def test_axes_span_the_values_shown_with_a_margin():
+    x = np.linspace(0.0, 10.0, 11)
+    panel = EnvelopePanel(
+        x,
+        {"q50": np.full(11, np.nan)},
+        reference=(x, 0.1 * x - 3.0),
+        flights=[(x, np.where(x > 8.0, np.inf, 4.0))],
+        limits=[(x, np.full(11, 7.0))],
+    )
+    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    axes = figure.axes[0]
+    assert axes.get_xlim() == (0.0, 10.0)
+    assert axes.get_ylim() == pytest.approx((-3.0 - 0.6, 7.0 + 0.6))
+    flat = EnvelopePanel(x, {"q50": np.full(11, 5.0)})
+    axes = plot_envelopes([EnvelopeRow("y", [flat])], ["A"], [BLUE]).axes[0]
+    assert axes.get_ylim() == pytest.approx((5.0 - 5e-3, 5.0 + 5e-3))
+    nothing = EnvelopePanel(np.full(2, np.nan), {"q50": np.full(2, np.nan)})
+    axes = plot_envelopes([EnvelopeRow("y", [nothing])], ["A"], [BLUE]).axes[0]
+    assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+
+
+def test_errors_have_their_limits_and_only_the_worst_flight():
+    x = np.linspace(0.0, 5.0, 6)
+    panel = EnvelopePanel(x, {}, flights=[(x, x**2)], limits=[(x, np.full(6, 30.0))])
+    figure = plot_errors([("T", "Error (m)", BLUE, panel)])
+    (axes,) = figure.axes
+    assert [line.get_ydata().tolist() for line in axes.lines] == [(x**2).tolist(), [30.0] * 6]
+    assert axes.get_xlim() == (0.0, 5.0) and axes.get_ylim() == pytest.approx((-1.8, 31.8))
+    assert axes.get_ylabel() == "Error (m)" and axes.get_xlabel() == "time (s)"
+
+
+@pytest.mark.parametrize("bad", ["high", "low"])
+def test_flights_that_end_early_are_beyond_the_bad_end_of_a_distribution(failing, bad):
+    metric = "sideslip_max_deg"
+    record = replace(failing.campaign.metrics[metric], bad=bad)
+    campaign = SimpleNamespace(metrics={metric: record}, limits_of=lambda _: [0.7])
+    spread = make_spread(campaign, metric, failing.flights)
+    assert (spread.label, spread.unit, spread.limits) == ("Sideslip, max (deg)", "deg", [0.7])
+    lqr = failing.flights["lqr"]
+    assert lqr.failed.sum() == 12
+    end = np.inf if bad == "high" else -np.inf
+    expected = np.where(lqr.failed, end, lqr.metrics[metric])
+    assert spread.values["lqr"].tolist() == expected.tolist()
+    curves = plot_distributions(
+        [spread], dict.fromkeys(spread.values, "x"), dict.fromkeys(spread.values, BLUE)
+    )
+    shares = curves.axes[0].lines[1].get_ydata()
+    ends = (1 / 100, 88 / 100) if bad == "high" else (13 / 100, 1.0)
+    assert (shares.min(), shares.max()) == pytest.approx(ends)
+
+
+def test_dashed_lines_are_those_named():
+    names = {"a": "A", "b": "B"}
+    spread = Spread("x", dict.fromkeys(names, np.arange(3.0)))
+    colors = dict.fromkeys(names, BLUE)
+    (axes,) = plot_distributions([spread], names, colors, ("b",)).axes[:1]
+    assert [line.get_linestyle() for line in axes.lines] == ["-", "--"]

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,7 +31,8 @@ from abhv_mc.topics.flights.model import worst_flights
 from abhv_mc.topics.formatting import json_data
 from abhv_mc.topics.metrics import METRICS
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.topic import REGISTERED, Cell, Models, Table
+from abhv_mc.topics.registry import BUILT_IN, all_topics, find_topic
+from abhv_mc.topics.topic import REGISTERED, Cell, Models, Table, names_of, user_topics
 from abhv_mc.topics.verdicts import VERDICTS
 
 
@@ -247,3 +249,40 @@ def test_constant_columns_move_to_the_caption():
     assert varying.without_constant() == varying
     single = Table("T", ("Name", "Same"), ((rows[0][:2],),), "C")
     assert single.without_constant() == single
+
+
+def test_topics_are_in_the_order_of_the_page_and_found_by_name(topic):
+    names = [item.name for item in all_topics()]
+    own = [item.name for item in BUILT_IN]
+    assert names == [*own[:-2], "correlate", *own[-2:]] and own[-1] == "provenance"
+    assert [item.name for item in all_topics(())] == own
+    assert find_topic("correlate") is topic and find_topic("verdicts") is VERDICTS
+    with pytest.raises(InputError):
+        find_topic("nothing")
+
+
+def test_entry_points_are_topics_or_say_why_not(topic, monkeypatch, capsys):
+    """A registered topic replaces an installed one of its name."""
+    entries = {
+        "good": SimpleNamespace(name="good", load=lambda: replace(topic, name="good")),
+        "same": SimpleNamespace(name="same", load=lambda: replace(topic, section=None)),
+        "broken": SimpleNamespace(name="broken", load=lambda: 1 / 0),
+    }
+    monkeypatch.setattr("abhv_mc.topics.topic.find_entry_points", lambda _: entries)
+    found = user_topics()
+    assert [item.name for item in found] == ["good", "correlate"] and found[1] is topic
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    entries["bad"] = SimpleNamespace(name="bad", load=lambda: 3)
+    with pytest.raises(InputError, match="bad"):
+        user_topics()
+
+
+def test_printed_commands_have_the_folder_relative_to_the_page(flown):
+    results = flown(80)
+    assert names_of(results).folder == results.folder.as_posix()
+    page = results.folder.parent / "pages"
+    assert names_of(results, page).folder == f"../{results.folder.name}"
+    spaced = replace(results, folder=page / "my run")
+    names = names_of(spaced, page)
+    assert names.folder == "'my run'" and names.kind == "Controller"
+    assert (names.label("tlc"), names.label("unknown")) == ("TLC", "unknown")
