@@ -43,6 +43,8 @@ def panel():
 
 def test_bands_are_drawn_where_they_say(panel):
     figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert sorted(labels) == ["0.135–99.865 %", "5–95 %", "all flights", "median"]
     areas = figure.axes[0].collections
     for area, (low, high) in zip(
         areas, [("min", "max"), ("q0.135", "q99.865"), ("q5", "q95")], strict=True
@@ -54,8 +56,10 @@ def test_bands_are_drawn_where_they_say(panel):
 
 def test_with_unknowns_the_median_has_two_lines(panel):
     panel = replace(panel, bands={**panel.bands, "q50_most": panel.bands["q50"] + 0.2})
-    lines = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE]).axes[0].lines
+    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    lines = figure.axes[0].lines
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
+    assert figure.legends[0].get_texts()[0].get_text() == "least and most median"
 
 
 def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(failing):
