@@ -16,6 +16,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.summary import summarize
 from abhv_mc.topics.margins import (
     MARGINS,
+    FlightMargins,
     LeastMargins,
     Spread,
     compute_margins,
@@ -248,3 +249,36 @@ def test_missing_margins_are_counted_and_a_few_are_listed(models, count, listed)
     found = replace(models[MARGINS], missing={"tlc": tuple(range(1, count + 1))})
     (clause,) = missing_margins(found, models.names)
     assert clause.endswith(f"TLC: {count} (flights {listed})")
+
+
+def test_a_fault_is_of_all_loops_together(models):
+    """The poles with a positive real part are printed."""
+    found = models[MARGINS]
+    *loops, together = found.steady.controllers["tlc"].nominal
+    poles = [[0.5, 0.0], [-0.2, 1.0], [0.0, 0.0]]
+    unstable = [*loops, replace(together, stable=False, poles=poles)]
+    sound = [*(replace(row, stable=False) for row in loops), together]
+
+    def first(**changes):
+        entry = replace(found.steady.controllers["tlc"], **changes)
+        steady = replace(found.steady, controllers={"tlc": entry})
+        return (
+            margin_section(replace(found, steady=steady), models.names).tables()[0].plain_rows()[0]
+        )
+
+    assert first(nominal=unstable)[0].endswith("(poles at +0.500 per second))")
+    assert first(nominal=sound)[:2] == ["TLC", "aileron"]
+    assert "no trim" in first(fault="no trim")[0]
+    assert first(corners_unstable=3)[0].endswith("3 of 8)")
+
+
+@pytest.mark.parametrize(
+    ("below", "above", "text"),
+    [(None, None, ""), ((0, 0), (1, 4), "1 of 4 (25"), ((2, 4), (0, 0), "2 of 4 (50")],
+)
+def test_failures_are_counted_where_there_are_flights(models, below, above, text):
+    spreads = dict.fromkeys(MARGIN_NAMES, Spread(8.0, 4.0))
+    own = FlightMargins(4, 0, 0, spreads, (), below, above)
+    found = replace(models[MARGINS], flights={"tlc": own}, points=("trim",))
+    (row,) = margin_section(found, models.names).tables()[1].plain_rows()
+    assert row[7].startswith(text) and bool(row[7]) is bool(text) and row[7].count(" of ") <= 1
