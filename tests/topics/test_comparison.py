@@ -317,3 +317,22 @@ def test_differences_are_infinite_where_only_one_flight_is_lost(results, bad, si
     expected = number.astype(float)
     expected[:3] = sign * np.inf, 0.0, -sign * np.inf
     assert metric_differences(a, b, METRIC).tolist() == expected.tolist()
+
+
+def test_required_metrics_come_before_control_effort_and_angles(results):
+    """The figure of control effort is there where control effort is compared."""
+    models = Models(results)
+    found, names = models[COMPARISON], models.names
+    section = COMPARISON.section(found, names)
+    groups = [[row[0].text for row in group] for group in section.tables()[0].groups]
+    records = {record.label_with_unit: record for record in names.metrics.values()}
+    assert groups[0] == [names.metrics[metric].label_with_unit for metric in names.asked]
+    assert {records[text].group for text in groups[1]} == {"usage"}
+    assert {(records[text].group, records[text].unit) for text in groups[2]} == {
+        ("tracking", "deg")
+    }
+    assert len(groups) == 4 and len(groups[3]) == 4
+    leading = {metric: found.standings[metric] for metric in names.asked}
+    without = COMPARISON.section(replace(found, standings=leading), names)
+    assert len(without.items) == len(section.items) - 1
+    assert len(without.tables()[0].groups) == 3
