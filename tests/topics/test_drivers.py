@@ -9,7 +9,9 @@ import pytest
 
 from abhv_mc.campaign.file.config import Sampling
 from abhv_mc.topics.drivers import (
+    ControllerDrivers,
     Driver,
+    Drivers,
     MetricDrivers,
     Share,
     Swing,
@@ -189,3 +191,67 @@ def test_parameters_that_move_with_a_driver_have_no_share(moving, found, share):
     assert {name: [x.parameter for x in own] for name, own in shares.items()} == {
         "m": ["a"] * share
     }
+
+
+def test_every_driver_has_its_cells(flown):
+    """The table has at most four drivers of an error, and the text two."""
+    names = Models(flown(80)).names
+    parameters = names.campaign.parameters
+    records = tuple(replace(r, is_category=r.name == "aero.drag") for r in parameters.records)
+    contents = replace(names.campaign.contents, parameters=replace(parameters, records=records))
+    names = replace(names, campaign=replace(names.campaign, contents=contents))
+    lift, drag, density = "aero.lift", "aero.drag", "atmosphere.density"
+    altitude, sideslip, speed = sorted(names.asked)
+
+    def driver(name, value, either_way=False, driver=True, moves_with=None):
+        ends = (value, value - 0.02, value + 0.02)
+        return Driver(name, either_way, ends, 0.001, driver, moves_with)
+
+    many = MetricDrivers(
+        explained=0.754,
+        otherwise=(Share(lift, 0.02, 0.31, density), Share(drag, 0.1, 0.2, None)),
+        parameters=(
+            driver(density, -0.81, moves_with=lift),
+            driver(lift, 0.52, either_way=True),
+            driver(drag, 0.1, driver=False),
+            driver(drag, -0.4, either_way=True),
+        ),
+    )
+    none = MetricDrivers(0.05, (), (driver(lift, 0.3, driver=False),))
+    one = MetricDrivers(0.9, (), (driver(drag, 0.9), driver(lift, -0.2)))
+    tlc = ControllerDrivers({altitude: many, sideslip: none})
+    found = Drivers({"tlc": tlc, "lqr": ControllerDrivers({speed: one})}, 0.03)
+    section = driver_section(found, names)
+    (table,) = section.tables()
+    thin, minus = "\u202f", "\N{MINUS SIGN}"
+    first = ["TLC", "Altitude error, max", f"25{thin}%"]
+    last = ["LQR", "Speed error, max", f"10{thin}%"]
+    assert table.plain_rows() == [
+        [*first, "density (confounded with lift)", f"{minus}0.81 ({minus}0.83 to {minus}0.79)"],
+        [*first, "lift, high or low", "0.52 (0.50 to 0.54)"],
+        [*first, "drag, high or low", f"{minus}0.40 ({minus}0.42 to {minus}0.38)"],
+        [*first, "lift, not monotonic (mostly with density)",
+         f"31{thin}% of the variance (2{thin}% alone)"],
+        ["TLC", "Sideslip, max", f"95{thin}%", "no single parameter", ""],
+        [*last, "drag", "0.90 (0.88 to 0.92)"],
+        [*last, "lift", f"{minus}0.200 ({minus}0.220 to {minus}0.180)"],
+    ]  # fmt: skip
+    share = Share(drag, 0.1, 0.2, None)
+    few = Drivers({"tlc": ControllerDrivers({altitude: replace(none, otherwise=(share,))})})
+    assert driver_section(few, names).tables()[0].plain_rows()[0][3] == "drag, by category"
+    text = {
+        own.partition(": ")[0]: own.partition(": ")[2]
+        for own in driver_text(tlc, names).split("; ")
+    }
+    assert text == {
+        "max altitude error": f"density ({minus}), lift (high or low)",
+        "max sideslip": "no single parameter",
+    }
+    signs = replace(many, parameters=many.parameters[3:])
+    text = driver_text(ControllerDrivers({altitude: signs, speed: one}), names)
+    assert text.split("; ") == [
+        "max altitude error: drag (near its median), lift",
+        f"max speed error: drag (+), lift ({minus})",
+    ]
+    assert driver_section(Drivers({"tlc": ControllerDrivers({})}), names).tables() == []
+    assert section.part

@@ -1,5 +1,6 @@
 """Curves, limits and labels of figures."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,14 +10,27 @@ import pytest
 from abhv_mc.flights.metrics import MARGINS
 from abhv_mc.flights.statistic import Statistic
 from abhv_mc.folder.flown_campaign import BANDS
-from abhv_mc.topics.comparison.figures import plot_error_against_usage
+from abhv_mc.topics.comparison import COMPARISON
+from abhv_mc.topics.comparison.figures import (
+    DifferencePanel,
+    plot_differences,
+    plot_error_against_usage,
+    plot_variants,
+)
+from abhv_mc.topics.comparison.model import total_usage
 from abhv_mc.topics.envelopes import ENVELOPES
-from abhv_mc.topics.figure_bands import EnvelopePanel, EnvelopeRow, plot_envelopes, plot_sheet
+from abhv_mc.topics.figure_bands import (
+    EnvelopePanel,
+    EnvelopeRow,
+    plot_envelopes,
+    plot_errors,
+    plot_sheet,
+)
 from abhv_mc.topics.figure_style import BLUE, CYCLE
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.figures import _limit_curves
 from abhv_mc.topics.flights.model import channel_of
-from abhv_mc.topics.metrics.figures import Spread, plot_distributions
+from abhv_mc.topics.metrics.figures import Spread, make_spread, plot_distributions
 from abhv_mc.topics.topic import Models
 from abhv_mc_vehicle.flight.metrics import METRICS
 
@@ -29,6 +43,8 @@ def panel():
 
 def test_bands_are_drawn_where_they_say(panel):
     figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert sorted(labels) == ["0.135–99.865 %", "5–95 %", "all flights", "median"]
     areas = figure.axes[0].collections
     for area, (low, high) in zip(
         areas, [("min", "max"), ("q0.135", "q99.865"), ("q5", "q95")], strict=True
@@ -40,8 +56,10 @@ def test_bands_are_drawn_where_they_say(panel):
 
 def test_with_unknowns_the_median_has_two_lines(panel):
     panel = replace(panel, bands={**panel.bands, "q50_most": panel.bands["q50"] + 0.2})
-    lines = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE]).axes[0].lines
+    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    lines = figure.axes[0].lines
     assert np.allclose(lines[1].get_ydata() - lines[0].get_ydata(), 0.2)
+    assert figure.legends[0].get_texts()[0].get_text() == "least and most median"
 
 
 def test_altitude_errors_are_in_metres_and_a_moving_reference_is_not_the_flights_spread(failing):
@@ -189,3 +207,211 @@ def test_an_inset_enlarges_the_largest_change_of_any_band():
     assert low < 40.0 < high and (low + high) / 2.0 == pytest.approx(40.0, abs=0.2)
     bottom, top = inset.get_ylim()
     assert bottom < 0.0 and 9.0 < top < 10.0
+
+
+def texts_of(axes):
+    return [text.get_text().replace("\n", " ") for text in axes.texts]
+
+
+def test_variants_are_cells_of_their_two_values():
+    """Of a limit above, the 5 % quantile is the worse."""
+    values = [("1", "10 ms"), ("2", "10 ms"), ("3", "10 ms"), ("1", "20 ms"), ("3", "20 ms")]
+    variants = {f"v{k}": ("tlc", "gain", x, "lag", y) for k, (x, y) in enumerate(values)}
+
+    def row(below, statuses):
+        cells = {
+            name: SimpleNamespace(low=-1.0 - k, high=10.0 * (k + 1), status=status)
+            for k, (name, status) in enumerate(zip(variants, statuses, strict=True))
+        }
+        return SimpleNamespace(label="Error", text="< 7 m", unit="m", below=below, cells=cells)
+
+    rows = [row(True, ["PASS", "PASS", "FAIL", "", "PASS"]), row(False, [""] * 5)]
+    high, low = plot_variants(variants, rows).axes
+    nan = np.nan
+    for axes, values in (
+        (high, [[10, 20, 30], [40, nan, 50]]),
+        (low, [[-1, -2, -3], [-4, nan, -5]]),
+    ):
+        cells = axes.collections[0].get_array()
+        np.testing.assert_array_equal(np.ma.filled(cells, nan), values)
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "3"]
+        assert [label.get_text() for label in axes.get_yticklabels()] == ["10 ms", "20 ms"]
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("gain", "lag")
+        places = [text.get_position() for text in axes.texts[1:6]]
+        assert places == [(0, 0), (1, 0), (2, 0), (0, 1), (2, 1)]
+    assert texts_of(high)[1:6] == ["10.0 PASS", "20.0 PASS", "30.0 FAIL", "40.0 ", "50.0 PASS"]
+    assert texts_of(low)[1:4] == ["−1.00 ", "−2.00 ", "−3.00 "]
+    assert (texts_of(high)[6], texts_of(low)[6]) == ("Error < 7 m", "Error (m)")
+    assert high.collections[0].get_clim()[0] == 0.0 and low.collections[0].get_clim()[0] == -5.0
+
+
+@pytest.mark.parametrize(
+    ("bases", "keys", "drawn"), [("aaa", "xxx", True), ("aba", "xxx", False), ("aaa", "xyx", False)]
+)
+def test_variants_of_one_base_and_two_entries_are_drawn(failing, monkeypatch, bases, keys, drawn):
+    monkeypatch.setattr("abhv_mc.topics.comparison.figures.plot_variants", lambda found, _: found)
+    names = Models(failing).names
+    variants = [
+        f"{base}+{key}={k}+lag={2 * k} ms"
+        for k, (base, key) in enumerate(zip(bases, keys, strict=True))
+    ]
+    flights = dict(zip(variants, failing.flights.values(), strict=True))
+    results = replace(failing, flights={**failing.flights, **flights})
+    names = replace(names, results=results, controllers={name: name for name in variants})
+    figures = {text.name: figure for text, figure in COMPARISON.figures(None, names)}
+    assert list(figures) == ["variants"] * drawn + ["error_against_usage"]
+    if drawn:
+        assert figures["variants"][variants[2]] == ("a", "x", "2", "lag", "4 ms")
+
+
+@pytest.mark.parametrize("required", [True, False])
+def test_errors_against_control_effort_are_of_completed_flights(failing, required):
+    """TLC completes all 100 flights, and the others 88."""
+    names = Models(failing).names
+    drawn = [*names.asked]
+    if not required:
+        drawn = ["altitude_error_max_m", "sideslip_max_deg"]
+        campaign = replace(failing.campaign, requirements=())
+        results = replace(failing, campaign=campaign)
+        asked = (drawn[0], "rudder_rms_deg", drawn[1])
+        names = replace(names, asked=asked, requirements=(), results=results)
+    ((_, figure),) = COMPARISON.figures(None, names)
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    for axes, metric in zip(panels, drawn, strict=True):
+        title = " ".join(texts_of(axes)).replace("\xa0", " ")
+        assert names.metrics[metric].label_with_unit in title
+        limits = {line.get_ydata()[0] for line in axes.lines if line.get_label() == "limit"}
+        limits |= {float(text) for text in re.findall(r"limit (\S+) (?:m|deg)", title)}
+        assert limits == set(failing.campaign.limits_of(metric) if required else ())
+        clouds = [line for line in axes.lines if len(line.get_xdata()) > 2]
+        for name, cloud in zip(names.controllers, clouds, strict=True):
+            flights = failing.flights[name]
+            done = ~flights.failed
+            x, y = total_usage(flights)[done], flights.metrics[metric][done]
+            assert np.array_equal(cloud.get_xydata(), np.stack([x, y], axis=1))
+            (mark,) = (line for line in axes.lines if line.get_label() == names.label(name))
+            assert mark.get_xydata().tolist() == [[np.median(x), np.median(y)]]
+    assert len({axes.get_xlim() for axes in panels}) == 1
+
+
+def test_few_of_many_flights_are_drawn_with_the_two_extremes():
+    values = np.random.default_rng(3).permutation(np.arange(1.0, 602.0))
+    values[5] = np.nan
+    trade = Spread("Error (m)", {"a": values, "b": np.full(3, np.nan)})
+    usage = {"a": 2.0 * values, "b": np.ones(3)}
+    figure = plot_error_against_usage(
+        usage, [trade], "e", {"a": "A", "b": "B"}, {"a": "b", "b": "r"}
+    )
+    cloud, median = figure.axes[0].lines
+    x, y = cloud.get_xydata().T
+    assert 200 <= y.size <= 252 and {y.min(), y.max()} == {np.nanmin(values), np.nanmax(values)}
+    assert x.tolist() == (2.0 * y).tolist()
+    assert median.get_xydata().tolist() == [[2.0 * np.nanmedian(values), np.nanmedian(values)]]
+
+
+def test_differences_are_cumulative_with_their_medians_and_intervals():
+    values = np.r_[np.arange(-2.0, 8.0), np.inf, -np.inf]
+    panels = [
+        DifferencePanel(
+            "E (m)", {"p": values, "q": -values}, {"p": (2.0, 1.0, 4.0), "q": (-2.0, None, -1.0)}
+        ),
+        DifferencePanel("F (m)", {"p": np.full(3, np.inf)}, {"p": (None, None, None)}),
+    ]
+    figure = plot_differences(panels, {"p": "P", "q": "Q"}, {"p": BLUE, "q": CYCLE[1]}, "equal")
+    first, second = figure.axes
+    curves = {line.get_label(): line.get_xydata() for line in first.lines}
+    finite = np.sort(values)[1:-1]
+    shares = np.arange(2, 12) / 12.0
+    assert curves["P"] == pytest.approx(np.stack([finite, shares], axis=1))
+    assert curves["Q"] == pytest.approx(np.stack([-finite[::-1], shares], axis=1))
+    assert curves["equal"][:, 0].tolist() == [0.0, 0.0]
+    marks, arms = zip(*((bar.lines[0], bar.lines[2][0]) for bar in first.containers), strict=True)
+    assert [mark.get_xydata().tolist() for mark in marks] == [[[2.0, 0.5]], [[-2.0, 0.5]]]
+    ends = [arm.get_segments()[0][:, 0].tolist() for arm in arms]
+    assert ends == [[1.0, 4.0], [-2.0, -1.0]]
+    low, high = first.get_xlim()
+    least, most = np.quantile(finite, [0.005, 0.995])
+    reach = max(most, -least)
+    assert (low, high) == pytest.approx((-1.12 * reach, 1.12 * reach))
+    assert second.get_xlim() == pytest.approx((-0.06, 0.06)) and not second.containers
+    assert (first.get_xlabel(), second.get_xlabel()) == ("E (m)", "F (m)")
+
+
+def test_an_inset_is_where_any_controller_changes_most():
+    """The smaller change of the first controller is at another time; short flights have none."""
+    x = np.linspace(0.0, 60.0, 601)
+
+    def panel(time, center, size):
+        bump = size * np.exp(-((time - center) ** 2))
+        return EnvelopePanel(
+            time, {"q50": 5.0 + 0.0 * time, "min": 5.0 - bump, "max": 5.0 + 0.0 * time}
+        )
+
+    row = EnvelopeRow("y", [panel(x, 10.0, 2.0), panel(x, 40.0, 3.0)], inset=True)
+    (inset,) = plot_sheet([row], ["A", "B"]).axes[0].child_axes
+    assert np.mean(inset.get_xlim()) == pytest.approx(40.0, abs=0.2)
+    early = EnvelopeRow("y", [panel(x, 1.0, 2.0)], inset=True)
+    assert plot_sheet([early], ["A"]).axes[0].child_axes[0].get_xlim() == (0.0, 6.0)
+    short = EnvelopeRow("y", [panel(x[:110], 10.0, 2.0)], inset=True)
+    assert plot_sheet([short], ["A"]).axes[0].child_axes == []
+    plain = EnvelopeRow("y", [panel(x, 10.0, 2.0)])
+    assert plot_sheet([plain], ["A"]).axes[0].child_axes == []
+
+
+def test_axes_span_the_values_shown_with_a_margin():
+    x = np.linspace(0.0, 10.0, 11)
+    panel = EnvelopePanel(
+        x,
+        {"q50": np.full(11, np.nan)},
+        reference=(x, 0.1 * x - 3.0),
+        flights=[(x, np.where(x > 8.0, np.inf, 4.0))],
+        limits=[(x, np.full(11, 7.0))],
+    )
+    figure = plot_envelopes([EnvelopeRow("y", [panel])], ["A"], [BLUE])
+    axes = figure.axes[0]
+    assert axes.get_xlim() == (0.0, 10.0)
+    assert axes.get_ylim() == pytest.approx((-3.0 - 0.6, 7.0 + 0.6))
+    flat = EnvelopePanel(x, {"q50": np.full(11, 5.0)})
+    axes = plot_envelopes([EnvelopeRow("y", [flat])], ["A"], [BLUE]).axes[0]
+    assert axes.get_ylim() == pytest.approx((5.0 - 5e-3, 5.0 + 5e-3))
+    nothing = EnvelopePanel(np.full(2, np.nan), {"q50": np.full(2, np.nan)})
+    axes = plot_envelopes([EnvelopeRow("y", [nothing])], ["A"], [BLUE]).axes[0]
+    assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+
+
+def test_errors_have_their_limits_and_only_the_worst_flight():
+    x = np.linspace(0.0, 5.0, 6)
+    panel = EnvelopePanel(x, {}, flights=[(x, x**2)], limits=[(x, np.full(6, 30.0))])
+    figure = plot_errors([("T", "Error (m)", BLUE, panel)])
+    (axes,) = figure.axes
+    assert [line.get_ydata().tolist() for line in axes.lines] == [(x**2).tolist(), [30.0] * 6]
+    assert axes.get_xlim() == (0.0, 5.0) and axes.get_ylim() == pytest.approx((-1.8, 31.8))
+    assert axes.get_ylabel() == "Error (m)" and axes.get_xlabel() == "time (s)"
+
+
+@pytest.mark.parametrize("bad", ["high", "low"])
+def test_flights_that_end_early_are_beyond_the_bad_end_of_a_distribution(failing, bad):
+    metric = "sideslip_max_deg"
+    record = replace(failing.campaign.metrics[metric], bad=bad)
+    campaign = SimpleNamespace(metrics={metric: record}, limits_of=lambda _: [0.7])
+    spread = make_spread(campaign, metric, failing.flights)
+    assert (spread.label, spread.unit, spread.limits) == ("Sideslip, max (deg)", "deg", [0.7])
+    lqr = failing.flights["lqr"]
+    assert lqr.failed.sum() == 12
+    end = np.inf if bad == "high" else -np.inf
+    expected = np.where(lqr.failed, end, lqr.metrics[metric])
+    assert spread.values["lqr"].tolist() == expected.tolist()
+    curves = plot_distributions(
+        [spread], dict.fromkeys(spread.values, "x"), dict.fromkeys(spread.values, BLUE)
+    )
+    shares = curves.axes[0].lines[1].get_ydata()
+    ends = (1 / 100, 88 / 100) if bad == "high" else (13 / 100, 1.0)
+    assert (shares.min(), shares.max()) == pytest.approx(ends)
+
+
+def test_dashed_lines_are_those_named():
+    names = {"a": "A", "b": "B"}
+    spread = Spread("x", dict.fromkeys(names, np.arange(3.0)))
+    colors = dict.fromkeys(names, BLUE)
+    (axes,) = plot_distributions([spread], names, colors, ("b",)).axes[:1]
+    assert [line.get_linestyle() for line in axes.lines] == ["-", "--"]

@@ -5,21 +5,39 @@ import math
 import numpy as np
 import pytest
 
+from abhv_mc.flights.parameters import Parameter, Parameters
 from abhv_mc.shipped import shipped_files
 from abhv_mc.statistics.estimates import Interval
 from abhv_mc.topics.formatting import (
+    axis_unit,
     bounds,
+    count_of,
     estimate,
     fixed,
     json_data,
+    level_name,
     p_equation,
     p_value,
+    parameter_doc,
     percent,
     shown_value,
     significant,
     spoken_name,
 )
-from abhv_mc.topics.topic import Cell, Table, full_labels, grouped
+from abhv_mc.topics.topic import (
+    Cell,
+    Entry,
+    Fold,
+    Record,
+    Records,
+    Section,
+    Table,
+    controller_label,
+    full_labels,
+    grouped,
+    interval_cell,
+    make_records,
+)
 from abhv_mc_vehicle.plant.parameters import OURS, PARAMETERS
 
 
@@ -86,6 +104,7 @@ def table(*groups):
 
 
 DASH = "\N{EM DASH}"
+OWN = Parameters((Parameter("mine", "rad", 0.0, "angle", of_user=True),))
 ROWS = (
     (Cell("TLC", head=True), Cell("0"), Cell("1 %"), Cell("")),
     (Cell("LQR", head=True), Cell("0"), Cell("2 %"), Cell(DASH)),
@@ -123,6 +142,35 @@ def test_a_cell_is_repeated_in_the_rows_that_it_spans():
         (shown_value("failure.elevator.stuck_at", None, OURS), "where it is"),
         (shown_value("failure.elevator.stuck_time", math.inf, OURS), "never"),
         (shown_value("wind.north", 2.0, OURS), "2.00\xa0m/s"),
+        (shown_value("initial.roll_rate", 0.1, OURS), "5.73\xa0deg/s"),
+        (shown_value("aero.lift.increment", -0.02, OURS), "−0.0200"),
+        (shown_value("failure.rudder.duration", math.inf, OURS), "for good"),
+        (shown_value("aero.lift", 1.0, OURS), "0.0\xa0%"),
+        (axis_unit("aero.lift", OURS), ("factor", 1.0)),
+        (axis_unit("initial.roll_rate", OURS), ("deg/s", 180.0 / math.pi)),
+        (axis_unit("aero.lift.increment", OURS), ("", 1.0)),
+        (axis_unit("wind.north", OURS), ("m/s", 1.0)),
+        (axis_unit("mine", OWN), ("rad", 1.0)),
+        (shown_value("mine", 0.1, OWN), "0.100\xa0rad"),
+        (axis_unit("unknown", OWN), ("factor", 1.0)),
+        (parameter_doc("mine", OWN), "angle"),
+        (parameter_doc("unknown", OWN), ""),
+        (count_of(3, 12000), "3 of 12\u202f000"),
+        (level_name(0.9973), "q99.73"),
+        (p_value(9.9e-5), "< 0.0001"),
+        (p_value(0.5), "0.50"),
+        (percent(-0.02), "−2\u202f%"),
+        (percent(0.99999), "99.999\u202f%"),
+        (spoken_name("mass.total"), "mass"),
+        (spoken_name("my_input"), "my input"),
+        (spoken_name("failure.elevator.slow_time"), "elevator slowing time"),
+        (spoken_name("failure.elevator.stuck_time"), "elevator sticking time"),
+        (spoken_name("failure.elevator.stuck_at"), "elevator failure stuck at"),
+        (spoken_name("sensor.pitch.factor"), "sensor pitch factor"),
+        (interval_cell(Interval(math.inf, 1.0, math.inf)).plain, "not reached"),
+        (interval_cell(Interval(24.123, 23.5, 24.8)).plain, "24.1 (23.5 to 24.8)"),
+        (Cell("1", "n", best=True).plain, "1* (n)"),
+        (controller_label("lqr_robust+aero.lift=0.9"), "LQR robust aero.lift=0.9"),
         (spoken_name("failure.sensor.q.loss_time"), "q sensor loss time"),
         (spoken_name("sensor.pitch_rate_bias"), "pitch rate bias"),
         (spoken_name("aero.lift.increment"), "lift increment"),
@@ -138,3 +186,36 @@ def test_json_has_null_for_what_is_not_finite():
     data = {"a": values, "b": Interval(1.0, -math.inf, 2.0)}
     interval = {"value": 1.0, "low": None, "high": 2.0}
     assert json_data(data) == {"a": [None, None, 3, [True, None], [1.5, None]], "b": interval}
+
+
+def test_columns_and_tables_without_entries_are_left_out():
+    rows = (
+        (Cell("a", head=True), Cell("0"), Cell(""), Cell("0", "n"), Cell("0")),
+        (Cell("", head=True), Cell("0"), Cell(DASH), Cell(""), Cell("7")),
+    )
+    idle = Table("T", ("A", "B", "C", "D", "E"), (rows[:1], rows[1:]))
+    section = Section("S", (idle, Fold("F", (idle, Fold("G", (idle,))))))
+    tables = section.without_idle().tables()
+    assert len(tables) == 3 and {table.heads for table in tables} == {("A", "D", "E")}
+    assert tables[0].plain_rows() == [["a", "0 (n)", "0"], ["", "", "7"]]
+    empty = Table("T", ("A", "B"), ())
+    assert empty.without_idle() == empty
+
+
+def test_records_are_lines_of_at_most_80_columns_with_whole_commands():
+    records = make_records([("One", "a"), ("Two", ""), ("Three", "b"), ("One", "c")])
+    assert [record.line for record in records.records] == ["One: a; c", "Three: b"]
+    assert repr(records).splitlines() == ["One    a", "       c", "Three  b"]
+    command = f"`abhv-mc run DIR/{'x' * 30} --DIRECTORY`"
+    long = Record(
+        "Next", (Entry(("TLC", "LQR"), f"{'word ' * 9}{command} and {'more ' * 20}"), Entry())
+    )
+    moved = Records((long,)).at("my folder")
+    assert moved.records[0].entries[0].names == ("TLC", "LQR")
+    lines = repr(moved).split("\n")
+    assert lines[0].startswith("Next  TLC, LQR: word") and lines[-1] == ""
+    assert all(len(line) <= 80 for line in lines if "`" not in line) and len(lines) == 5
+    assert all(line.startswith(" " * 8) for line in lines[1:-1])
+    assert command.replace("DIR/", "my folder/") in " ".join(map(str.strip, lines))
+    assert any("`abhv-mc run my folder/" in line and "--DIRECTORY`" in line for line in lines)
+    assert repr(Records(())) == ""

@@ -16,13 +16,16 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.summary import summarize
 from abhv_mc.topics.margins import (
     MARGINS,
+    FlightMargins,
     LeastMargins,
     Spread,
     compute_margins,
+    corners_unstable,
+    least_margins,
     margin_section,
     missing_margins,
 )
-from abhv_mc.topics.margins.figures import plot_margins
+from abhv_mc.topics.margins.figures import draw, plot_margins
 from abhv_mc.topics.topic import Models, names_of
 
 LOOPS = ("aileron", "rudder", "elevator", "equivalence_ratio")
@@ -134,9 +137,19 @@ def test_margins_of_flights_are_counted_on_both_sides_of_the_customary_one(
     assert [flight.flight for flight in own.least] == [4, 5, 0, 3, 1]
     assert [flight.failed for flight in own.least] == [True, False, False, True, True]
     names = names_of(results)
-    cells = margin_section(found, names).tables()[1].plain_rows()[0]
-    assert cells[1:3] == ["5.5 / 0.0", "11 / 0"] and cells[5:7] == ["2 of 6", "3 of 6"]
+    _, together, least = margin_section(found, names).tables()
+    (cells,) = together.plain_rows()
+    assert cells[:5] == ["TLC", "5.5 / 0.0", "11 / 0", "16 / 0", "22.00 / 0.00"]
+    assert cells[5:7] == ["2 of 6", "3 of 6"]
     assert "1 of 3 (33\u202f%) below" in cells[7] and "2 of 3 (67\u202f%) at" in cells[7]
+    listed = ((4, 0.0, "yes"), (5, 0.0, "no"), (0, 5.0, "no"), (3, 6.0, "yes"), (1, 7.0, "yes"))
+    assert [row[:7] for row in least.plain_rows()] == [
+        ["TLC", f"{k}", f"{x:.1f}", f"{2 * x:.0f}", f"{3 * x:.0f}", f"{4 * x:.2f}", failed]
+        for k, x, failed in listed
+    ]
+    assert all(f"--flight {row[1]} --controller tlc" in row[7] for row in least.plain_rows())
+    assert [flight.faults[MARGIN_FAULTS[0].name] for flight in own.least] == [2, 2, 0, 0, 0]
+    assert found.points == ("trim", 2.0)
     assert len(missing_margins(found, names)) == len(missing)
     beyond = np.array([0.1, 0.8, 0.0, 0.5, np.inf, 0.2, 0.0, -0.4])
     ranking = SimpleNamespace(beyond={"tlc": beyond})
@@ -146,6 +159,23 @@ def test_margins_of_flights_are_counted_on_both_sides_of_the_customary_one(
     assert passed == [[5.0, 10.0], [0.0, 20.0], [12.0, -40.0]]
     assert failed == [[7.0, 80.0], [6.0, 50.0], [0.0, pytest.approx(80.0 + 0.15 * 120.0)]]
     assert phases.collections[0].get_offsets()[0].tolist() == [10.0, 10.0]
+    free = replace(names, requirements=(), results=drawn)
+    for names_drawn, word in ((replace(names, results=drawn), "limit"), (free, "median")):
+        ((text, figure),) = draw(found, names_drawn)
+        assert figure.axes[0].get_ylabel() == f"exceedance (% of {word})"
+        assert [line.get_label() for line in figure.axes[0].lines] == [word]
+        assert word in text.caption and ("failures" in text.caption) is (word == "limit")
+    assert len(figure.axes[0].collections[1].get_offsets()) == 1  # the early termination
+    campaign = replace(campaign, requirements=())
+    without = compute_margins(replace(results, campaign=campaign)).flights["tlc"]
+    assert (without.failed_below, without.failed_above) == (None, None)
+    monkeypatch.setattr(Experiment, "margin_flights", 0)
+    none = compute_margins(results)
+    assert (none.flights, none.missing, none.points) == ({}, {}, ())
+    assert list(draw(none, names)) == [] and len(margin_section(none, names).tables()) == 1
+    metrics[MARGIN_NAMES[0]] = np.full(8, np.nan)
+    monkeypatch.setattr(Experiment, "margin_flights", 8)
+    assert compute_margins(results).flights == {}
 
 
 @pytest.mark.parametrize(
@@ -163,3 +193,92 @@ def test_margins_are_printed_if_finite_and_compared_with_the_customary_ones(
 ):
     least = LeastMargins(True, gain, "rudder", phase, "elevator")
     assert (least.words, least.little) == (words, little)
+
+
+def test_every_margin_has_its_cell(models):
+    """Values are nominal, then the smallest of the corners; LQR is unstable."""
+    minus, both = "\N{MINUS SIGN}", "\N{PLUS-MINUS SIGN}"
+    loops = ("aileron", "rudder", "elevator", "throttle")
+    together = ["all at once", f"{both}4.4", f"{both}4.4", f"{both}28", f"{both}28", "40", "40"]
+    corner = f"{minus}9.0 / 0.7"
+    expected = [
+        [
+            "TLC",
+            loop,
+            f"{minus}20.0 / {0.8 if loop == 'rudder' else 12.0}",
+            corner,
+            "40",
+            "33",
+            "50",
+            "44",
+        ]
+        for loop in loops
+    ]
+    expected.append(["TLC", *together])
+    expected += [
+        ["LQR retuned", loop, "none / 12.0", corner, "50", "33", "60", "44"] for loop in loops
+    ]
+    left = ["LQR retuned", "left_elevon", "none / 3.0", "none / none", "20", "none", "30", "none"]
+    expected += [left, ["LQR retuned", *together]]
+    rows = models.section(MARGINS).tables()[0].plain_rows()
+    assert [row for row in rows if not row[0].startswith("LQR (")] == expected
+    assert len(rows) == len(expected) + 1
+
+
+def test_the_least_margin_is_of_the_loops_that_count(models):
+    found = models[MARGINS]
+    assert least_margins(found, "tlc") == LeastMargins(True, 0.82, "rudder", 40.0, "aileron")
+    assert least_margins(found, "lqr") == LeastMargins(False)
+    retuned = LeastMargins(True, 12.0, "aileron", 50.0, "aileron")
+    assert least_margins(found, "lqr_retuned") == retuned
+    assert least_margins(found, "unknown") is None
+    counts = [corners_unstable(found, name) for name in ("tlc", "lqr", "unknown")]
+    assert counts == [(0, 8), (8, 8), (0, 8)]
+    entry = found.steady.controllers["tlc"]
+    open_loops = [replace(row, phase_margin_deg=None) for row in entry.nominal]
+    for changed, expected in (
+        (replace(entry, fault="no trim"), None),
+        (replace(entry, nominal=open_loops), LeastMargins(True, 0.82, "rudder", np.inf, "rudder")),
+    ):
+        steady = replace(found.steady, controllers={"tlc": changed})
+        assert least_margins(replace(found, steady=steady), "tlc") == expected
+
+
+@pytest.mark.parametrize(("count", "listed"), [(5, "1, 2, 3, 4, 5"), (6, "1, 2, 3, 4, 5, ...")])
+def test_missing_margins_are_counted_and_a_few_are_listed(models, count, listed):
+    found = replace(models[MARGINS], missing={"tlc": tuple(range(1, count + 1))})
+    (clause,) = missing_margins(found, models.names)
+    assert clause.endswith(f"TLC: {count} (flights {listed})")
+
+
+def test_a_fault_is_of_all_loops_together(models):
+    """The poles with a positive real part are printed."""
+    found = models[MARGINS]
+    *loops, together = found.steady.controllers["tlc"].nominal
+    poles = [[0.5, 0.0], [-0.2, 1.0], [0.0, 0.0]]
+    unstable = [*loops, replace(together, stable=False, poles=poles)]
+    sound = [*(replace(row, stable=False) for row in loops), together]
+
+    def first(**changes):
+        entry = replace(found.steady.controllers["tlc"], **changes)
+        steady = replace(found.steady, controllers={"tlc": entry})
+        return (
+            margin_section(replace(found, steady=steady), models.names).tables()[0].plain_rows()[0]
+        )
+
+    assert first(nominal=unstable)[0].endswith("(poles at +0.500 per second))")
+    assert first(nominal=sound)[:2] == ["TLC", "aileron"]
+    assert "no trim" in first(fault="no trim")[0]
+    assert first(corners_unstable=3)[0].endswith("3 of 8)")
+
+
+@pytest.mark.parametrize(
+    ("below", "above", "text"),
+    [(None, None, ""), ((0, 0), (1, 4), "1 of 4 (25"), ((2, 4), (0, 0), "2 of 4 (50")],
+)
+def test_failures_are_counted_where_there_are_flights(models, below, above, text):
+    spreads = dict.fromkeys(MARGIN_NAMES, Spread(8.0, 4.0))
+    own = FlightMargins(4, 0, 0, spreads, (), below, above)
+    found = replace(models[MARGINS], flights={"tlc": own}, points=("trim",))
+    (row,) = margin_section(found, models.names).tables()[1].plain_rows()
+    assert row[7].startswith(text) and bool(row[7]) is bool(text) and row[7].count(" of ") <= 1

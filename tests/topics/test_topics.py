@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,10 +28,19 @@ from abhv_mc.topics.failure_cases.figures import still_flying
 from abhv_mc.topics.flights import FLIGHTS
 from abhv_mc.topics.flights.figures import worst_channels
 from abhv_mc.topics.flights.model import worst_flights
-from abhv_mc.topics.formatting import json_data
-from abhv_mc.topics.metrics import METRICS
+from abhv_mc.topics.formatting import json_data, significant
+from abhv_mc.topics.metrics import METRICS, metric_statistics
 from abhv_mc.topics.missed_requirements import requirement_failures
-from abhv_mc.topics.topic import REGISTERED, Cell, Models, Table
+from abhv_mc.topics.registry import BUILT_IN, all_topics, find_topic
+from abhv_mc.topics.topic import (
+    REGISTERED,
+    Cell,
+    Models,
+    Table,
+    interval_cell,
+    names_of,
+    user_topics,
+)
 from abhv_mc.topics.verdicts import VERDICTS
 
 
@@ -247,3 +257,90 @@ def test_constant_columns_move_to_the_caption():
     assert varying.without_constant() == varying
     single = Table("T", ("Name", "Same"), ((rows[0][:2],),), "C")
     assert single.without_constant() == single
+
+
+def test_topics_are_in_the_order_of_the_page_and_found_by_name(topic):
+    names = [item.name for item in all_topics()]
+    own = [item.name for item in BUILT_IN]
+    assert names == [*own[:-2], "correlate", *own[-2:]] and own[-1] == "provenance"
+    assert [item.name for item in all_topics(())] == own
+    assert find_topic("correlate") is topic and find_topic("verdicts") is VERDICTS
+    with pytest.raises(InputError):
+        find_topic("nothing")
+
+
+def test_entry_points_are_topics_or_say_why_not(topic, monkeypatch, capsys):
+    """A registered topic replaces an installed one of its name."""
+    entries = {
+        "good": SimpleNamespace(name="good", load=lambda: replace(topic, name="good")),
+        "same": SimpleNamespace(name="same", load=lambda: replace(topic, section=None)),
+        "broken": SimpleNamespace(name="broken", load=lambda: 1 / 0),
+    }
+    monkeypatch.setattr("abhv_mc.topics.topic.find_entry_points", lambda _: entries)
+    found = user_topics()
+    assert [item.name for item in found] == ["good", "correlate"] and found[1] is topic
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    entries["bad"] = SimpleNamespace(name="bad", load=lambda: 3)
+    with pytest.raises(InputError, match="bad"):
+        user_topics()
+
+
+def test_printed_commands_have_the_folder_relative_to_the_page(flown):
+    results = flown(80)
+    assert names_of(results).folder == results.folder.as_posix()
+    page = results.folder.parent / "pages"
+    assert names_of(results, page).folder == f"../{results.folder.name}"
+    spaced = replace(results, folder=page / "my run")
+    names = names_of(spaced, page)
+    assert names.folder == "'my run'" and names.kind == "Controller"
+    assert (names.label("tlc"), names.label("unknown")) == ("TLC", "unknown")
+
+
+@pytest.mark.parametrize(
+    ("bad", "worst", "flight"), [("high", 8.0, 14), ("low", -9.0, 12), ("size", -9.0, 12)]
+)
+def test_the_worst_value_is_of_a_completed_flight(flown, bad, worst, flight):
+    """Flights 11 and 15 are lost, and flight 13 has no value."""
+    results, metric = flown(80), "sideslip_max_deg"
+    values = np.array([1.0, 30.0, -9.0, np.nan, 8.0, -30.0])
+    outcome = np.array([0, 3, 0, 0, 0, 3])
+    record = replace(results.campaign.metrics[metric], bad=bad)
+    flights = replace(
+        results.flights["tlc"], flight=np.arange(10, 16), outcome=outcome, metrics={metric: values}
+    )
+    entry = metric_statistics(flights, metric, record)
+    assert (entry.worst, entry.worst_flight) == (worst, flight)
+    assert np.isinf(entry.quantiles["q95"].value)
+    assert (entry.quantiles["q95"].value > 0) is (bad != "low")
+    lost = metric_statistics(replace(flights, outcome=np.full(6, 3)), metric, record)
+    assert (lost.worst, lost.worst_flight) == (None, None)
+
+
+def test_required_metrics_are_listed_first_and_equal_ones_once(flown):
+    """Metrics that exclude transients are left out where these make no difference."""
+    results = flown(80)
+    settled, plain = "bank_error_settled_max_deg", "bank_error_max_deg"
+    flights = {
+        name: replace(own, metrics={**own.metrics, settled: own.metrics[plain]})
+        for name, own in results.flights.items()
+    }
+    models = Models(replace(results, flights=flights))
+    found = models[METRICS]
+    assert found.table[settled].same_as == plain and found.table[plain].same_as is None
+    other = {**flights["lqr"].metrics, settled: 1.0 + flights["lqr"].metrics[plain]}
+    changed = {**flights, "lqr": replace(flights["lqr"], metrics=other)}
+    assert Models(replace(results, flights=changed))[METRICS].table[settled].same_as is None
+    tables = models.section(METRICS).tables()
+    labels = [[row[0].partition(" (")[0] for row in table.plain_rows()[::3]] for table in tables]
+    asked = [found.table[name].words["label"] for name in found.asked]
+    assert labels[0] == asked
+    listed = [label for own in labels for label in own]
+    assert "Bank error from own command, max" in listed
+    assert "Bank error from own command, settled, max" not in listed
+    assert len({*listed}) == len(listed) == sum(not entry.same_as for entry in found.table.values())
+    row = tables[0].plain_rows()[0]
+    entry = found.table[found.asked[0]].controllers["tlc"]
+    assert row[1] == "TLC" and row[-1] == str(entry.worst_flight)
+    assert row[-2] == significant(entry.worst, 4)
+    quantiles = [interval_cell(interval).plain for interval in entry.quantiles.values()]
+    assert row[2:-2] == quantiles
