@@ -76,6 +76,8 @@ def test_a_case_counts_its_losses_and_their_times_since_the_first_failure(flown,
     own = dependent.cases[1].controllers["tlc"]
     assert own.survived.value == 0.25 and np.isnan([own.survived.low, own.survived.high]).all()
     assert {verdict.status for verdict in own.requirements.values()} == {"ESTIMATE"}
+    (table,) = failure_case_section(dependent, Models(results).names).tables()
+    assert table.plain_rows()[1][3] == "25\u202f%"  # without bounds
     lqr = replace(results.flights["tlc"], metrics={**others, "end_time_s": end})
     case = compute_failure_cases(replace(results, flights={"lqr": lqr})).cases[1]
     assert case.controllers["lqr"].margins is None  # not computed

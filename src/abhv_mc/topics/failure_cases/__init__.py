@@ -196,7 +196,7 @@ def failure_case_section(failure_cases: FailureCases, names: Names) -> Section |
 def _row(label: str, cell: CaseFlights) -> Row:
     share, loss, margins = cell.survived, cell.median_time_to_loss_s, cell.margins
     # The bounds are NaN if the flights are not independent.
-    bounds = f"{percent(share.low, 1)} to {percent(share.high, 1)}" * (share.low == share.low)
+    bounds = "" if np.isnan(share.low) else f"{percent(share.low, 1)} to {percent(share.high, 1)}"
     clauses = [
         f"{words}: missed by {verdict.missed}, {verdict.status}"
         for words, verdict in cell.requirements.items()
