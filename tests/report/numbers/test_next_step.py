@@ -125,8 +125,10 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
     # Holm's procedure gives the verdict with the larger p-value the whole risk.
     own = {"a": judge(0, 400, 0.95), "b": judge(3, 400, 0.95)}
     joint = SimpleNamespace(dropped=((0, "b"),), risk=0.1, verdicts=2)
-    stub = SimpleNamespace(held_together=joint, requirements=[SimpleNamespace(controllers=own)])
-    assert flights_for_joint_verdicts(stub) == flights_to_pass(3, 0.95, 0.1)
+    for names in ("ab", "ba"):
+        entry = SimpleNamespace(controllers={name: own[name] for name in names})
+        stub = SimpleNamespace(held_together=joint, requirements=[entry])
+        assert flights_for_joint_verdicts(stub) == flights_to_pass(3, 0.95, 0.1)
 
 
 def test_a_controller_without_flights_is_not_decided(tmp_path):

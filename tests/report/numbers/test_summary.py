@@ -18,7 +18,7 @@ from abhv_mc.report.numbers.next_step import NextStep
 from abhv_mc.report.numbers.pass_chances import plan_campaign
 from abhv_mc.report.numbers.summary import confidence_records, read_summary, summarize
 from abhv_mc.statistics.estimates import Interval
-from abhv_mc.statistics.evidence import flights_to_pass
+from abhv_mc.statistics.evidence import flights_to_pass, most_failures
 from abhv_mc.statistics.verdicts import SET_LATER, judge
 from abhv_mc.topics.comparison.model import make_standings
 from abhv_mc.topics.formatting import MINUS, json_data, percent
@@ -523,3 +523,32 @@ def test_the_plan_counts_the_flights_of_the_search(tmp_path):
     numbers = plan(tmp_path, unknowns=unknowns, dispersions=density, runs="80")
     assert (numbers["runs"], numbers["most_points"]) == (80, 4 + 1 + 2 * 2 * 2)
     assert numbers["search_flights"] == 2 * 80 * (4 + 1 + 32 + 2 * 64)
+
+
+def test_the_plan_shares_a_joint_risk_and_bounds_the_joint_chance(tmp_path):
+    """Each of four verdicts has a quarter of the joint risk, if that is less than its own."""
+    plain = plan(tmp_path / "plain")
+    rates = plain["rates_over_allowed"]
+    assert (rates[0], rates[-1], len(rates)) == (0.0, 3.0, 25) and np.all(np.diff(rates) > 0.0)
+    assert {0.02, 0.2, 1.0} <= set(np.round(rates, 12))
+    assert (plain["verdicts"], plain["family_risk"], plain["most_points"]) == (4, None, 1)
+    assert plain["independent_flights"] and not plain["stops_when_proven"]
+    assert [entry["risk_used"] for entry in plain["requirements"]] == [0.1, 0.1]
+    for k, joint in enumerate(plain["together"]):
+        assert joint["runs"] == (1000, 2000, 4000)[k]
+        for kind in ("at_some_flight", "at_runs"):
+            chances = np.array([entry["pass_chance"][k][kind] for entry in plain["requirements"]])
+            np.testing.assert_allclose(joint[kind]["high"], chances.min(axis=0), atol=1e-12)
+            low = np.maximum(chances.sum(axis=0) - 1.0, 0.0)
+            np.testing.assert_allclose(joint[kind]["low"], low, atol=1e-12)
+    for k, entry in enumerate(plain["requirements"]):
+        allowed = 1.0 - (0.9973, 0.99)[k]
+        for chance in entry["pass_chance"]:
+            most = most_failures(chance["runs"], 1.0 - allowed, 0.1)
+            expected = binom.cdf(most, chance["runs"], allowed * np.array(rates))
+            np.testing.assert_allclose(chance["at_runs"], expected, atol=1e-9)
+    joint = plan(tmp_path / "joint", family="{risk: 0.1}", sampling="lhs")
+    assert [entry["risk_used"] for entry in joint["requirements"]] == [0.025, 0.025]
+    assert not joint["independent_flights"]
+    generous = plan(tmp_path / "generous", family="{risk: 0.5}")
+    assert [entry["risk_used"] for entry in generous["requirements"]] == [0.1, 0.1]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from report.synthetic import write_campaign
 
-from abhv_mc.folder.flown_campaign import read_flown
+from abhv_mc.folder.flown_campaign import read_flown, read_histories
 from abhv_mc.report.pages import page as pages
 from abhv_mc.report.pages.flights_view import (
     _dispersion,
@@ -435,3 +435,70 @@ def test_a_dispersion_is_described_in_its_shown_unit():
     failure = _dispersion("failure.rudder.loss_time", ends, (np.inf, np.inf), OURS)
     assert (failure["mean"], failure["sigma"], failure["never"]) == (None, None, "never")
     assert _dispersion("aero.lift", ends, (1.0, 0.1), OURS)["factor"]
+
+
+def test_the_view_lists_each_flight_with_its_columns(failing, monkeypatch):
+    words = {name: name.upper() for name in failing.controllers}
+    data, arrays = make_flights_view(failing, words, words)
+    rows = data["rows"]
+    names = [failing.controllers[k] for k in rows["controller"]]
+    flights = [(name, number) for name, number in zip(names, rows["flight"], strict=True)]
+    assert flights == [(name, k) for name in failing.controllers for k in range(100)]
+    assert (data["total"], data["left"]) == (300, "")
+    assert set(data["outcomes"].values()) == {"ok", "sideslip limit"}
+    lift = failing.samples["aero.lift"]
+    assert arrays["column:aero.lift"].tolist() == np.tile(lift, 3).tolist()
+    speed = "speed_error_max_mps"
+    values = np.concatenate([failing.flights[name].metrics[speed] for name in failing.controllers])
+    assert arrays[f"column:{speed}"].tolist() == values.tolist()
+    failed = np.concatenate([failing.flights[name].failed for name in failing.controllers])
+    missed = np.array(rows["missed"])
+    assert missed[1].tolist() == (~(values < 5.0) | failed).astype(int).tolist()
+    worst = failing.ranking
+    best = [
+        (worst.controllers[c], int(r)) for c, r in zip(worst.controller, worst.row, strict=True)
+    ]
+    assert [flights[k] for k in data["order"]] == best
+    for name in failing.controllers:
+        stored = read_histories(failing.folder, name)
+        for number, columns in list(stored.items())[:2]:
+            row = rows["history"][flights.index((name, number))]
+            drawn = arrays["history:bank_deg"][row]
+            expected = np.interp(arrays["history-time"], columns["time"], columns["bank_deg"],
+                                 np.nan, np.nan)  # fmt: skip
+            np.testing.assert_allclose(drawn, expected)
+    monkeypatch.setattr("abhv_mc.report.pages.flights_view.MOST_FLIGHTS", 90)
+    few, arrays = make_flights_view(failing, words, words)
+    assert few["total"] == len(few["rows"]["flight"]) == arrays[f"column:{speed}"].size == 90
+    assert "300" in few["left"]
+
+
+def test_the_view_is_described_by_columns_requirements_and_criteria(failing, monkeypatch):
+    monkeypatch.setattr("abhv_mc.report.pages.flights_view._STRIPS", 2)
+    words = {name: name.upper() for name in failing.controllers}
+    data, arrays = make_flights_view(failing, words, words)
+    speed = "speed_error_max_mps"
+    columns = {column["name"]: column for column in data["columns"]}
+    assert list(columns) == [*failing.dispersed, *failing.metrics]
+    assert columns[speed]["head"] == f"{speed} [m/s]" and columns[speed]["limits"] == [5.0]
+    values = arrays[f"column:{speed}"]
+    assert columns[speed]["ends"][1] == pytest.approx(max(values.max(), 5.0))
+    assert data["strips"] == list(failing.dispersed[:2]) and data["x"] == failing.dispersed[0]
+    assert tuple(data["headed"]) == failing.asked and data["y"] == failing.asked[0]
+    assert [(item["metric"], item["low"], item["high"]) for item in data["requirements"]] == [
+        ("altitude_error_max_m", None, 50.0),
+        (speed, None, 5.0),
+        ("sideslip_max_deg", None, 0.7),
+    ]
+    criteria = {item["metric"]: item for item in data["criteria"]}
+    assert criteria["sideslip_max_deg"]["channel"] == "sideslip_deg"
+    assert sorted(criteria["sideslip_max_deg"]["sides"]) == [-1.0, 1.0]
+    assert criteria[speed]["to"] is None and criteria[speed]["from"] == 0.0
+    assert [entry["label"] for entry in data["controllers"]] == list(words.values())
+    assert len({entry["mark"] for entry in data["controllers"]}) == 3
+    assert data["kind"] == "Controller" and data["flies"] and data["histories"] and data["banded"]
+    lift = columns["aero.lift"]
+    drawn = failing.samples["aero.lift"]
+    assert (lift["mean"], lift["sigma"]) == pytest.approx((drawn.mean(), drawn.std()), rel=0.01)
+    factor = columns["equivalence_ratio_max"]
+    assert (factor["head"], factor["unit"]) == ("equivalence_ratio_max [-]", "")
