@@ -232,8 +232,8 @@ def test_verdicts_are_counted_and_the_most_exceeded_requirement_is_named(summari
     assert lines["Estimates, no verdicts"][0] == (
         "LQR, LQR retuned, TLC: 1 of 1, max altitude error 3 of 100"
     )
-    two = summarized(verdicts=verdicts_of({"tlc": (0, judge(0, 999, 0.9)), "lqr": (0,),
-                                           "lqr_retuned": (0,)}))  # fmt: skip
+    own = {"tlc": (0,), "lqr": (0, judge(0, 999, 0.9)), "lqr_retuned": (0,)}
+    two = summarized(verdicts=verdicts_of(own))
     met = [label for label in two if label.startswith("Meets")]
     assert met == ["Meets all 1 requirements", "Meets all 2 requirements"]
     assert summarized()["No requirements"] == [""]
@@ -550,5 +550,5 @@ def test_the_plan_shares_a_joint_risk_and_bounds_the_joint_chance(tmp_path):
     joint = plan(tmp_path / "joint", family="{risk: 0.1}", sampling="lhs")
     assert [entry["risk_used"] for entry in joint["requirements"]] == [0.025, 0.025]
     assert not joint["independent_flights"]
-    generous = plan(tmp_path / "generous", family="{risk: 0.5}")
+    generous = plan(tmp_path / "generous", family="{risk: 0.49}")
     assert [entry["risk_used"] for entry in generous["requirements"]] == [0.1, 0.1]
