@@ -332,6 +332,81 @@ def test_the_table_of_sources_has_the_seed_of_flights_and_none_of_tables(tmp_pat
     assert len(_source(a, a, tmp_path / "out", []).plain_rows()) == 1
 
 
+def at_points(results, points, absent, g):
+    """Return results of flights k p + i of sample k at point i, whose metric is their number."""
+    total, runs = len(points), g.size
+    flight = np.setdiff1d(np.arange(runs), absent)
+    own = ControllerFlights(
+        flight,
+        np.where(flight % 5 == 0, Outcome.FUEL_OUT, Outcome.OK).astype(np.uint8),
+        {"speed_error_max_mps": flight.astype(float)},
+        np.array(absent, int),
+        METRIC_RECORDS,
+    )
+    unknowns = Unknowns(names=("x",), points=np.array(points)[:, None], shared=1)
+    samples = {"g": g, "x": np.resize(points, runs)}
+    campaign = replace(results.campaign, unknowns=unknowns, runs=runs // total * total)
+    return replace(results, campaign=campaign, samples=samples, flights={"tlc": own})
+
+
+def test_flights_are_renumbered_at_the_common_points(before):
+    """Of points 1, 2, 3 and points 3, 1, the points 1 and 3 are flights 2 k and 2 k + 1."""
+    results, sample = read_flown(before), np.arange(4.0)
+    a = at_points(results, [1.0, 2.0, 3.0], [4, 5], np.repeat(sample, 3))
+    b = at_points(results, [3.0, 1.0], [6], np.repeat(sample, 2))
+    a, b = pair_campaigns(a, b)
+    for side, old, absent in ((a, [0, 2, 3, 6, 8, 9, 11], [3]), (b, [1, 0, 3, 2, 5, 4, 7], [7])):
+        flights = side.flights["tlc"]
+        kept = np.setdiff1d(np.arange(8), absent)
+        assert flights.flight.tolist() == kept.tolist() and flights.absent.tolist() == absent
+        assert flights.metrics["speed_error_max_mps"].tolist() == old
+        assert flights.failed.tolist() == [number % 5 == 0 for number in old]
+        assert side.campaign.unknowns.points.tolist() == [[1.0], [3.0]]
+        assert side.campaign.unknowns.shared is None and side.campaign.runs == 8
+        assert side.samples["g"].tolist() == np.repeat(sample, 2).tolist()
+        assert side.samples["x"].tolist() == [1.0, 3.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("points", "g", "names", "message"),
+    [
+        ([1.0, 2.0], 0.0, ("y",), "unknowns are 'y'"),
+        ([1.0, 2.0], 0.0, (), "no unknowns"),
+        ([1.0 + 1e-6, 4.0], 0.0, ("x",), "no common point"),
+        ([1.0 + 1e-12, 4.0], 1.0, ("x",), "'g' is 1.0 in flight 0"),
+    ],
+)
+def test_campaigns_without_a_common_point_are_refused(before, points, g, names, message):
+    results = read_flown(before)
+    a = at_points(results, [1.0, 2.0], [], np.zeros(4))
+    b = at_points(results, points, [], np.full(4, g))
+    unknowns = replace(b.campaign.unknowns, names=names)
+    b = replace(b, campaign=replace(b.campaign, unknowns=unknowns))
+    with pytest.raises(InputError, match=message):
+        pair_campaigns(a, b)
+
+
+def test_newly_lost_flights_are_those_of_the_second_campaign_only(before, after):
+    counts = [
+        {pair["controllers"][0]: pair["newly_lost"] for pair in compare(*both).numbers()["paired"]}
+        for both in ((before, after), (after, before))
+    ]
+    assert counts == [{"tlc": 0, "lqr": 3}, {"tlc": 0, "lqr": 0}]
+    (pair,) = compare(after, after, ("tlc", "lqr")).numbers()["paired"]
+    assert pair["newly_lost"] == pair["ended_early"]["only_b"] == 5
+
+
+def test_a_baseline_has_the_same_unknowns_and_a_common_controller(before):
+    campaign = read_campaign(before.parent / "before files/campaign.yaml")
+    check_baseline(campaign, before)
+    others = write_campaign(before.parent / "others", runs=10, controllers=("pid",))
+    with pytest.raises(InputError, match="'tlc' or 'lqr'"):
+        check_baseline(read_campaign(others.parent / "others files/campaign.yaml"), before)
+    changed = replace(campaign, unknowns=Unknowns(names=("x",)))
+    with pytest.raises(InputError, match="unknowns differ"):
+        check_baseline(changed, before)
+
+
 def lines(section):
     return {
         record.label: [re.sub(r"\s", " ", entry.text) for entry in record.entries]
