@@ -143,7 +143,7 @@ def test_failures_are_boxes_of_their_quantiles():
 
 def test_flights_end_with_a_cross_and_the_limits_are_in_the_first_panel():
     times = np.arange(4.0)
-    whole, early, late = np.arange(4.0), np.array([5.0, 6.0, NAN, NAN]), np.full(4, 2.0)
+    whole, early, late = np.arange(4.0), np.array([5.0, 6.0, 7.0, NAN]), np.full(4, 2.0)
     panels = {"a": np.stack([whole, early, late]), "b": np.tile(FLAT, (3, 2))}
     panels |= {"c": np.full((3, 4), NAN)}
     labels = ("nominal", "flight 7", "flight 2")
@@ -152,7 +152,7 @@ def test_flights_end_with_a_cross_and_the_limits_are_in_the_first_panel():
     np.testing.assert_equal(lines(first), [
         ("nominal", np.column_stack([times, whole]).tolist()),
         ("flight 7", np.column_stack([times, early]).tolist()),
-        ("", [[1.0, 6.0]]),
+        ("", [[2.0, 7.0]]),
         ("flight 2", np.column_stack([times, late]).tolist()),
         across(4.0),
     ])  # fmt: skip
@@ -194,6 +194,7 @@ def test_a_plan_has_a_panel_for_each_requirement_and_one_for_several(count):
     figure = plot_planned(planned)
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert len(shown) == (1 if count == 1 else 3)
+    assert len({axes.get_ylim() for axes in shown}) == len({axes.get_xlim() for axes in shown}) == 1
     for k, axes in enumerate(shown[:count]):
         expected = []
         for n in (10, 20, 40):

@@ -81,8 +81,9 @@ def test_both_campaigns_are_judged_by_the_requirements_of_the_first(sides):
         np.median(sides[0].flights["tlc"].metrics[LOW]), rel=0.02
     )
     assert median.difference.value == pytest.approx(median.after.value - median.before.value)
-    seeds = [change for change in contrast.changes if change.startswith("seed")]
-    assert len(seeds) == 1 and re.findall(r"\d+", seeds[0]) == ["2014", "7"]
+    found = {change.partition(":")[0]: change for change in contrast.changes}
+    assert re.findall(r"\d+", found["seed"]) == ["2014", "7"]
+    assert re.findall(r"\d+", found["runs"]) == ["60", "40"]
 
 
 @pytest.mark.parametrize("changed", [0, 1])
@@ -103,6 +104,7 @@ def test_flight_code_is_named_by_its_commit_or_its_hash(sides):
     assert code == [f"flight code: {'1' * 12} -> {'c' * 12}"]
     same = replace(b, manifest=replace(b.manifest, source_hash="1" * 20))
     assert not any("flight code" in change for change in pages.find_changes(a, same))
+    assert "runs: 40 -> 60" in pages.find_changes(b, a)
 
 
 def test_campaigns_with_unknowns_are_refused(sides):

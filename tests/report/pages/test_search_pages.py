@@ -226,6 +226,7 @@ def test_the_first_panel_of_flights_shows_the_metric_and_its_limits(
     ((text, _),) = pages.flight_figures(histories(campaign), searched, items)
     ((times, panels, labels, named),) = calls
     assert (text.name, times.tolist()) == ("flights", [0.0, 1.0, 2.0, 3.0])
+    assert " 10 % " in text.caption
     assert labels == ["nominal", "flight 7", "flight 2"]
     assert sorted(named["limits"]) == pytest.approx(sorted(levels))
     usual = ["altitude (km)", "speed (m/s)", "angle of attack (deg)", "sideslip (deg)"]
