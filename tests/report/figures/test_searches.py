@@ -167,6 +167,7 @@ def test_flights_end_with_a_cross_and_the_limits_are_in_the_first_panel():
     assert styles[0] != styles[1] == styles[2] == "-" and legend(figure) == [*labels, "limit"]
     assert len({line.get_color() for line in second.lines}) == 3
     assert figure.get_suptitle() == "title"
+    assert len({axes.get_xlim() for axes in figure.axes[:3]}) == 1
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -78,7 +78,12 @@ def test_at_most_301_samples_are_kept(flown, size, every):
     assert time.tolist() == np.arange(float(size))[::every].tolist()
     ends = np.arange(float(size))[::every]
     assert curves[0].tolist() == np.maximum(ends - every + 1, 0.0).tolist()
-    assert curves[1].tolist() == (np.minimum(ends + every, size) - 0.0).tolist()
+    assert curves[1].tolist() == np.minimum(ends + every, size).tolist()
+    flown.controllers, ticks = ("a",), np.arange(float(size))
+    flown.reference = {"time": ticks, "altitude_reference_m": ticks + 5.0}
+    _, arrays = envelope_data(flown, {"a": "A"}, {"a": "red"})
+    assert arrays["reference:time"].tolist() == ends.tolist()
+    assert arrays["reference:altitude_reference_m"].tolist() == (ends + 5.0).tolist()
 
 
 def test_the_view_has_the_channels_that_all_controllers_recorded(flown):
