@@ -15,6 +15,7 @@ from fake_flight import write_campaign as write_fake
 from programs import invoke
 from report.synthetic import build_page, write_campaign
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.cli.running import finish
 from abhv_mc.execution.runner import RunResult, run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
@@ -28,7 +29,7 @@ from abhv_mc.report.pages.build import (
     is_up_to_date,
     refuse_search,
 )
-from abhv_mc.report.pages.matrix import make_matrix, make_metrics
+from abhv_mc.report.pages.matrix import judged_cases, make_junit, make_matrix, make_metrics
 from abhv_mc.report.pages.verify import (
     _find_changed,
     find_differences,
@@ -331,3 +332,33 @@ def test_topics_that_are_not_installed_are_skipped(tmp_path):
     assert skipped_topics(tmp_path) == []
     (tmp_path / "report.json").write_text('{"topics": {"y": 1, "x": 2}}', "utf-8")
     assert skipped_topics(tmp_path) == ["x", "y"]
+
+
+def test_junit_counts_failures_and_skips_what_is_undecided():
+    traced, plain = (
+        SimpleNamespace(
+            asked=SimpleNamespace(
+                metric="m", limits=Bounds(high=50.0), probability=0.95, traced=entries
+            )
+        )
+        for entries in ({"id": "R-1"}, {})
+    )
+    verdicts = {k: SimpleNamespace(status=k, words=f"said {k}") for k in ("PASS", "FAIL", "OPEN")}
+    binding = [(traced, "a", verdicts["PASS"]), (plain, "b", None), (plain, "c", verdicts["FAIL"])]
+    binding += [(plain, "d", verdicts["FAIL"]), (plain, "e", verdicts["OPEN"])]
+    cases = judged_cases(SimpleNamespace(binding=binding))
+    names = ["R-1 m below 50 in 95 % (a)", *(f"m below 50 in 95 % ({name})" for name in "cde")]
+    assert [(case.name, case.status, case.words) for case in cases] == [
+        (name, status, f"said {status}")
+        for name, status in zip(names, ("PASS", "FAIL", "FAIL", "OPEN"), strict=True)
+    ]
+    root = ElementTree.fromstring(make_junit("suite", cases))
+    (suite,) = root
+    facts = {"name": "suite", "tests": "4", "failures": "2", "errors": "0", "skipped": "1"}
+    assert root.attrib == suite.attrib == facts
+    found = [(case.get("name"), *((item.tag, item.text or item.get("message")) for item in case))
+             for case in suite]  # fmt: skip
+    kinds = ("system-out", "failure", "failure", "skipped")
+    assert found == [
+        (name, (kind, case.words)) for name, kind, case in zip(names, kinds, cases, strict=True)
+    ]
