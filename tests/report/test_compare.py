@@ -27,12 +27,14 @@ from abhv_mc.report.numbers.compare import (
     parse_margins,
     require_same_samples,
 )
+from abhv_mc.report.pages import compare_page
 from abhv_mc.report.pages.build import is_up_to_date
-from abhv_mc.report.pages.compare_page import _source
+from abhv_mc.report.pages.compare_page import _folder_names, _pair_texts, _source
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.statistics.gate import Gate
 from abhv_mc.topics.comparison.model import metric_differences
 from abhv_mc.topics.formatting import percent
+from abhv_mc.topics.topic import Fold, Picture
 from abhv_mc_vehicle.flight.metrics import METRICS
 
 METRIC_RECORDS = {metric.name: metric for metric in METRICS}
@@ -328,3 +330,252 @@ def test_the_table_of_sources_has_the_seed_of_flights_and_none_of_tables(tmp_pat
     assert [row[1] for row in rows] == ["7", "imported"]
     assert [row[3] for row in rows] == ["digest a", "digest b"]
     assert len(_source(a, a, tmp_path / "out", []).plain_rows()) == 1
+
+
+def at_points(results, points, absent, g):
+    """Return results of flights k p + i of sample k at point i, whose metric is their number."""
+    total, runs = len(points), g.size
+    flight = np.setdiff1d(np.arange(runs), absent)
+    own = ControllerFlights(
+        flight,
+        np.where(flight % 5 == 0, Outcome.FUEL_OUT, Outcome.OK).astype(np.uint8),
+        {"speed_error_max_mps": flight.astype(float)},
+        np.array(absent, int),
+        METRIC_RECORDS,
+    )
+    unknowns = Unknowns(names=("x",), points=np.array(points)[:, None], shared=1)
+    samples = {"g": g, "x": np.resize(points, runs)}
+    campaign = replace(results.campaign, unknowns=unknowns, runs=runs // total * total)
+    return replace(results, campaign=campaign, samples=samples, flights={"tlc": own})
+
+
+def test_flights_are_renumbered_at_the_common_points(before):
+    """Of points 1, 2, 3 and points 3, 1, the points 1 and 3 are flights 2 k and 2 k + 1."""
+    results, sample = read_flown(before), np.arange(4.0)
+    a = at_points(results, [1.0, 2.0, 3.0], [4, 5], np.repeat(sample, 3))
+    b = at_points(results, [3.0, 1.0], [6], np.repeat(sample, 2))
+    a, b = pair_campaigns(a, b)
+    for side, old, absent in ((a, [0, 2, 3, 6, 8, 9, 11], [3]), (b, [1, 0, 3, 2, 5, 4, 7], [7])):
+        flights = side.flights["tlc"]
+        kept = np.setdiff1d(np.arange(8), absent)
+        assert flights.flight.tolist() == kept.tolist() and flights.absent.tolist() == absent
+        assert flights.metrics["speed_error_max_mps"].tolist() == old
+        assert flights.failed.tolist() == [number % 5 == 0 for number in old]
+        assert side.campaign.unknowns.points.tolist() == [[1.0], [3.0]]
+        assert side.campaign.unknowns.shared is None and side.campaign.runs == 8
+        assert side.samples["g"].tolist() == np.repeat(sample, 2).tolist()
+        assert side.samples["x"].tolist() == [1.0, 3.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("points", "g", "names", "message"),
+    [
+        ([1.0, 2.0], 0.0, ("y",), "unknowns are 'y'"),
+        ([1.0, 2.0], 0.0, (), "no unknowns"),
+        ([1.0 + 1e-6, 4.0], 0.0, ("x",), "no common point"),
+        ([1.0 + 1e-12, 4.0], 1.0, ("x",), "'g' is 1.0 in flight 0"),
+    ],
+)
+def test_campaigns_without_a_common_point_are_refused(before, points, g, names, message):
+    results = read_flown(before)
+    a = at_points(results, [1.0, 2.0], [], np.zeros(4))
+    b = at_points(results, points, [], np.full(4, g))
+    unknowns = replace(b.campaign.unknowns, names=names)
+    b = replace(b, campaign=replace(b.campaign, unknowns=unknowns))
+    with pytest.raises(InputError, match=message):
+        pair_campaigns(a, b)
+
+
+def test_newly_lost_flights_are_those_of_the_second_campaign_only(before, after):
+    counts = [
+        {pair["controllers"][0]: pair["newly_lost"] for pair in compare(*both).numbers()["paired"]}
+        for both in ((before, after), (after, before))
+    ]
+    assert counts == [{"tlc": 0, "lqr": 3}, {"tlc": 0, "lqr": 0}]
+    (pair,) = compare(after, after, ("tlc", "lqr")).numbers()["paired"]
+    assert pair["newly_lost"] == pair["ended_early"]["only_b"] == 5
+
+
+def test_a_baseline_has_the_same_unknowns_and_a_common_controller(before):
+    campaign = read_campaign(before.parent / "before files/campaign.yaml")
+    check_baseline(campaign, before)
+    others = write_campaign(before.parent / "others", runs=10, controllers=("pid",))
+    with pytest.raises(InputError, match="'tlc' or 'lqr'"):
+        check_baseline(read_campaign(others.parent / "others files/campaign.yaml"), before)
+    changed = replace(campaign, unknowns=Unknowns(names=("x",)))
+    with pytest.raises(InputError, match="unknowns differ"):
+        check_baseline(changed, before)
+
+
+def lines(section):
+    return {
+        record.label: [re.sub(r"\s", " ", entry.text) for entry in record.entries]
+        for record in section.items[0].records
+    }
+
+
+def test_the_rows_of_a_paired_comparison_are_differences_of_the_same_flights(before, after):
+    comparison = compare(before, after, ("tlc", "lqr"))
+    (pair,) = comparison.found.paired
+    table = comparison.table.set_index(["metric", "quantity"])
+    assert len(table) == 4 * len(pair.metrics)
+    assert set(zip(table["a"], table["b"], strict=True)) == {("tlc", "lqr")}
+    assert np.isnan(table[["first", "second"]].to_numpy()).all()
+    tlc, lqr = (
+        read_flown(folder).flights[name] for folder, name in ((before, "tlc"), (after, "lqr"))
+    )
+    speed = "speed_error_max_mps"
+    ends = table.loc[speed, "median over flights"][["difference", "low", "high"]].to_numpy()
+    differences = np.where(lqr.failed, -np.inf, tlc.metrics[speed] - lqr.metrics[speed])
+    assert float(ends[0]) == pytest.approx(np.median(differences)) and ends[1] <= ends[0] <= ends[2]
+    for level, difference in pair.metrics[speed].quantile_differences.items():
+        row = table.loc[speed, f"{level[1:]} % quantile"][["difference", "low", "high"]]
+        np.testing.assert_equal(row.to_numpy(float), list(vars(difference).values()))
+
+
+def test_identical_campaigns_have_neither_tables_nor_a_figure(before):
+    comparison = compare(before, before)
+    found = lines(comparison.section)
+    assert found["Identical"] == ["TLC against TLC, 40 flights", "LQR against LQR, 40 flights"]
+    assert [type(item) for item in comparison.section.items[1:]] == [Picture]
+    assert len(found["Re-run a flight"]) == 1 and not {"Next", "Failed flights"} & found.keys()
+    with pytest.raises(InputError, match="no metric differs"):
+        comparison.figure()
+
+
+@pytest.mark.parametrize(
+    ("second", "controllers", "title", "failed"),
+    [
+        (False, ("tlc", "lqr"), "TLC against LQR", "TLC against LQR, 40 flights: TLC only 0, LQR"),
+        (True, ("lqr", "lqr"), "before against after", "LQR, 40 flights: before only 0, after"),
+        (True, ("tlc", "lqr"), "before against after",
+         "before (TLC) against after (LQR), 40 flights: before (TLC) only 0, after (LQR)"),
+    ],
+)  # fmt: skip
+def test_pairs_are_named_by_what_differs(
+    before, after, monkeypatch, tmp_path, second, controllers, title, failed
+):
+    answers = []
+    monkeypatch.setattr(compare_page, "write_answer", lambda *given: answers.append(given))
+    other = after if second else before
+    comparison = compare_page.compare_folders(before, other, controllers, out=tmp_path)
+    ((answer, path),) = answers
+    found = lines(comparison.section)
+    assert (answer.title, path) == (title, tmp_path / "report.html")
+    assert found["Failed flights"][0].startswith(failed) and len(found["Re-run a flight"]) == (
+        1 + second
+    )
+    assert f"explain {other} --all`" in found["Next"][0]
+    source = answer.section.items[-1]
+    assert f"--controllers {','.join(controllers)}" in source.caption
+    assert len(source.plain_rows()) == 1 + second
+    content = json.loads((tmp_path / "comparison.json").read_text("utf-8"))
+    digests = [read_flown(folder).manifest.digest for folder in (before, after)]
+    assert content["digests"] == [digests[0], digests[second]]
+
+
+def test_the_figure_shows_the_metrics_in_which_a_flight_differs(before, after, monkeypatch):
+    calls = []
+    monkeypatch.setattr(compare_page, "plot_differences", lambda *given: calls.append(given))
+    compare(before, after).figure()
+    ((panels, labels, *_),) = calls
+    assert list(labels) == ["LQR"]  # TLC is identical in both
+    record = METRIC_RECORDS["speed_error_max_mps"].label_with_unit
+    (speed,) = (panel for panel in panels if panel.label == record)
+    flights = [read_flown(folder).flights["lqr"] for folder in (before, after)]
+    expected = metric_differences(*flights, "speed_error_max_mps")
+    assert np.array_equal(speed.differences["LQR"], expected) and np.isinf(expected).sum() == 3
+    assert speed.medians["LQR"][0] == 0.0
+    found = read_flown(before)
+    usage = [name for name in found.compared if name.endswith("_rms_deg")]
+    assert [panel.label for panel in panels] == [
+        METRIC_RECORDS[name].label_with_unit for name in (*found.asked, *usage)]  # fmt: skip
+
+
+def entry(a_better, b_better, winner=None, **given):
+    fixed = {"mixed": False, "worse_tails": (), "loses_more": False, "worst": (2.0, 5.0)}
+    return SimpleNamespace(
+        **{"a_better": a_better, "b_better": b_better, "winner": winner, **fixed, **given}
+    )
+
+
+def stub_pair(metrics, **given):
+    failures, early = (
+        SimpleNamespace(only_a=k, only_b=k + 1, both=k + 2, p_value=0.5) for k in (1, 4)
+    )
+    return SimpleNamespace(
+        **{
+            "a": "a",
+            "b": "b",
+            "pairs": 200,
+            "metrics": metrics,
+            "not_worse": {},
+            "surfaces": {},
+            "any_failure": failures,
+            "ended_early": early,
+            **given,
+        }
+    )
+
+
+@pytest.mark.parametrize("judged", [True, False])
+def test_each_asked_metric_is_listed_by_the_result_of_its_comparison(judged):
+    results = {
+        "first": entry(150, 50, "a"),
+        "second": entry(50, 150, "b", worse_tails=(0.95, 0.9973), loses_more=True),
+        "both": entry(120, 80, mixed=True),
+        "none": entry(100, 100, worst=(None, 1.5)),
+        "unasked": entry(200, 0, "a"),
+    }
+    names = SimpleNamespace(
+        label=str.upper,
+        asked=("first", "second", "both", "none"),
+        metrics={k: SimpleNamespace(phrase=k, label=k.title()) for k in (*results, "rms")},
+        campaign=SimpleNamespace(judged=judged),
+    )
+    surfaces = {"rms": SimpleNamespace(value=1.5), "none": None}
+    texts = dict(_pair_texts("T", stub_pair(results, surfaces=surfaces), names, None))
+    texts = {label: re.sub(r"\s", " ", text) for label, text in texts.items()}
+    assert texts["Better: A"] == "T: first (better on 75 % / 25 %, worst 2.00 / 5.00)"
+    assert texts["Better: B"].startswith("T: second (better on 25 % / 75 %, worst 2.00 / 5.00, ")
+    assert "95 %" in texts["Better: B"] and "99.73" not in texts["Better: B"]
+    assert texts["Better: B"].endswith("more early terminations)") and len(texts) == 7
+    assert texts["Mixed"].startswith("T: both (better on 60 % / 40 %")
+    undecided = "No difference shown" if judged else "Estimates, no winner"
+    assert "none (better on 50 % / 50 %, worst \N{EM DASH} / 1.50)" in texts[undecided]
+    assert texts["Control effort"].endswith(": Rms 1.5") and "None" not in texts["Control effort"]
+    numbers = {label: re.findall(r"[\d.]+", texts[label]) for label in list(texts)[-2:]}
+    assert numbers == {"Failed flights": ["200", "1", "2", "3", "0.50"],
+                       "Early terminations": ["200", "4", "5", "6", "0.50"]}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("better", "failures", "identical"),
+    [((0, 0), (0, 0), True), ((1, 0), (0, 0), False), ((0, 1), (0, 0), False),
+     ((0, 0), (1, 0), False), ((0, 0), (0, 1), False)],
+)  # fmt: skip
+def test_pairs_are_identical_without_any_difference(better, failures, identical):
+    lost = SimpleNamespace(only_a=failures[0], only_b=failures[1], both=9, p_value=1.0)
+    pair = stub_pair({"x": entry(*better)}, any_failure=lost)
+    names = SimpleNamespace(label=str, asked=(), metrics={}, campaign=SimpleNamespace(judged=True))
+    assert ("Identical" in dict(_pair_texts("T", pair, names, None))) == identical
+
+
+def test_folders_of_the_same_name_are_named_by_their_paths(tmp_path):
+    a, b, c = (SimpleNamespace(folder=tmp_path / name) for name in ("x/run", "y/run", "y/other"))
+    assert _folder_names(a, c) == ("run", "other")
+    assert _folder_names(a, b) == (str(tmp_path / "x/run"), str(tmp_path / "y/run"))
+
+
+def test_metrics_that_are_not_compared_are_collapsed(failing_folder):
+    items = compare(failing_folder, failing_folder, ("tlc", "lqr")).section.items
+    differences, failures, fold = items[2:]
+    found = read_flown(failing_folder)
+    heads = [METRIC_RECORDS[name].label_with_unit for name in found.compared]
+    listed = [row[0] for row in differences.plain_rows()]
+    assert (
+        set(listed) <= set(heads) and METRIC_RECORDS["sideslip_max_deg"].label_with_unit in listed
+    )
+    assert len(failures.plain_rows()) == 4 and isinstance(fold, Fold)
+    others = [row[0] for row in fold.items[0].plain_rows()]
+    assert not set(others) & set(heads) and len(others) > 5

@@ -3,14 +3,17 @@
 import json
 import re
 import shlex
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from programs import invoke
 from report.synthetic import write_campaign
 
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.folder.stores import LocalStore
-from abhv_mc.report.numbers.runs import find_runs
+from abhv_mc.report.numbers.runs import CampaignRun, CampaignRuns, find_runs
+from abhv_mc.report.pages import runs_page
 from abhv_mc.report.pages.build import build_report
 
 
@@ -68,6 +71,61 @@ def test_the_terminal_fits_80_columns(reports, monkeypatch, tmp_path):
     assert re.search(facts, " ".join(output.split()))
     listed = json.loads(invoke("runs", reports, "--json", "-", "-o", tmp_path / "x.html").stdout)
     assert len(listed) == 4
+
+
+def test_the_latest_campaign_comes_first_and_other_folders_are_left_out(reports, tmp_path):
+    root = tmp_path / "all"
+    manifest = read_manifest(reports / "first/manifest.json")
+    for folder, changes in (
+        ("a", {"started": "2020-01-02T00:00:00"}),
+        ("b", {"started": "2021-01-02T00:00:00", "state": "interrupted", "runs_planned": 20}),
+        ("c", {"started": "2020-01-02T00:00:00", "commit": None}),
+        ("search", {"search": {"kind": "rare"}}),
+        (".hidden", {}),
+        ("a/inner", {}),
+    ):
+        (root / folder).mkdir(parents=True)
+        write_manifest(root / folder / "manifest.json", replace(manifest, **changes))
+    (root / "a/report.html").write_text("", "utf-8")
+    for name, text in (("pair", '{"digests": ["x", "y"]}'), ("odd", "{}")):
+        (root / name).mkdir()
+        (root / name / "report.html").write_text("", "utf-8")
+        (root / name / "comparison.json").write_text(text, "utf-8")
+    (root / "page only").mkdir()
+    (root / "page only/report.html").write_text("", "utf-8")
+    found = find_runs(root, LocalStore(root))
+    assert [run.folder for run in found.runs] == ["b", "c", "a"]
+    assert found.comparisons == {"x y": "pair/report.html"}
+    first, second, third = found.runs
+    assert (first.flights, first.flights_planned, first.state) == (12, 20, "interrupted")
+    assert (second.commit, third.commit) == ("", manifest.commit or "")
+    assert [run.has_page for run in found.runs] == [False, False, True]
+    assert (third.version, third.digest) == (manifest.versions["abhv_mc"], manifest.digest)
+    assert third.controllers == tuple(dict.fromkeys(x.controller for x in manifest.requirements))
+
+
+def test_the_page_has_a_row_with_link_and_counts_for_each_campaign(tmp_path, monkeypatch):
+    calls = []
+    template = SimpleNamespace(render=lambda **entries: calls.append(entries) or "")
+    monkeypatch.setattr(
+        runs_page, "make_environment", lambda: SimpleNamespace(get_template=lambda _: template)
+    )
+    done = {"flights": 12000, "flights_planned": 12000, "state": "complete", "has_page": True}
+    runs = (
+        CampaignRun(folder="a b", verdicts={"PASS": 3, "FAIL": 2}, controllers=("x", "y"), **done),
+        CampaignRun(folder="c", flights=5, flights_planned=12, state="interrupted"),
+    )
+    campaigns = CampaignRuns(runs, {"p q": "d/report.html"})
+    runs_page.write_runs_page(campaigns, tmp_path / "root", tmp_path / "pages/index.html")
+    (entries,) = calls
+    first, second = entries["rows"]
+    assert (first["folder"], first["typed"]) == ("../root/a b", "'../root/a b'")
+    assert (first["page"], second["page"]) == ("../root/a b/report.html", "")
+    assert (first["verdicts"], second["verdicts"]) == ("3 PASS, 2 FAIL of x, y", "")
+    assert re.sub(r"\s", "", first["flights"]) == "12000"
+    assert second["flights"] == "5 of 12, interrupted"
+    assert json.loads(entries["data"]) == {"p q": "../root/d/report.html"}
+    assert entries["title"].endswith(" root")
 
 
 @pytest.mark.thorough

@@ -11,7 +11,7 @@ from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.report.numbers.next_step import find_next_step, flights_for_joint_verdicts
 from abhv_mc.statistics.evidence import flights_to_pass
 from abhv_mc.statistics.family import hold_family
-from abhv_mc.statistics.verdicts import judge
+from abhv_mc.statistics.verdicts import SET_LATER, UNSEARCHED, about, judge, predict_pass
 from abhv_mc.topics.formatting import fixed
 from abhv_mc.topics.topic import Models
 from abhv_mc.topics.verdicts import VERDICTS
@@ -125,8 +125,10 @@ def test_flights_jointly_would_let_every_pass_stand(tmp_path):
     # Holm's procedure gives the verdict with the larger p-value the whole risk.
     own = {"a": judge(0, 400, 0.95), "b": judge(3, 400, 0.95)}
     joint = SimpleNamespace(dropped=((0, "b"),), risk=0.1, verdicts=2)
-    stub = SimpleNamespace(held_together=joint, requirements=[SimpleNamespace(controllers=own)])
-    assert flights_for_joint_verdicts(stub) == flights_to_pass(3, 0.95, 0.1)
+    for names in ("ab", "ba"):
+        entry = SimpleNamespace(controllers={name: own[name] for name in names})
+        stub = SimpleNamespace(held_together=joint, requirements=[entry])
+        assert flights_for_joint_verdicts(stub) == flights_to_pass(3, 0.95, 0.1)
 
 
 def test_a_controller_without_flights_is_not_decided(tmp_path):
@@ -135,3 +137,85 @@ def test_a_controller_without_flights_is_not_decided(tmp_path):
     models = read(tmp_path / "c", 1e6, 0.5, **keys)
     assert find_next_step(models).why.startswith("none")
     assert changed(models, flights={"tlc": models.results.flights["tlc"]}) is None
+
+
+class Stub:
+    """Models of a complete campaign of 100 flights with given verdicts."""
+
+    def __init__(self, verdicts, manifest=(), **campaign):
+        self.verdicts = verdicts
+        facts = {"can_rerun": True, "runs_at_point": 100, "judged": True, "seed": 7,
+                 "pooled_seeds": (), "unknowns": SimpleNamespace(names=())}  # fmt: skip
+        sources = {key: campaign.pop(key, "") for key in ("judged_by", "judged_by_campaign")}
+        stated = {"file_runs": 100, "state": "complete", "runs_done": 100, "runs_planned": 100}
+        self.results = SimpleNamespace(
+            campaign=SimpleNamespace(**{**facts, **campaign}),
+            manifest=SimpleNamespace(**{**stated, **dict(manifest)}),
+            **sources,
+        )
+        self.names = SimpleNamespace(label=str.upper, campaign=self.results.campaign)
+
+    def __getitem__(self, topic):
+        verdicts = self.verdicts
+        joint = SimpleNamespace(dropped=())
+        binding = [(None, name, verdict) for name, verdict in verdicts]
+        return SimpleNamespace(requirements=verdicts, binding=binding, held_together=joint)
+
+
+PASS, FAIL = judge(0, 5000, 0.9), judge(50, 100, 0.99)
+LATER = replace(PASS, note=SET_LATER)
+OPEN = judge(0, 100, 0.97)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "entries", "command", "imported"),
+    [
+        ([("b", FAIL), ("a", PASS)], {}, "explain DIR --all", ""),
+        ([("b", FAIL)], {"judged_by": "r.yaml"}, "run CAMPAIGN.yaml -o DIR", ""),
+        ([("b", FAIL)], {"judged_by": "r.yaml", "judged_by_campaign": True},
+         "run r.yaml -o DIR", ""),
+        ([("b", PASS), ("a", LATER)], {}, "run DIR/campaign.yaml -o DIR-confirmed --seed 8", ""),
+        ([("b", LATER)], {"pooled_seeds": (3, 20), "judged_by": "r.yaml"},
+         "run CAMPAIGN.yaml -o DIR-confirmed --seed 21", ""),
+        ([], {}, "run CAMPAIGN.yaml -o DIR", None),
+        ([("b", FAIL)], {"judged": False}, None, None),
+        ([("b", PASS), ("a", None)], {}, None, None),
+        ([("b", PASS), ("a", PASS)], {}, "", ""),
+        ([("b", replace(OPEN, note=UNSEARCHED)), ("a", OPEN)], {}, "", ""),
+        ([("b", PASS)], {"manifest": {"file_runs": 400}},
+         "run DIR/campaign.yaml -o DIR --runs 400", ""),
+        ([("b", PASS)], {"manifest": {"state": "interrupted", "runs_done": 30}},
+         "run DIR/campaign.yaml -o DIR --runs 100", ""),
+        ([("b", PASS)], {"manifest": {"file_runs": None}}, "", ""),
+        ([("b", PASS)], {"manifest": {"file_runs": 20}}, "", ""),
+    ],
+)  # fmt: skip
+def test_a_step_has_its_command_unless_the_table_is_imported(verdicts, entries, command, imported):
+    for flies, expected in ((True, command), (False, imported)):
+        step = find_next_step(Stub(verdicts, can_rerun=flies, **entries))
+        if expected is None:
+            assert step is None
+        else:
+            assert step.command.removeprefix("abhv-mc ") == expected
+
+
+def test_the_reason_names_counts_or_the_decided_controllers():
+    assert find_next_step(Stub([("b", PASS), ("a", PASS)])).why.endswith(" for A, B")
+    partial = {"state": "interrupted", "runs_done": 30, "runs_planned": 60, "file_runs": None}
+    assert "30 of 60 flights" in find_next_step(Stub([], partial)).why
+    assert "100 of 400 flights" in find_next_step(Stub([], {**partial, "file_runs": 400})).why
+
+
+def test_the_least_flights_are_those_of_the_most_demanding_open_verdict():
+    """Ten times the present number of flights are 1000, the most that is tried for a chance."""
+    first, second = judge(0, 100, 0.999), judge(1, 60, 0.9982)
+    least = [flights_to_pass(0, 0.999, 0.1), flights_to_pass(1, 0.9982, 0.1)]
+    chance = min(predict_pass(verdict, max(least)) for verdict in (first, second))
+    assert max(least) == least[1] > least[0] > 1000
+    assert about(chance) != about(predict_pass(first, max(least)))
+    for order in ((first, second), (second, first)):
+        step = find_next_step(Stub([("a", verdict) for verdict in order]))
+        assert fixed(max(least), 0) in step.why and step.why.endswith(about(chance))
+        assert step.command.endswith(f"--runs {max(least)}")
+        imported = find_next_step(Stub([("a", verdict) for verdict in order], can_rerun=False))
+        assert imported.why.startswith("import ") and fixed(max(least), 0) in imported.why

@@ -3,7 +3,7 @@
 import pytest
 
 from abhv_mc.io.messages import InputError
-from abhv_mc.report.pages.pdf import print_pdf
+from abhv_mc.report.pages.pdf import find_browser, print_pdf
 
 PRINTS = """#!/bin/sh
 for last; do case $last in --print-to-pdf=*) target=${last#*=};; esac; done
@@ -28,3 +28,13 @@ def test_a_page_is_printed_in_its_size(tmp_path, letter, brief, name, size):
     with pytest.raises(InputError, match="no fonts"):
         print_pdf(page, str(browser), letter, brief)
     assert not target.exists()
+
+
+@pytest.mark.parametrize("installed", [("chromium",), ("msedge", "google-chrome"), ()])
+def test_the_first_installed_browser_of_the_list_is_used(monkeypatch, installed):
+    monkeypatch.setattr("shutil.which", lambda name: f"/bin/{name}" if name in installed else None)
+    if installed:
+        assert find_browser() == f"/bin/{installed[-1]}"
+    else:
+        with pytest.raises(InputError, match="no Chromium"):
+            find_browser()

@@ -1,6 +1,9 @@
 """Tests of the texts and figures on flights of a search."""
 
 import re
+import shlex
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,8 +13,11 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.report.pages import search_pages as pages
 from abhv_mc.report.pages.search_pages import margin_text
-from abhv_mc.search.search_flights import ENDED_EARLY
+from abhv_mc.search.methods.surrogate import SurrogateEstimate
+from abhv_mc.search.search_flights import ENDED_EARLY, DrawnFlights
 from abhv_mc.shipped import find_input
+from abhv_mc.topics.topic import Fold, Picture, Table
+from abhv_mc_vehicle.plant.parameters import OURS
 
 
 @pytest.fixture(scope="module")
@@ -192,3 +198,142 @@ def test_levels_are_values_of_the_metric_with_products_of_probabilities(rare, mo
         assert len(curves) == 2
         np.testing.assert_equal(curves[0][0], [sign * 30.0, sign * 45.0, np.nan])
         assert curves[0][1] == pytest.approx([0.1, 0.01, 0.001])
+
+
+def histories(campaign):
+    """Return a nominal flight and two others, in which channel k is 1000 (k + 1) + the flight."""
+    channels = len(campaign.channels)
+    history = 1e3 * np.ones((3, 4, 1)) * np.arange(1, channels + 1) + np.arange(3.0)[:, None, None]
+    return DrawnFlights((7, 2), np.arange(4.0), history.astype(np.float32), campaign)
+
+
+@pytest.mark.parametrize(
+    ("metric", "of", "first", "levels"),
+    [
+        ("sideslip_max_deg", "sideslip_deg", "sideslip (deg)", [-2.0, 2.0, 3.0, -3.0]),
+        ("altitude_error_max_m", "altitude_m", "altitude (km)", [2e-3, -2e-3, -3e-3, 3e-3]),
+        ("load_factor_max_g", "load_factor_g", "load factor", [-2.0, 3.0]),
+        ("altitude_error_rms_m", "altitude_error_m", "altitude error", []),
+        ("fuel_used_kg", "fuel_used_kg", None, []),
+    ],
+)
+def test_the_first_panel_of_flights_shows_the_metric_and_its_limits(
+    campaign, monkeypatch, metric, of, first, levels
+):
+    calls = drawn(monkeypatch, "plot_flights")
+    items = [SimpleNamespace(limits=Bounds(-2.0, 3.0))]
+    searched = replace(campaign.metrics[metric], of=of)
+    ((text, _),) = pages.flight_figures(histories(campaign), searched, items)
+    ((times, panels, labels, named),) = calls
+    assert (text.name, times.tolist()) == ("flights", [0.0, 1.0, 2.0, 3.0])
+    assert " 10 % " in text.caption
+    assert labels == ["nominal", "flight 7", "flight 2"]
+    assert sorted(named["limits"]) == pytest.approx(sorted(levels))
+    usual = ["altitude (km)", "speed (m/s)", "angle of attack (deg)", "sideslip (deg)"]
+    usual += ["bank (deg)", "elevator (deg)"]
+    names = list(panels)
+    assert len(names) == 6 and (first is None or names[0].startswith(first))
+    others = [name for name in usual if name != first]
+    assert names[first is not None :] == others[: len(names) - (first is not None)]
+    numbers = {signal.name: k for k, signal in enumerate(campaign.channels, 1)}
+    expected = {names[0]: of, "altitude (km)": "altitude_m", "bank (deg)": "bank_deg"}
+    for label in panels.keys() & expected.keys() if first else ():
+        scale = 1e-3 if "km" in label else 1.0
+        values = scale * (1e3 * numbers[expected[label]] + np.arange(3.0))
+        np.testing.assert_allclose(panels[label], np.tile(values[:, None], 4), rtol=1e-6)
+    assert list(pages.flight_figures(None, searched, items)) == []
+
+
+def cells(table):
+    return [[re.sub(r"\s", " ", cell) for cell in row] for row in table.plain_rows()]
+
+
+@pytest.fixture
+def listed(worst):
+    """Return the search of four flights with samples, of which flights 1 and 2 are alike."""
+    worst.flights.samples = np.array(
+        [[0.9, 1.0, 5.0], [1.1, 1.0, 6.0], [1.1, 1.05, 7.0], [1.0, 1.2, 8.0], *3 * [[2.0, 2.0, 9]]]
+    )
+    worst.known, worst.controller, worst.drawn = OURS, "tlc", None
+    worst.bounds = np.array([[0.8, 1.1], [0.9, 1.3]])
+    worst.request = SimpleNamespace(box=3.0)
+    return worst
+
+
+def test_a_worst_case_lists_distinct_flights_of_the_search_and_its_box(listed, monkeypatch):
+    monkeypatch.setattr(pages, "DRAWN_APART", 0.2)
+    answer = pages.make_worst_answer(listed, Path("a folder"))
+    items = answer.section.items
+    pictures = [item.name for item in items if isinstance(item, Picture)]
+    assert pictures == ["convergence", "place", "flights"]
+    (box,) = (item for item in items if isinstance(item, Table))
+    assert cells(box) == [
+        ["aero.lift", "\N{MINUS SIGN}20.0 %", "+10.0 %", "+10.0 %"],
+        ["aero.drag", "\N{MINUS SIGN}10.0 %", "+5.0 %", "+30.0 %"],
+    ]
+    (fold,) = (item for item in items if isinstance(item, Fold))
+    (table,) = fold.items
+    rows = cells(table)
+    assert [row[:3] for row in rows] == [
+        ["2", "55", "ok, 62 s"], ["3", "20", "ok, 63 s"], ["0", "10", "ok, 60 s"]]  # fmt: skip
+    assert rows[0][3] == "aero.lift +10.0 %, aero.drag +5.0 %"
+    assert [shlex.split(row[4].strip("`")) for row in rows] == [
+        ["abhv-mc", "replay", "a folder", "--controller", "tlc", "--flight", k] for k in "230"
+    ]
+    assert table.heads[1] == listed.metric.label_with_unit
+    assert [text.name for text, _ in answer.figures] == ["convergence", "place"]
+
+
+def test_a_rare_event_lists_its_flights_and_combinations(rare, listed, monkeypatch):
+    rare.known, rare.controller, rare.drawn, rare.flights = OURS, "tlc", None, listed.flights
+    answer = pages.make_rare_answer(rare, Path("folder"))
+    assert not any(isinstance(item, Table) for item in answer.section.items)
+    (table,) = answer.section.items[-1].items
+    assert [row[0] for row in table.plain_rows()] == list("2430")
+    stratum = SimpleNamespace(weight=0.02, probability=0.3, low=0.1, high=0.5, flights=1200)
+    rare.strata, rare.words = (stratum,), lambda _: "engine"
+    *_, combinations, _ = pages.make_rare_answer(rare, Path("folder")).section.items
+    assert cells(combinations) == [
+        ["engine", "2.00e-02", "3.00e-01 (1.0e-01 .. 5.0e-01)", "6.00e-03", "1200"]
+    ]
+    points = np.array([[0.0, 1.0]])
+    calls = {name: drawn(monkeypatch, f"plot_{name}") for name in ("levels", "failures")}
+    monkeypatch.setattr(pages, "_mixing", lambda _: (SimpleNamespace(name="mixing"), None))
+    for repetitions, failures, names in (
+        (rare.estimate.repetitions, points, ["levels", "mixing", "failures"]),
+        ((), points[:0], []),
+    ):
+        rare.estimate.repetitions, rare.estimate.failures = repetitions, failures
+        assert [text.name for text, _ in pages._draw_rare(rare)] == names
+    assert calls["failures"] == [(rare.space.names, points, {})]
+
+
+def test_mixing_omits_the_first_level_which_has_no_moves(rare, monkeypatch):
+    calls = drawn(monkeypatch, "plot_mixing")
+    levels = [SimpleNamespace(acceptance=0.1 * k, spread=1.0 * k) for k in range(4)]
+    rare.estimate.repetitions = [SimpleNamespace(levels=levels[:n]) for n in (4, 3)]
+    pages._mixing(rare)
+    rates, sizes, target, _ = calls[0]
+    assert [curve.tolist() for curve in sizes] == [[1.0, 2.0, 3.0], [1.0, 2.0]]
+    assert [curve.tolist() for curve in rates] == [[0.1 * k for k in (1, 2, 3)], [0.1, 0.2]]
+    assert target == pytest.approx(0.44)
+
+
+def test_a_surrogate_is_drawn_with_its_steps(rare, monkeypatch):
+    calls = drawn(monkeypatch, "plot_learning")
+    steps = tuple(
+        SimpleNamespace(runs=n, probabilities=(0.1 * n, 0.2 * n), low=0.01 * n, high=0.3 * n)
+        for n in (1, 2)
+    )
+    rare.drawn, rare.requirement = None, SimpleNamespace(limits=Bounds(-2.0, 3.0))
+    rare.estimate = SurrogateEstimate(
+        0.2, 0.1, 0.4, 0.1, 90, (), None, None, steps, np.empty((0, 2)), 1
+    )
+    ((text, _),) = pages._draw_rare(rare)
+    ((label, limits, rows, values, _),) = calls
+    assert (text.name, label) == ("learning", rare.metric.label_with_unit)
+    assert limits == [-2.0, 3.0] and values.tolist() == rare.flights.column("").tolist()
+    np.testing.assert_allclose(rows, [[1, 0.1, 0.2, 0.01, 0.3], [2, 0.2, 0.4, 0.02, 0.6]])
+    rare.requirement = SimpleNamespace(limits=Bounds(high=50.0), probability=0.9)
+    found = lines(pages._rare_records(rare))
+    assert "12 failed" in found["Basis"][0] and found["Assumption"] == ["smooth metric"]
