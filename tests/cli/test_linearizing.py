@@ -55,12 +55,14 @@ def test_an_unstable_loop_names_its_poles_and_a_stable_one_its_margins(capsys):
 def test_a_phase_is_continuous_and_neutral_points_are_marked_where_curves_pass():
     """Three integrators lag by 270 deg; their gain is 1 at 1 rad/s."""
     omega = np.geomspace(0.01, 100.0, 50)
-    gains = np.column_stack([1.0 / (1.0j * omega) ** 3, 0.5 / (1.0j * omega)])
+    weak = 1e-4 / (1.0 + 1.0j * omega) ** 8  # -720 deg at -80 dB and less
+    gains = np.column_stack([1.0 / (1.0j * omega) ** 3, 0.5 / (1.0j * omega), weak])
     assert loops._phase(gains[:, 0]) == pytest.approx(np.full(50, -270.0))
-    upper, lower = loops.plot_bode(omega, gains, ("a", "b")).axes
+    upper, lower = loops.plot_bode(omega, gains, ("a_b", "b", "c")).axes
     assert upper.lines[0].get_ydata() == pytest.approx(-60.0 * np.log10(omega))
     assert lower.lines[1].get_ydata() == pytest.approx(np.full(50, -90.0))
-    (axes,) = loops.plot_nichols(gains, ("a", "b")).axes
+    assert [text.get_text() for text in upper.get_legend().get_texts()] == ["a b", "b", "c"]
+    (axes,) = loops.plot_nichols(gains, ("a", "b", "c")).axes
     marks = [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "+"]
     assert marks == [[[-180.0, 0.0]]]
     assert axes.lines[1].get_ydata()[0] == pytest.approx(20.0 * np.log10(50.0))

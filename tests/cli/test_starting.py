@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from jsonschema import Draft202012Validator
+from own_simulators import dive_campaign
 from programs import invoke
 
 import abhv_mc
@@ -257,3 +258,68 @@ def test_the_schema_rejects_wrong_names_and_values():
         "anyOf"
     ]
     assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own
+
+
+@pytest.mark.parametrize(
+    ("options", "law", "file"),
+    [
+        ((), None, None),
+        (("--law",), "python", "my_law.py"),
+        (("--law", "c"), "c", "my_law.c"),
+        (("--tune",), None, None),
+        (
+            ("--law", "python", "--tune", "--vehicle", "ghame_x", "--from", "wide"),
+            "python",
+            "my_law.py",
+        ),
+    ],
+)
+def test_next_commands_are_those_for_the_files_written(tmp_path, monkeypatch, options, law, file):
+    written = []
+
+    def write(folder, source, law, **further):
+        written.append((folder, source, law, further))
+        return [folder / "campaign.yaml", folder / "a", folder / "b"]
+
+    monkeypatch.setattr("abhv_mc_vehicle.new_campaign.write_new_campaign", write)
+    result = invoke("new", tmp_path / "x", *options)
+    assert result.exit_code == 0
+    ((folder, source, wanted, further),) = written
+    assert (folder, source, wanted) == (
+        tmp_path / "x",
+        "wide" if "wide" in options else "s_manoeuvre",
+        law,
+    )
+    vehicle = shipped_files("vehicle")["ghame_x"] if "ghame_x" in options else None
+    assert further == {"vehicle": vehicle, "tune": "--tune" in options}
+    first, *lines = result.stdout.splitlines()
+    assert f"{folder / 'campaign.yaml'}, further files: 2" in first
+    assert [line.split()[4] for line in lines] == [
+        *["fly"] * (law is not None),
+        *["tune"] * ("--tune" in options),
+        "run",
+    ]
+    assert law is None or lines[0].endswith(file)
+
+
+def test_a_language_without_a_law_is_refused(tmp_path):
+    error = invoke("new", tmp_path / "x", "c").exception
+    assert isinstance(error, InputError) and error.expected == "--law c"
+
+
+def test_inputs_are_checked_and_written(own_list, tmp_path):
+    limit = [{"metric": "load", "below": 7.0, "probability": "95 %"}]
+    campaign = dive_campaign(tmp_path / "f", requirements=limit)
+    table = tmp_path / "inputs.csv"
+    result = invoke("validate", campaign, "--runs", 1200, "--samples", table)
+    assert result.exit_code == 0
+    check, *_, last = result.stdout.splitlines()
+    assert check.split()[0] == f"{campaign}:" and check.split()[-2] == "campaign"
+    assert last.split()[0] == f"{table}:" and "1200 flights" in last.replace("\u202f", "")
+    assert len(table.read_text("utf-8").splitlines()) == 1201
+    result = invoke("validate", campaign, "--json", "-")
+    assert json.loads(result.stdout) == {} and f"{campaign}:" in result.stderr
+    assert invoke("validate", campaign, campaign).exit_code == 0
+    for option, value in (("--samples", table), ("--output", tmp_path / "o")):
+        error = invoke("validate", campaign, campaign, option, value).exception
+        assert isinstance(error, InputError) and error.file == option and "2" in error.found
