@@ -15,7 +15,7 @@ from programs import run_python
 
 import abhv_mc
 from abhv_mc.cli import options
-from abhv_mc.cli.app import app
+from abhv_mc.cli.app import Command, app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.entry_points import VEHICLE
 from abhv_mc.execution import progress
@@ -310,3 +310,37 @@ def test_a_container_without_a_home_runs_a_simulator(tmp_path):
     assert "temporary" not in errors  # a warning of matplotlib about its cache
     assert (tmp_path / "out" / "report.html").exists()
     assert (tmp_path / f"abhv-mc-{os.getuid()}").stat().st_mode & 0o077 == 0
+
+
+def test_options_have_short_types_and_flags_have_none():
+    group = typer.main.get_command(app)
+    shown = {}
+    for name in ("run", "worst", "report"):
+        command = group.get_command(None, name)
+        parameters = command.get_params(typer.Context(command))
+        shown |= {(name, p.name): None if p.hidden else p.metavar for p in parameters if p.opts}
+    expected = {
+        **{("run", name): "N" for name in ("runs", "seed", "workers")},
+        **{("run", name): "" for name in ("fresh", "trust_code", "check_workers", "no_report")},
+        **{("run", "controllers"): "A,B", ("run", "shard"): "I/N", ("run", "scheduler"): "ADDRESS"},
+        **{("run", "output"): "DIR", ("run", "plans"): None, ("run", "junit"): "FILE.xml"},
+        **{("worst", "box"): "X", ("worst", "flights"): "N", ("worst", "bad"): ""},
+        **{("worst", "metric"): "METRIC", ("worst", "controller"): "NAME"},
+        **{("report", "svg"): None, ("report", "pdf"): "", ("report", "requirements"): "FILE"},
+    }
+    assert {key: shown[key] for key in expected} == expected
+
+
+def test_paragraphs_of_a_help_are_joined_lines():
+    assert (
+        Command(
+            "x",
+            help="""a
+        b
+
+        c [m]
+        d""",
+        ).help
+        == "a b\n\nc \\[m] d"
+    )
+    assert Command("x").help == ""

@@ -1,5 +1,6 @@
 """Operating points and loops of linear models."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.io.messages import InputError
-from abhv_mc_vehicle.cli import linearizing, loops
+from abhv_mc_vehicle.cli import flying, linearizing, loops
 
 
 @pytest.mark.parametrize(
@@ -92,3 +93,47 @@ def test_a_smallest_margin_lists_six_of_its_dispersions(monkeypatch, capsys, mov
     out = " ".join(capsys.readouterr().out.split())
     assert "3.25 dB" in out and out.count("<1>") == listed
     assert (f"and {rest} more" in out) == (" more" in out) == (rest > 0)
+
+
+@pytest.mark.parametrize("phases", [(), ("a phase",)])
+def test_loop_figures_end_below_the_nyquist_frequency(tmp_path, monkeypatch, phases):
+    drawn, linear = [], SimpleNamespace(period=0.05, phases=phases, inputs=("a", "b"))
+    monkeypatch.setattr(loops, "make_loops", lambda linear: "loops")
+    monkeypatch.setattr(loops, "loop_gains", lambda made, system, omega: (made, system, omega))
+    monkeypatch.setattr(loops, "close", lambda gains: (None, SimpleNamespace(L=gains)))
+    monkeypatch.setattr(loops, "fundamental_gains", lambda linear, omega: "fundamental")
+    monkeypatch.setattr(loops, "plot_bode", lambda *arguments: arguments)
+    monkeypatch.setattr(loops, "plot_nichols", lambda *arguments: arguments)
+    monkeypatch.setattr(loops, "write_png", lambda figure, path: drawn.append((figure, path)))
+    paths = list(loops.write_loop_figures(tmp_path, "tlc", linear))
+    assert paths == [tmp_path / "bode_tlc.png", tmp_path / "nichols_tlc.png"]
+    (((omega, gains, inputs), path), (nichols, _)) = drawn
+    assert path == paths[0] and inputs == ("a", "b") and nichols == (gains, inputs)
+    ends = omega[0], omega[-1]
+    assert ends == pytest.approx((0.01, 0.999 * np.pi / 0.05)) and omega.size == 1500
+    assert omega[1] / omega[0] == pytest.approx(omega[-1] / omega[-2])
+    if phases:
+        assert gains == "fundamental"
+    else:
+        assert gains[0] == "loops" and not gains[1].any() and gains[2] is omega
+
+
+def test_the_table_of_a_trim_has_a_column_for_each_bank_angle(capsys):
+    row = {name: 1000.0 * (k + 1) for k, (name, *_) in enumerate(flying._TRIM_ROWS)}
+    level = row | {"mach": 6.1234, "dynamic_pressure_pa": 51234.0, "bank_deg": 0.0, "fault": ""}
+    name, label, unit, digits = flying._TRIM_ROWS[0]
+    banked = level | {"mach": 7.0, "bank_deg": 30.0, "fault": "stalled", name: np.inf}
+    flying._print_trims(Path("x/own.yaml"), 30500.0, 1850.0, [level, banked])
+    out = capsys.readouterr().out
+    head, *lines = out.splitlines()
+    assert "own: 30.5 km, 1850 m/s, Mach 6.123, 51.23 kPa" in head
+    cells = [line.split() for line in lines if line.strip()]
+    assert ["0", "deg", "30", "deg"] in [line[-4:] for line in cells]
+    for k, (_, label, unit, digits) in enumerate(flying._TRIM_ROWS):
+        value = f"{1000.0 * (k + 1) / (1e3 if unit == 'kN' else 1.0):.{digits}f}"
+        (line,) = [
+            line for line in lines if line.strip().startswith(f"{label.strip()} ") and value in line
+        ]
+        assert line.split()[-2:] == [value, value if k else "-"]
+        assert unit == "-" or unit in line
+    assert [line.endswith("30 deg: stalled") for line in lines if "no trim" in line] == [True]

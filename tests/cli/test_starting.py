@@ -1,10 +1,14 @@
 """Tests of the commands new and validate, and of the schemas of input files."""
 
 import json
+import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from own_simulators import dive_campaign
@@ -16,6 +20,8 @@ from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.check_inputs import check_inputs
+from abhv_mc.cli.starting import _print_plan, _records
+from abhv_mc.execution.estimate import Estimate
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import read_document
@@ -323,3 +329,80 @@ def test_inputs_are_checked_and_written(own_list, tmp_path):
     for option, value in (("--samples", table), ("--output", tmp_path / "o")):
         error = invoke("validate", campaign, campaign, option, value).exception
         assert isinstance(error, InputError) and error.file == option and "2" in error.found
+
+
+COST = Estimate(
+    flights=4000,
+    controllers=3,
+    kind="system",
+    workers=2,
+    batch=64,
+    flight_s=0.25,
+    flying_s=1600.0,
+    rows_bytes=3_000_000,
+    histories_bytes=500_000,
+    searched=200,
+    kept=7,
+    envelope_bytes=20_000_000,
+    warnings=(),
+)
+
+
+def plain(text):
+    return text.replace("\u202f", "").replace("\xa0", " ")
+
+
+def test_records_of_a_dry_run_state_cost_and_conditions():
+    def texts(cost, plan, hint=""):
+        records = _records(cost, plan, hint).records
+        return {record.label: plain(record.entries[0].text) for record in records}
+
+    found = texts(COST, None, "hint")
+    assert found["Flights"] == "4000 per system (3)" and found["Unknowns"] == "hint"
+    assert found["Search"].startswith("200 ") and found["Search"].endswith(" 75 s")
+    assert re.findall(r"[\d.]+", found["Time"]) == ["1600", "2", "250.00", "64"]
+    assert re.findall(r"[\d.]+", found["Disk"]) == ["23.5", "3.0", "7", "0.5", "20.0"]
+    assert [*found] == ["Flights", "Search", "Time", "Disk", "Unknowns"]
+    plan = SimpleNamespace(
+        most_points=9, runs=800, search_flights=600, family_risk=0.0525, independent_flights=False
+    )
+    found = texts(replace(COST, searched=0), plan)
+    assert re.findall(r"\d+", found["Points of the unknowns"]) == ["9", "800", "600"]
+    assert "5.2" in found["Any false PASS"] and "Sampling" in found
+    assert not {"Search", "Unknowns"} & found.keys()
+    plan.most_points, plan.family_risk, plan.independent_flights = 1, None, True
+    assert [*texts(COST, plan)] == ["Flights", "Search", "Time", "Disk"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_table_of_a_plan_has_flights_and_chances_at_a_fifth_of_the_allowed_rate(capsys, count):
+    def chance(*pair):
+        return SimpleNamespace(at_some_flight=[0.9, pair[0], 0.1], at_runs=[0.8, pair[1], 0.2])
+
+    band = SimpleNamespace(low=[0.0, 0.5512, 1.0], high=[0.0, 0.6513, 1.0])
+    planned = SimpleNamespace(
+        name="own",
+        runs=1000,
+        rates_over_allowed=np.array([0.1, 0.21, 0.5]),
+        requirements=[
+            SimpleNamespace(
+                words=f"r{k}",
+                probability=0.9,
+                flights_for_failures={str(n): 100 * n + k + 22 for n in range(4)},
+                pass_chance=(chance(0.301, 0.252), chance(0.703, 0.454)),
+            )
+            for k in range(count)
+        ],
+        together=[SimpleNamespace(runs=runs, at_some_flight=band) for runs in (1000, 2000)],
+    )
+    _print_plan(planned)
+    lines = plain(capsys.readouterr().out).replace(" %", "%").splitlines()
+    (head,) = [line for line in lines if line.strip().startswith("requirement")]
+    assert re.findall(r"\d+", head) == ["0", "1", "2", "3", "1000", "2000"]
+    rows = [line.split() for line in lines if re.match(r" *r\d in 90", line)]
+    assert [row[3:] for row in rows] == [
+        [*(str(100 * n + k + 22) for n in range(4)), "30%", "(25%)", "70%", "(45%)"]
+        for k in range(count)
+    ]
+    together = [line.split() for line in lines if line.startswith("All PASS by 1000")]
+    assert [row[-3:] for row in together] == [["55%", "to", "65%"]] * (count > 1)

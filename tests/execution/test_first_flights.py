@@ -1,21 +1,30 @@
 """First flights of a custom simulator, each flown in two new processes."""
 
 from collections import Counter
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fake_flight import ENGINE, make_plan, write_campaign
 from own_simulators import dive_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution import first_flights as module
 from abhv_mc.execution.executor import FlightRunner, make_ready
-from abhv_mc.execution.first_flights import _judge_repeats, _Repeats, fly_first
+from abhv_mc.execution.first_flights import (
+    _find_not_finite,
+    _judge_repeats,
+    _Repeats,
+    find_ineffective,
+    fly_first,
+    fly_probes,
+)
 from abhv_mc.external_simulators.simulator import ExternalSimulator
 from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome
 from abhv_mc.flights.repeatability import Repeatability
-from abhv_mc.io.messages import InputError
+from abhv_mc.io.messages import InputError, InputErrors
 
 ROWS = np.array([[1.0], [2.0]])
 LOST = float(Outcome.FAILED_TO_RUN)
@@ -119,3 +128,68 @@ def test_rows_are_flown_by_pairs_of_processes(
             np.testing.assert_array_equal(process.rows, np.concatenate([own, more]))
             assert (process.lost == (process.rows == rows[6]).all(axis=1)).all()
             np.testing.assert_array_equal(process.values[:, 1:], campaign.rows(process.rows)[:, :2])
+
+
+def test_metrics_of_nominal_flights_must_be_finite():
+    """Only the first trial counts, and a flight that ended early may lack a metric."""
+    names = ("fine", "none", "endless", "own")
+    metrics = [SimpleNamespace(name=name, of="x") for name in names]
+    metrics[3].of = "heat_flux_w_m2"
+    document = SimpleNamespace(key_error=lambda *entries: entries)
+    campaign = SimpleNamespace(measured=metrics, document=document)
+    nan, inf = np.nan, np.inf
+
+    def block(outcome, *values):
+        rows = np.array([values, [nan] * 4])
+        return FlightBlock(np.array([outcome, 0]), np.ones(2), rows)
+
+    flown = {
+        "a": block(Outcome.BANK_LIMIT, nan, nan, nan, nan),
+        "b": block(0, 1.0, nan, -inf, 1.0),
+        "c": block(0, 1.0, inf, 1.0, nan),
+    }
+    errors = list(_find_not_finite(campaign, flown))
+    assert [keys for keys, *_ in errors] == [("metrics", name) for name in names[1:]]
+    for (_, problem, expected), number, system in zip(
+        errors, ("not a number", "-inf", "not a number"), "bbc", strict=True
+    ):
+        assert f"is {number} in" in problem and problem.endswith(f"'{system}'")
+        assert ("nose_radius" in expected) == (system == "c")
+
+
+@pytest.mark.parametrize("changed", ["metrics", "outcome", "end_time"])
+def test_a_dispersion_has_an_effect_if_one_flight_differs(changed):
+    """Trials of `b`, rows 4 to 6, differ in the third; those of `a` equal each other."""
+    campaign = SimpleNamespace(dimensions=("a", "b"))
+    trials = np.arange(14.0).reshape(7, 2)
+    values = {"outcome": np.zeros(7, int), "end_time": np.ones(7), "metrics": np.ones((7, 1))}
+    same = FlightBlock(**{name: value.copy() for name, value in values.items()})
+    for rows in (slice(0, 1), slice(6, 7)):
+        values[changed][rows] = 2
+    values["metrics"][1:4] = np.nan
+    found = list(find_ineffective(campaign, trials, [same, FlightBlock(**values)]))
+    assert found == [("a", 4.0, 6.0)]
+    assert [name for name, *_ in find_ineffective(campaign, trials, [same])] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("entries", "line"),
+    [
+        ({}, "  dispersions:"),
+        ({"unknowns": "{mass.total: {low: 0.95, high: 1.05}}"}, "unknowns:"),
+    ],
+)
+def test_a_parameter_without_effect_is_marked_in_its_entry(tmp_path, entries, line):
+    key = line.strip(" :")
+    entries = entries or {
+        "dispersions": "{aero.lift: {distribution: normal, sigma: 5 %}, mass.total: "
+        "{distribution: uniform, half_width: 5 %}}"
+    }
+    file = write_campaign(tmp_path, **entries)
+    campaign = read_campaign(file)
+    plans = {name: make_plan(name) for name in campaign.controllers}
+    ready = make_ready(replace(campaign, engine=ENGINE), plans)
+    with pytest.raises(InputErrors, match=r"'mass\.total'") as caught:
+        fly_probes(ready, {})
+    (error,) = caught.value.errors
+    assert file.read_text("utf-8").splitlines()[error.line - 1].startswith(f"{key}:")

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from report.synthetic import CONTROLLERS, write_campaign
@@ -18,7 +19,12 @@ from abhv_mc.folder import file_columns, flights
 from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.folder.file_columns import SpooledColumns
 from abhv_mc.folder.flights import SampleReader, write_samples
-from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
+from abhv_mc.folder.flown_campaign import (
+    FlownCampaign,
+    read_flown,
+    read_histories,
+    read_replayed,
+)
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.metrics import METRICS
@@ -156,3 +162,16 @@ def test_angles_are_turned_to_the_known_part_of_the_envelope():
     assert FlownCampaign.align(results, "b", curves) == curves
     median[:] = np.nan
     assert FlownCampaign.align(results, "a", curves) == curves
+
+
+def test_a_replayed_flight_belongs_to_the_controller_of_its_file(failing_folder, tmp_path):
+    stored = read_histories(failing_folder, "lqr")
+    table = pq.read_table(failing_folder / "histories")
+    for number in sorted(stored)[:2]:
+        rows = pc.and_(pc.equal(table["controller"], "lqr"), pc.equal(table["flight"], number))
+        path = tmp_path / f"lqr-new-{number:06d}.parquet"
+        pq.write_table(table.filter(rows), path)
+        name, flight, history = read_replayed(path)
+        assert (name, flight) == ("lqr-new", number) and history.keys() == stored[number].keys()
+        for key, values in history.items():
+            np.testing.assert_array_equal(values, stored[number][key])
