@@ -1,13 +1,18 @@
 """Operating points and loops of linear models."""
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
+from programs import invoke
 
+from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.metrics import MARGIN_NAMES
 from abhv_mc.io.messages import InputError
+from abhv_mc.shipped import find_input
 from abhv_mc_vehicle.cli import flying, linearizing, loops
 
 
@@ -137,3 +142,129 @@ def test_the_table_of_a_trim_has_a_column_for_each_bank_angle(capsys):
         assert line.split()[-2:] == [value, value if k else "-"]
         assert unit == "-" or unit in line
     assert [line.endswith("30 deg: stalled") for line in lines if "no trim" in line] == [True]
+
+
+@pytest.mark.parametrize(
+    ("time", "times", "turn"),
+    [("trim", ["trim", 2.0], 30.0), (2.0, ["trim", 2.0], 0.0), (2.0, [2.0, 3.0], 30.0)],
+)
+def test_a_bank_angle_is_for_the_trim_point_if_there_is_one(monkeypatch, time, times, turn):
+    taken = []
+
+    def take_point(*arguments):
+        taken.append(arguments)
+        return SimpleNamespace(warnings=())
+
+    monkeypatch.setattr("abhv_mc_vehicle.one_flight.linear_models.take_point", take_point)
+    linearizing._take("mission", "vehicle", "law", time, "30", times)
+    assert taken == [("mission", "vehicle", "law", time, pytest.approx(np.deg2rad(turn)))]
+
+
+@pytest.mark.parametrize(
+    "option",
+    [["--vehicle", "f16"], ["--at", "2s"], ["--bank", "5"], ["--hold", "speed"], ["-o", "x"]],
+)
+def test_a_search_of_margins_takes_no_operating_point(tmp_path, monkeypatch, option):
+    monkeypatch.chdir(tmp_path)
+    shown = []
+    monkeypatch.setattr(linearizing, "_show_worst", lambda *arguments: shown.append(arguments))
+    result = invoke("margins", "s_manoeuvre", "--worst", *option)
+    assert isinstance(result.exception, InputError) and not shown
+    assert invoke("margins", "s_manoeuvre", "--worst", "--controllers", "tlc").exit_code == 0
+    assert [arguments[1:] for arguments in shown] == [("tlc", None, False)]
+
+
+def test_margins_of_each_controller_and_time_have_their_title_and_rows(tmp_path, monkeypatch):
+    printed, taken, drawn = [], [], []
+    files = {"a": Path("a.yaml"), "b": Path("b.yaml")}
+    found = Path("v/own.yaml"), Path("m/course.yaml"), files
+    monkeypatch.setattr(linearizing, "_find_flown", lambda *_: found)
+    monkeypatch.setattr(linearizing, "_take", lambda *place: place[2:4])
+    monkeypatch.setattr(linearizing, "_print_rows", lambda *table: printed.append(table))
+
+    def analyse(place, hold):
+        taken.append((place, hold))
+        return f"linear {place[1]}", f"stable {place[1]}", ["note"] * (place[1] == 2.0)
+
+    def rows(name, time, stability):
+        return [{"controller": name, "time_s": time, "loop": stability}]
+
+    def draw(folder, stem, linear):
+        drawn.append((folder, stem, linear))
+        return [folder / f"{stem}.png"]
+
+    monkeypatch.setattr("abhv_mc_vehicle.one_flight.linear_models.analyse_place", analyse)
+    monkeypatch.setattr("abhv_mc_vehicle.stability.analysis.make_rows", rows)
+    monkeypatch.setattr("abhv_mc_vehicle.cli.loops.write_loop_figures", draw)
+    options = ("--at", "trim,2s", "--hold", "speed,heading", "-o", tmp_path / "o")
+    result = invoke("margins", "level", *options, "--json", tmp_path / "m.json")
+    assert result.exit_code == 0, result.exception
+    pairs = [("a", "trim"), ("a", 2.0), ("b", "trim"), ("b", 2.0)]
+    assert taken == [((files[name], time), ("speed", "heading")) for name, time in pairs]
+    numbers = json.loads((tmp_path / "m.json").read_text())
+    assert (numbers["vehicle"], numbers["mission"]) == ("own", "course")
+    assert numbers["rows"] == [
+        {"controller": name, "time_s": time if time == 2.0 else None, "loop": f"stable {time}"}
+        for name, time in pairs
+    ]
+    assert numbers["notes"] == ["note"] * 2
+    for (title, own, stability), (name, time) in zip(printed, pairs, strict=True):
+        assert title.startswith(f"{name}, own, course, ") and stability == f"stable {time}"
+        assert ("at 2 s" in title) == (time == 2.0) and len(own) == 1
+    stems = ["a_trim", "a_2s", "b_trim", "b_2s"]
+    assert drawn == [
+        (tmp_path / "o", s, f"linear {t}") for s, (_, t) in zip(stems, pairs, strict=True)
+    ]
+    assert result.stdout.split() == [str(tmp_path / "o" / f"{stem}.png") for stem in stems]
+
+
+@pytest.mark.parametrize("trimmed", [[True, True], [True, False]])
+def test_a_trim_is_asked_in_si_units_and_fails_with_one_point(monkeypatch, trimmed):
+    asked = []
+
+    def trim(*arguments, **options):
+        asked.append((arguments, options))
+        table = pd.DataFrame({"bank_deg": [0.0, 50.0], "trimmed": trimmed}).set_index("bank_deg")
+        table.attrs = {"warnings": [], "altitude_m": 1.0, "speed_mps": 2.0, "mass_kg": 3.0}
+        return table
+
+    monkeypatch.setattr("abhv_mc.api.trim", trim)
+    plain = invoke("trim", "f16", "--json", "-")
+    options = "--altitude=2km --speed=36km/h --bank=30,1rad --mass=1.5t --flight-path-angle=3"
+    full = invoke("trim", "level", *options.split(), "--heading=90", "--json", "-")
+    assert [result.exit_code for result in (plain, full)] == [int(not all(trimmed))] * 2
+    f16, level, abhv = (
+        find_input(*pair)
+        for pair in (("f16", "vehicle"), ("level", "mission"), ("abhv", "vehicle"))
+    )
+    (first, second), (own, none) = asked[1], asked[0]
+    assert own == (f16, None, None, None) and none.pop("mission") == level
+    assert none.pop("rotating") is False and {*none.values()} == {None}
+    angle = np.pi / 180.0
+    assert first[0] == abhv and first[1:3] == pytest.approx((2000.0, 10.0))
+    assert first[3] == pytest.approx([30.0 * angle, 1.0]) and second["mass"] == 1500.0
+    assert second["flight_path_angle"] == pytest.approx(3.0 * angle)
+    assert second["heading"] == pytest.approx(90.0 * angle) and second["latitude"] is None
+    numbers = json.loads(full.stdout)
+    assert [numbers[key] for key in ("altitude_m", "speed_mps", "mass_kg")] == [1.0, 2.0, 3.0]
+    assert numbers["points"][1] == {"bank_deg": 50.0, "trimmed": trimmed[1]}
+
+
+def test_the_start_of_a_trim_is_that_of_the_file():
+    level, mission, abhv, ghame, wide = (
+        find_input(*pair)
+        for pair in (
+            *(("level", "mission"), ("f16_level", "mission"), ("abhv", "vehicle")),
+            *(("ghame", "vehicle"), ("winged_cone", "campaign")),
+        )
+    )
+    model = read_campaign(wide).model
+    own = Path(model.vehicle), Path(model.mission)
+    for start, vehicle, found in (
+        *((ghame, None, (ghame, level)), (ghame, abhv, (abhv, level))),
+        *((mission, None, (abhv, mission)), (mission, ghame, (ghame, mission))),
+        *((wide, None, own), (wide, ghame, (ghame, own[1]))),
+    ):
+        assert flying._find_mission(start, vehicle) == found
+    with pytest.raises(InputError):
+        flying._find_mission(find_input("tlc", "control"), None)
