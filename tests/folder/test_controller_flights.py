@@ -9,6 +9,7 @@ from abhv_mc.bounds import Bounds
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.controller_flights import (
     ControllerFlights,
+    _Collector,
     distances,
     metric_sign,
     rank_flights,
@@ -66,3 +67,20 @@ def test_the_worst_flights_are_the_earliest_losses_then_the_largest_relative_exc
         1,
         2,
     ]
+
+
+@pytest.mark.parametrize(
+    "parts", [((0, 1, 2), (3, 4)), ((3, 4), (1, 2), (0,)), ((2, 4), (0, 1, 3))]
+)
+def test_flights_are_in_ascending_order_without_those_that_failed_to_run(parts):
+    """Of flight k, the outcome is 3 if k is odd; flight 4 failed to run."""
+    collector = _Collector(["a", "b"])
+    for part in parts:
+        number = np.array(part)
+        outcome = np.where(number % 2, 3, np.where(number == 4, Outcome.FAILED_TO_RUN, 0))
+        collector.add(number, outcome.astype(np.uint8), np.stack([number + 0.5, number * 10.0]))
+    flights = collector.finish(RECORDS, None)
+    assert flights.flight.tolist() == [0, 1, 2, 3] and flights.absent.tolist() == [4]
+    assert flights.outcome.tolist() == [0, 3, 0, 3]
+    assert flights.metrics["a"].tolist() == [0.5, 1.5, 2.5, 3.5]
+    assert flights.metrics["b"].tolist() == [0.0, 10.0, 20.0, 30.0]

@@ -1,10 +1,13 @@
 """Content of input files, and inputs that a folder stores."""
 
 import hashlib
+import os
+from dataclasses import replace
 
 import pytest
 
 from abhv_mc.folder.inputs import FolderInputs, content_of, describe_changes, merge_inputs
+from abhv_mc.folder.layout import CampaignFolder
 from abhv_mc.io.documents import read_document
 
 LIMITS = [
@@ -86,3 +89,48 @@ def test_changes_of_entries_and_files_prevent_a_run_from_resuming(make):
             "inputs/controllers/a/a.yaml: different content",
         ]
     assert describe_changes(stored, make(before), True) == ["seed: 1 -> nothing"]
+
+
+def test_copies_of_programs_remain_executable(make, tmp_path):
+    copies = {"inputs/a": b"x", "inputs/b": b"y"}
+    inputs = replace(make(), copies=copies, executables=frozenset({"inputs/a"}))
+    inputs.write_copies(CampaignFolder(tmp_path / "out"))
+    files = [tmp_path / "out" / name for name in copies]
+    assert [file.read_bytes() for file in files] == [b"x", b"y"]
+    assert [os.access(file, os.X_OK) for file in files] == [True, False]
+
+
+def test_hashes_of_inputs_leave_out_what_may_differ(make):
+    """Requirements are no part of a campaign's identity; seeds and numbers none of its question."""
+    files = {"inputs/a": "1"}
+    first = make(files, seed=1)
+    for other, identity, question, judged in (
+        (make(files, seed=1), True, True, True),
+        (make(files, seed=1, requirements=LIMITS[:1]), True, True, False),
+        (make(files, seed=2), False, True, False),
+        (make(files, seed=1, runs=10), False, True, False),
+        (make({"inputs/a": "2"}, seed=1), False, False, False),
+    ):
+        assert (first.identity == other.identity) == identity
+        assert (first.question == other.question) == question
+        assert (first.judged_identity == other.judged_identity) == judged
+    unknowns = {"unknowns": {"a": {"low": 1, "high": 2}}}
+    questions = [make(files, seed=seed, **unknowns).question for seed in (1, 2, 1)]
+    assert questions[0] == questions[2] != questions[1]
+
+
+def test_other_controllers_of_a_folder_keep_their_requirements_and_tests(make):
+    """Controller b is stored; c is new. Without a choice on the command line, b is not tested."""
+
+    def files(names):
+        return {name: f"inputs/controllers/{name}/{name}.yaml" for name in names}
+
+    bound = [LIMITS[0] | {"controllers": ["b"]}, LIMITS[1]]
+    stored = make(controllers=files("ab"), under_test=["b"], requirements=bound)
+    for selected, names, tested in ((True, "abc", ["b", "c"]), (False, "cab", ["c"])):
+        new = [LIMITS[1] | {"below": 8}]
+        requested = make(controllers=files("c"), under_test=["c"], requirements=new)
+        merged = merge_inputs(stored, requested, selected).data
+        assert [*merged["controllers"]] == [*names] and merged["under_test"] == tested
+        asked = [(own["below"], own.get("controllers")) for own in merged["requirements"]]
+        assert (5, ["b"]) in asked and {below for below, _ in asked} == {5, 8}
