@@ -6,14 +6,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from programs import invoke
 
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.flights.metrics import MARGIN_NAMES
+from abhv_mc.flights.signals import Signal
 from abhv_mc.io.messages import InputError
 from abhv_mc.shipped import find_input
-from abhv_mc_vehicle.cli import flying, linearizing, loops
+from abhv_mc_vehicle.cli import flying, linearizing, loops, nominal_report
+from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX, CHANNELS, REFERENCE_CHANNELS
 
 
 @pytest.mark.parametrize(
@@ -268,3 +271,47 @@ def test_the_start_of_a_trim_is_that_of_the_file():
         assert flying._find_mission(start, vehicle) == found
     with pytest.raises(InputError):
         flying._find_mission(find_input("tlc", "control"), None)
+
+
+def test_flights_are_printed_by_metric_and_controller(capsys):
+    def flight(outcome, end, *values):
+        metrics = dict(zip(("a_m", "b"), values, strict=True))
+        return SimpleNamespace(outcome=outcome, end_time=end, metrics=metrics, sentence=f"is {end}")
+
+    flights = {"one": flight("ok", 60.0, 1.23456, 2.0), "two": flight("lost", 5.25, -3e6, np.nan)}
+    flying._print_flights("title", flights)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.split()]
+    assert [line for line in lines if "\u2500" not in line[0]] == [
+        *(["title"], ["metric", "one", "two"], ["outcome", "ok", "lost"]),
+        *(["end_time_s", "60", "5.25"], ["a_m", "1.235", "-3e+06"], ["b", "2", "nan"]),
+        *(["one:", "is", "60.0"], ["two:", "is", "5.25"]),
+    ]
+
+
+def test_a_nominal_report_has_the_channels_that_all_plans_share(tmp_path, monkeypatch):
+    """Headings are drawn without jumps."""
+    drawn = []
+    monkeypatch.setattr(nominal_report, "plot_flown", lambda *pair: drawn.append(pair))
+    monkeypatch.setattr(nominal_report, "write_png", lambda figure, path: None)
+    index = CHANNEL_INDEX["heading_deg"]
+    own, timing = Signal("state.own", "-", "own"), SimpleNamespace(ticks=3, tick=0.1)
+    plans = {
+        "one": SimpleNamespace(timing=timing, channels=(*CHANNELS, own)),
+        "two": SimpleNamespace(timing=timing, channels=CHANNELS),
+    }
+    history = np.tile(np.arange(len(CHANNELS) + 1, dtype=np.float32), (4, 1))
+    history[:, index] = 350.0, 358.0, 4.0, 12.0
+    histories = {"one": history, "two": history[:, :-1] + np.float32(1.0)}
+    reference = {name: np.arange(2.0) for name in ("time", *(c.name for c in REFERENCE_CHANNELS))}
+    monkeypatch.setattr(nominal_report, "reference_of", lambda plan, every: reference)
+    paths = list(nominal_report.write_nominal_report(tmp_path, plans, histories))
+    names = ["nominal.parquet", "reference.parquet", "figures/channels.png"]
+    assert paths == [tmp_path / name for name in names]
+    table = pq.read_table(paths[0])
+    assert table.column_names == ["controller", "time", *(c.name for c in CHANNELS)]
+    assert table["time"].to_pylist() == pytest.approx([0.0, 0.1, 0.2, 0.3] * 2)
+    assert table["heading_deg"].to_pylist() == [*history[:, index], *(history[:, index] + 1.0)]
+    ((flights, shown),) = drawn
+    curves = list(flights.values())
+    assert curves[1]["heading_deg"].tolist() == [351.0, 359.0, 365.0, 373.0]
+    assert curves[0][CHANNELS[0].name].tolist() == [0.0] * 4 and shown.keys() == reference.keys()
