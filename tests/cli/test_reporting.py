@@ -212,3 +212,21 @@ def test_failures_of_one_controller_are_mapped(failing_folder, monkeypatch):
     assert mapped[0][first] == 0
     result = invoke("explain", failing_folder, "--all", "--controller", first)
     assert result.exit_code == 0 and len(mapped) == 1 and len(result.stdout.splitlines()) == 1
+
+
+def test_show_prints_a_topic_and_verify_the_first_difference(folder, tmp_path, monkeypatch):
+    numbers = json.loads(invoke("show", "verdicts", folder, "--json", "-").stdout)
+    assert len(numbers["requirements"]) > 0
+    assert len(invoke("show", "simulator", folder).stdout.splitlines()) == 1  # no results on it
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    for path in copy.glob("report.*"):
+        path.unlink()
+    assert f"abhv-mc report {copy}" in invoke("verify", "campaign", copy).stdout
+    path = copy / "manifest.json"
+    write_manifest(path, replace(read_manifest(path), search={"kind": "worst"}))
+    monkeypatch.setattr("abhv_mc.report.pages.build.search_command", lambda *_: "again")
+    assert invoke("verify", "campaign", copy).stdout.split()[-1] == "again"
+    found = iter(["first", "second"])
+    monkeypatch.setattr("abhv_mc.report.pages.verify.verify_campaign", lambda _: found)
+    result = invoke("verify", "campaign", copy)
+    assert (result.exit_code, result.stdout) == (1, "first\n")

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import signal
 import time
@@ -13,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, fly, interrupted_after, make_plan, run, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, interrupted_after, make_plan, run, write_campaign
 from golden import compare_report
 from own_simulators import write_study
 from programs import run_python
@@ -475,3 +476,22 @@ def test_blocks_of_slow_simulators_follow_the_time_of_a_flight(
     table = flights(tmp_path / "out")
     assert table["flight"].to_pylist() == [*range(20)] * 2
     assert sizes == blocks
+
+
+def test_flights_that_fail_to_run_are_named_and_counted(tmp_path, capfd):
+    def lose(plan, parameters, recorded=None):
+        block = fly(plan, parameters, recorded)
+        if plan.controller == "two" and len(parameters) != 7:  # not the trials
+            block.outcome[parameters[:, DENSITY] > 1.09] = Outcome.FAILED_TO_RUN
+        return block
+
+    keep, limit = "{histories: {flights: []}}", "[]"
+    campaign = write_campaign(tmp_path / "f", runs="60", keep=keep, requirements=limit)
+    result = run(campaign, tmp_path / "out", replace(ENGINE, fly=lose), workers=1)
+    density = pq.read_table(result.folder / "samples.parquet")["atmosphere.density"].to_numpy()
+    lost = np.flatnonzero(density > 1.09).tolist()
+    counts = result.manifest.controllers
+    assert counts["two"].failed_to_run == (*lost,) and counts["one"].failed_to_run is None
+    assert (result.manifest.runs_done, result.manifest.runs_failed) == (60 - len(lost), len(lost))
+    named = re.findall(r"flight (\d+) of controller '(\w+)'", capfd.readouterr().err)
+    assert named == [(str(number), "two") for number in lost] != []
