@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,8 @@ import typer
 from programs import run_python
 
 import abhv_mc
-from abhv_mc.cli.app import app
+from abhv_mc.cli import options
+from abhv_mc.cli.app import Command, app
 from abhv_mc.cli.errors import ExitCode, exit_code_of
 from abhv_mc.entry_points import VEHICLE
 from abhv_mc.execution import progress
@@ -21,6 +23,8 @@ from abhv_mc.execution.progress import Progress, Waiting
 from abhv_mc.execution.retry import UnusableError
 from abhv_mc.folder.layout import StorageFullError
 from abhv_mc.io.messages import InputError
+from abhv_mc.shipped import shipped_files
+from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 
 HEAVY = {"duckdb", "matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"}
 
@@ -82,6 +86,11 @@ def test_starting_imports_nothing_heavy(start):
     assert HEAVY.isdisjoint(run_python("-c", code, check=True).stdout.split())
 
 
+def of_cluster(message):
+    """Return an error of the library distributed."""
+    return type("CommError", (Exception,), {"__module__": "distributed.comm"})(message)
+
+
 @pytest.mark.parametrize(
     ("error", "code", "message"),
     [
@@ -106,6 +115,8 @@ def test_starting_imports_nothing_heavy(start):
         (ModuleNotFoundError("no module", name="other"), 70, "no module"),
         (ModuleNotFoundError("needs a package", name=VEHICLE), 2, "needs a package"),
         (FileNotFoundError(errno.ENOENT, "No such file", "y.png"), 70, "y.png"),
+        (of_cluster("gone\nat 1"), 3, "(gone):"),
+        (of_cluster(""), 3, "(CommError):"),
         (SystemExit(1), 1, ""),
         (ZeroDivisionError("by zero"), 70, "ZeroDivisionError: by zero"),
     ],
@@ -178,7 +189,23 @@ def test_the_time_left_is_for_the_remaining_steps(monkeypatch):
     display = Progress("flights", 4, log := io.StringIO())
     display._start -= 10.0
     display.add(1)
-    assert "30 s left" in log.getvalue()
+    assert "flights: 1 of 4 (25 %), 0/s, 30 s left" in log.getvalue()
+    assert display.counts == (1, 4) and display.pace == pytest.approx((0.1, 30.0), rel=0.01)
+
+
+@pytest.mark.parametrize("is_screen", [True, False])
+def test_a_clock_runs_on_terminals_only(is_screen, monkeypatch):
+    monkeypatch.setattr(progress, "_CLOCK", 0.01)
+    monkeypatch.setattr(progress, "_printed", [-1e9])
+    screen = io.StringIO()
+    screen.isatty = lambda: is_screen
+    with Waiting("compiling", screen) as waiting:
+        waiting._start -= 30.0
+        time.sleep(0.1)
+    first, *later = screen.getvalue().split("\r")
+    assert first.startswith("compiling") and bool(later) == is_screen
+    assert (first[-1] == "\n") is not is_screen and screen.getvalue()[-1] == "\n"
+    assert all(line.startswith("compiling: 30 s") for line in later)
 
 
 def test_other_operating_systems_are_rejected():
@@ -208,6 +235,25 @@ def test_shells_complete_shipped_names_and_folders_of_campaigns(tmp_path):
         answer = run_python("-m", "abhv_mc", env=os.environ | request, cwd=tmp_path)
         assert offered in answer.stdout.split(), answer.stderr
         assert "reports/empty" not in answer.stdout
+
+
+def test_completions_begin_with_the_typed_text(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("b", "a", "ab"):
+        (tmp_path / "reports" / name).mkdir(parents=True)
+        (tmp_path / "reports" / name / "manifest.json").touch()
+    offered = options._complete_folder("reports/a")
+    assert offered == ["reports/a", "reports/ab"]
+    assert options._complete_folder("") == ["reports/a", "reports/ab", "reports/b"]
+    assert options._complete_metric("bank_error_s") == [
+        name for name in METRIC_INDEX if name.startswith("bank_error_s")
+    ]
+    laws = [f"tlc,{name}" for name in shipped_files("control") if name.startswith("lqr")]
+    assert options._complete_controllers("tlc,lqr") == laws and len(laws) > 1
+    names = {kind: [*shipped_files(kind)] for kind in ("mission", "vehicle")}
+    complete = options.of_kinds(*names)["autocompletion"]
+    assert complete("") == [*names["mission"], *names["vehicle"]]
+    assert complete("gh") == [name for name in names["vehicle"] if name.startswith("gh")] != []
 
 
 @pytest.mark.parametrize("closed", [(0,), (1,), (2,), (0, 1, 2)])
@@ -264,3 +310,37 @@ def test_a_container_without_a_home_runs_a_simulator(tmp_path):
     assert "temporary" not in errors  # a warning of matplotlib about its cache
     assert (tmp_path / "out" / "report.html").exists()
     assert (tmp_path / f"abhv-mc-{os.getuid()}").stat().st_mode & 0o077 == 0
+
+
+def test_options_have_short_types_and_flags_have_none():
+    group = typer.main.get_command(app)
+    shown = {}
+    for name in ("run", "worst", "report"):
+        command = group.get_command(None, name)
+        parameters = command.get_params(typer.Context(command))
+        shown |= {(name, p.name): None if p.hidden else p.metavar for p in parameters if p.opts}
+    expected = {
+        **{("run", name): "N" for name in ("runs", "seed", "workers")},
+        **{("run", name): "" for name in ("fresh", "trust_code", "check_workers", "no_report")},
+        **{("run", "controllers"): "A,B", ("run", "shard"): "I/N", ("run", "scheduler"): "ADDRESS"},
+        **{("run", "output"): "DIR", ("run", "plans"): None, ("run", "junit"): "FILE.xml"},
+        **{("worst", "box"): "X", ("worst", "flights"): "N", ("worst", "bad"): ""},
+        **{("worst", "metric"): "METRIC", ("worst", "controller"): "NAME"},
+        **{("report", "svg"): None, ("report", "pdf"): "", ("report", "requirements"): "FILE"},
+    }
+    assert {key: shown[key] for key in expected} == expected
+
+
+def test_paragraphs_of_a_help_are_joined_lines():
+    assert (
+        Command(
+            "x",
+            help="""a
+        b
+
+        c [m]
+        d""",
+        ).help
+        == "a b\n\nc \\[m] d"
+    )
+    assert Command("x").help == ""

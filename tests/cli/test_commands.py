@@ -11,8 +11,10 @@ import pytest
 import scipy.io
 from golden import compare_report
 from programs import invoke
+from report.synthetic import CONTROLLERS
 
 from abhv_mc.campaign.file.schema import make_schema
+from abhv_mc.cli.querying import list_shipped, show_records
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNELS
 from abhv_mc_vehicle.flight.metrics import BUILT_IN, METRICS
@@ -270,3 +272,55 @@ def test_linearize_can_write_only_the_gains_of_a_controller(tmp_path):
 
 def test_the_numbers_that_commands_print_are_the_stored_ones(tmp_path):
     assert not compare_report("commands", tmp_path)
+
+
+def test_records_are_listed_with_numbers_to_the_right(tmp_path, capsys):
+    records = [
+        {"name": "a", "unit": "m", "nominal": 1234567.0, "doc": "first"},
+        {"name": "long", "unit": "-", "nominal": 0.5, "doc": "second"},
+    ]
+    show_records(records, None)
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert [line.split() for line in lines] == [
+        ["a", "m", "1.23457e+06", "first"],
+        ["long", "-", "0.5", "second"],
+    ]
+    assert lines[0].index("1.23457e+06") + 11 == lines[1].index("0.5") + 3
+    assert lines[0].index("first") == lines[1].index("second")
+
+
+def test_shipped_files_are_listed_by_question_description_or_first_sentence(tmp_path, monkeypatch):
+    texts = {
+        "a": "question: Why?\ndescription: d\n",
+        "b": "# First\n# words. Second.\nquestion: ''\ndescription: d\n",
+        "c": "# Mach 2.5 flight. And\n# more.\nname: c\n# later\n",
+        "d": "name: d\n",
+    }
+    paths = {name: tmp_path / f"{name}.yaml" for name in texts}
+    for name, path in paths.items():
+        path.write_text(texts[name])
+    monkeypatch.setattr("abhv_mc.shipped.shipped_files", lambda kind: paths)
+    list_shipped("campaign", tmp_path / "l.json")
+    listed = json.loads((tmp_path / "l.json").read_text())
+    assert [entry["name"] for entry in listed] == [*"abcd"]
+    assert [entry["doc"] for entry in listed] == ["Why?", "d", "Mach 2.5 flight.", ""]
+
+
+def test_queries_are_written_where_asked(failing_folder, tmp_path):
+    sql = "select flight, controller from flights where flight < 2 order by controller, flight"
+    names = sorted(CONTROLLERS)
+    rows = [(flight, name) for name in names for flight in (0, 1)]
+    table, numbers = tmp_path / "t.csv", tmp_path / "n.json"
+    result = invoke("query", failing_folder, sql, "--csv", table, "--json", numbers)
+    assert result.exit_code == 0 and result.stdout == ""
+    assert table.read_text().split() == ["flight,controller", *(f"{k},{name}" for k, name in rows)]
+    assert json.loads(numbers.read_text()) == [{"flight": k, "controller": n} for k, n in rows]
+    assert names[0] in invoke("query", failing_folder, sql).stdout
+    nothing = invoke("query", failing_folder, "/* nothing */", "--csv", tmp_path / "no.csv")
+    assert nothing.exit_code == 0 and not (tmp_path / "no.csv").exists()
+    exported = invoke("query", failing_folder, "--csv", tmp_path / "all").stdout.split()
+    assert {*exported} == {str(path) for path in (tmp_path / "all").iterdir()} != set()
+    same = "select 1 a, 2 b, 3 a"
+    assert invoke("query", failing_folder, same, "--csv", "-").stdout.split() == ["a,b,a", "1,2,3"]
+    for options in ((same, "--json", "-"), (), ("--csv", "-"), ("--json", "-")):
+        assert isinstance(invoke("query", failing_folder, *options).exception, InputError)

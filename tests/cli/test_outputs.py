@@ -14,9 +14,12 @@ from fake_flight import ENGINE, run, write_campaign
 from own_simulators import dive_campaign
 from typer.models import OptionInfo
 
+from abhv_mc.cli import options
 from abhv_mc.cli.app import app
 from abhv_mc.cli.options import takes_options
 from abhv_mc.folder.layout import find_in_campaign
+from abhv_mc.io.messages import InputError
+from abhv_mc.io.units import LENGTH
 from abhv_mc.requests import WorstRequest
 
 # Paths that are read, or temporary.
@@ -243,3 +246,48 @@ def test_histories_of_two_rates_are_not_stored_together(abhv_mc, own_list, tmp_p
     ended, _, err = abhv_mc("fly", "level", "--controllers", names, "-o", tmp_path / "out")
     assert ended == code, err
     assert (tmp_path / "out").exists() == (code == 0)
+
+
+def test_options_are_parsed_or_refused():
+    assert options.parse_names(None) is None and options.parse_names(" a, b") == ("a", "b")
+    assert options._parse_shard("3/8") == (3, 8)
+    assert options.parse_noise(["a_m=0.5", "b=2"]) == {"a_m": 0.5, "b": 2.0}
+    assert options.parse_noise(None) == {}
+    assert options.parse_option("--x", " 2 km ", LENGTH) == 2000.0
+    assert options.parse_option("--x", "2", LENGTH, "ft") == pytest.approx(0.6096)
+    for parse, texts in (
+        (options.parse_names, ("", "a,", ",a", "a,,b")),
+        (options._parse_shard, ("3", "3/", "/8", "-1/8", "3/x", "\u0663/8", "3/8/9")),
+        (lambda text: options.parse_noise([text]), ("a=0", "a=-1", "a=inf", "a=nan", "a=x", "a")),
+        (lambda text: options.parse_option("--x", text, LENGTH), ("2 kg", "x")),
+    ):
+        for text in texts:
+            with pytest.raises(InputError):
+                parse(text)
+
+
+def test_paths_of_outputs_must_be_writable_and_outside_campaigns(flown, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file.yaml").write_text("x")
+    (tmp_path / "folder").mkdir()
+    every = {
+        *("file.yaml", "file.yaml/a", "new", "new/a", "new.yaml", "new.json", "-", "folder"),
+        *(flown, flown / "flights", "s3://bucket/a", "s3://bucket"),
+    }
+    allowed = {
+        options.output_file: {"file.yaml", "new", "new/a", "new.yaml", "new.json", "-"},
+        options.output_folder: {"folder", "new", "new/a", "new.yaml", "new.json", "-"},
+    }
+    allowed[options.output_file_or_stream] = allowed[options.output_file]
+    allowed[options.json_file] = allowed[options.output_file] - {"file.yaml"}
+    allowed[options.campaign_folder] = allowed[options.output_folder] | {flown}
+    addresses = {"s3://bucket/a", "s3://bucket"}
+    allowed[options.campaign_folder_or_address] = allowed[options.campaign_folder] | addresses
+    for check, accepted in allowed.items():
+        assert check(None) is None
+        for path in map(Path, every):
+            if path in map(Path, accepted):
+                assert check(path) == path
+            else:
+                with pytest.raises(InputError):
+                    check(path)

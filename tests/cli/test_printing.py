@@ -3,12 +3,15 @@
 import io
 import os
 import sys
+from contextlib import nullcontext
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 
+from abhv_mc.cli import printing
 from abhv_mc.cli.errors import open_streams
-from abhv_mc.cli.printing import new_table, print_section_table, print_table, say
+from abhv_mc.cli.printing import _fold, new_table, print_section_table, print_table, say
 from abhv_mc.topics.topic import Cell, Table, grouped
 
 
@@ -120,3 +123,60 @@ def test_text_is_coloured_and_folded_where_asked(monkeypatch, setting, folds, te
     screen.isatty = lambda: True
     say("a PASS", folds=folds, file=screen)
     assert screen.getvalue() == f"{text}\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "folded"),
+    [
+        ("one two three four five", ["one two three", "four five"]),
+        ("Next  one two three four", ["Next  one two", "      three", "      four"]),
+        ("  a b c d e f g h i j k", ["  a b c d e f g", "  h i j k"]),
+        ("one two three  four five", ["one two three  four five"]),  # cells of a table
+        ("run `a b c d e f g h i j` now", ["run", "`a b c d e f g h i j`", "now"]),
+        ("one two three 4", ["one two three 4"]),
+        ("x-y-z-x-y-z-x-y-z-x-y-z", ["x-y-z-x-y-z-x-y-z-x-y-z"]),
+    ],
+)
+def test_lines_are_folded_between_words_under_their_text(line, folded):
+    assert _fold(line, 15) == "\n".join(folded)
+
+
+@pytest.mark.parametrize(
+    ("module", "by_other", "words"),
+    [
+        ("abhv_mc_vehicle.kernel.flight.loop", False, "compiling the flight for"),
+        ("abhv_mc_vehicle.kernel.stability", True, "compile the stability margins for"),
+        ("abhv_mc_vehicle.kernel.laws.tlc", False, "compiling the reference for"),
+        ("abhv_mc_vehicle.other", False, "compiling a kernel for"),
+    ],
+)
+def test_a_kernel_that_is_compiled_is_named(monkeypatch, module, by_other, words):
+    labels = []
+    monkeypatch.setattr(printing, "Waiting", lambda label: labels.append(label) or nullcontext())
+    with printing._tell(SimpleNamespace(__module__=module), by_other):
+        pass
+    assert words in labels[0] and ("waiting" in labels[0]) == by_other
+
+
+def test_a_wrapped_table_has_each_cell_in_its_column(monkeypatch, capsys):
+    """Numbers are never wrapped; long texts get at least 16 columns."""
+    monkeypatch.setenv("COLUMNS", "44")
+    table = new_table(("Name", "Text"), ("x", "long head", "third"), "title")
+    table.add_row("a", "one two three four five six", "1.5", "22", "333333")
+    table.add_row("bb", "", "10.25", "", "4\n5")
+    print_table(table)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [
+        "title",
+        "  Name  Text                  x  long",
+        "                                 head",
+        "  a     one two three       1.5    22",
+        "        four five six",
+        "  bb                      10.25",
+        "",
+        "  Name   third",
+        "  a     333333",
+        "  bb         4",
+        "             5",
+        "",
+    ]

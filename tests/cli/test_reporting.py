@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 from programs import invoke
-from report.synthetic import write_campaign
+from report.synthetic import CONTROLLERS, write_campaign
 
 from abhv_mc.cli.printing import say
 from abhv_mc.folder.flown_campaign import read_flown
@@ -195,3 +195,38 @@ def test_files_that_differ_in_a_comment_are_equal(folder, tmp_path):
         write_manifest(copy / "manifest.json", replace(manifest, inputs=hashes))
     changes = find_changes(*map(read_flown, folders))
     assert changes == ["inputs/vehicle/c.yaml: different content"]
+
+
+def test_failures_of_one_controller_are_mapped(failing_folder, monkeypatch):
+    """The first controller has no failures."""
+    mapped = []
+
+    def map_failures(folder, failed, **options):
+        mapped.append({name: len(flights) for name, flights in failed.items()})
+        raise InputError("x", "mapped", "")
+
+    monkeypatch.setattr("abhv_mc.analysis.failure_map.map_failures", map_failures)
+    first, *others = CONTROLLERS
+    assert isinstance(invoke("explain", failing_folder, "--all").exception, InputError)
+    assert [name for name, number in mapped[0].items() if number >= 12] == others
+    assert mapped[0][first] == 0
+    result = invoke("explain", failing_folder, "--all", "--controller", first)
+    assert result.exit_code == 0 and len(mapped) == 1 and len(result.stdout.splitlines()) == 1
+
+
+def test_show_prints_a_topic_and_verify_the_first_difference(folder, tmp_path, monkeypatch):
+    numbers = json.loads(invoke("show", "verdicts", folder, "--json", "-").stdout)
+    assert len(numbers["requirements"]) > 0
+    assert len(invoke("show", "simulator", folder).stdout.splitlines()) == 1  # no results on it
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    for path in copy.glob("report.*"):
+        path.unlink()
+    assert f"abhv-mc report {copy}" in invoke("verify", "campaign", copy).stdout
+    path = copy / "manifest.json"
+    write_manifest(path, replace(read_manifest(path), search={"kind": "worst"}))
+    monkeypatch.setattr("abhv_mc.report.pages.build.search_command", lambda *_: "again")
+    assert invoke("verify", "campaign", copy).stdout.split()[-1] == "again"
+    found = iter(["first", "second"])
+    monkeypatch.setattr("abhv_mc.report.pages.verify.verify_campaign", lambda _: found)
+    result = invoke("verify", "campaign", copy)
+    assert (result.exit_code, result.stdout) == (1, "first\n")

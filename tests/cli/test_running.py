@@ -282,3 +282,72 @@ def test_an_incomplete_campaign_counts_flights_of_every_controller(
     out = capsys.readouterr().out
     assert ("every controller" in out) == is_common and f"{state}, 5 of 9" in out
     assert out.count(" 5 ok") == count and "run time  2.0 s" in out
+
+
+def entry(controller, verdict="PASS", words="PASS", **changes):
+    entries = {"metric": "miss", "below": 5.0, "probability": 0.9, "failures": 3, "flights": 2000}
+    return RequirementVerdict(
+        controller=controller, verdict=verdict, words=words, **entries | changes
+    )
+
+
+@pytest.mark.parametrize("most", [0, 9])
+def test_verdicts_are_printed_by_requirement_and_controller(monkeypatch, tmp_path, capsys, most):
+    """With many controllers, each has a row. The first must meet its requirements."""
+    monkeypatch.setattr("abhv_mc.cli.running._MOST_COLUMNS", most)
+    few = "NOT SHOWN; too few flights"
+    manifest = Manifest(
+        name="x",
+        state="running",
+        seed=1,
+        campaign_hash="",
+        source_hash="",
+        runs_done=1500,
+        runs_planned=2000,
+        digest="d",
+        controllers={
+            "one": ControllerCount({"lost": 7, "ok": 1493}, 1500),
+            "two": ControllerCount({}, 0),
+        },
+        requirements=(entry("one"), entry("one", "NOT SHOWN", few, above=1.0, below=None)),
+        requirements_shown=(
+            entry("two", "FAIL", "FAIL; too many; late", failures=1200),
+            entry("two", "NOT SHOWN", few, above=1.0, below=None, probability=0.95, set_later=True),
+        ),
+    )
+    print_state(tmp_path, manifest, "there", [("disk", "5 MB")])
+    out = capsys.readouterr().out.replace("\u202f", "")
+    lines = [line.split() for line in out.splitlines() if line.strip()]
+    assert lines[0] == ["folder", "there"] and lines[1][:5] == [
+        "flights",
+        "running,",
+        "1500",
+        "of",
+        "2000",
+    ]
+    assert len(lines[1]) > 5  # not all controllers have flown
+    assert lines[2:4] == [["one", "7", "lost,", "1493", "ok"], ["two", "none"]]
+    assert ["digest", "d"] in lines and ["disk", "5", "MB"] in lines
+    label = entry("two", "NOT SHOWN", few, set_later=True).label
+    cells = {
+        "miss below 5 in 90 %": ["PASS 3 of 2000", "FAIL 1200 of 2000"],
+        "miss above 1 in 90 %": ["NOT SHOWN 3 of 2000", ""],
+        "miss above 1 in 95 %": ["", f"{label} 3 of 2000"],
+    }
+    if most:
+        (head,) = [line for line in lines if line[:2] == ["one", "*"]]
+        assert head == ["one", "*", "two"]
+        for asked, texts in cells.items():
+            assert f"{asked} {' '.join(texts)}".split() in lines
+    else:
+        for k, name in enumerate(("one *", "two")):
+            row = " ".join([name, *(texts[k] for texts in cells.values())]).split()
+            assert row in lines
+    reasons = [line[:6] for line in lines if line[1:4] == ["of", "4", "verdicts"]]
+    assert sorted(reasons) == [
+        *(
+            ["1", "of", "4", "verdicts", "FAIL:", "late"],
+            ["1", "of", "4", "verdicts", "FAIL:", "too"],
+        ),
+        ["2", "of", "4", "verdicts", "NOT", "SHOWN:"],
+    ]

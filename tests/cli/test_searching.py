@@ -5,9 +5,16 @@ import json
 import re
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from programs import invoke
 from search.known_flights import LINE, METRIC, TUNED, fly_line, write_line, write_tuned
+
+from abhv_mc.cli import searching
+from abhv_mc.io.messages import InputError
+from abhv_mc.shipped import find_input
+from abhv_mc.statistics.estimates import Interval
 
 
 @pytest.fixture(autouse=True)
@@ -155,3 +162,113 @@ def test_the_order_of_the_dispersions_is_part_of_a_search(abhv_mc, tmp_path):
     code, _, err = abhv_mc(*command)
     assert code == 2 and re.search(r"\bout: .*\bcampaign\b", err)
     assert {path: path.read_bytes() for path in Path("out").rglob("*.parquet")} == before
+
+
+def printed(capsys):
+    return capsys.readouterr().out.replace("\u202f", " ").replace("\xa0", " ")
+
+
+def test_a_tightening_is_printed_with_its_widths_and_confirmation(capsys):
+    def dispersion(name, reweighted, width, entry, verdict):
+        return SimpleNamespace(
+            name=name, reweighted=reweighted, width=width, entry=entry, verdict=verdict
+        )
+
+    passed = SimpleNamespace(status="PASS", failures=2, flights=900)
+    failed = SimpleNamespace(status="FAIL", failures=70, flights=800)
+    rows = [
+        dispersion("lift", 0.75, 0.5, {"distribution": "normal", "sigma": 0.02}, passed),
+        dispersion("drag", 0.25, 0.0, None, None),
+    ]
+    result = SimpleNamespace(controller="own", verdict=failed, dispersions=rows, folder="there")
+    searching._print_tightening(result)
+    head, *lines = [line for line in printed(capsys).splitlines() if line.strip()]
+    assert head.split()[:5] == ["own:", "FAIL", "70", "of", "800;"]
+    cells = [line.split() for line in lines]
+    (lift,), (drag,) = ([row for row in cells if row[0] == name] for name in ("lift", "drag"))
+    assert lift[1:5] == ["75", "%", "50", "%"] and lift[-4:] == ["PASS", "2", "of", "900"]
+    assert "0.02" in " ".join(lift) and drag[1:3] == ["25", "%"] and "PASS" in drag
+    assert cells[-1] == ["folder", "there"]
+    searching._print_tightening(SimpleNamespace(**vars(result) | {"dispersions": [], "folder": ""}))
+    assert printed(capsys).split() == ["own:", "FAIL", "70", "of", "800"]
+
+
+def test_changed_dispersions_are_compared_for_the_metrics_asked(capsys):
+    def row(label, metric, start):
+        before, after = (Interval(k, k - 0.5, k + 0.5) for k in (start, start + 10.0))
+        return SimpleNamespace(label=label, level="95 %", metric=metric, before=before, after=after)
+
+    own = SimpleNamespace(
+        flights=500, effective_flights=123.4, estimates=[row("A", "a", 2.0), row("B", "b", 3.0)]
+    )
+    estimates = SimpleNamespace(
+        after={"lift": {"sigma": 0.02}},
+        stopped_when_proven=False,
+        controllers={"tlc": own},
+        asked={"b"},
+    )
+    searching._print_whatif(estimates)
+    out = printed(capsys)
+    lines = [line.split() for line in out.splitlines() if line.strip()]
+    assert lines[0][0] == "lift:" and "0.02" in " ".join(lines[0])
+    assert " 500 flights" in out and " 123" in out and len([x for x in lines if x[0] == "A"]) == 0
+    (cells,) = [line for line in lines if line[0] == "B"]
+    assert [float(x) for x in re.findall(r"\d+\.\d+|\d+", " ".join(cells[1:]))] == [
+        *(95.0, 3.0, 2.5, 3.5, 13.0, 12.5, 13.5)
+    ]
+
+
+@pytest.mark.parametrize("fits", [True, False])
+@pytest.mark.parametrize("out", [None, "new.yaml"])
+def test_an_identification_names_its_file_and_fails_without_a_fit(tmp_path, monkeypatch, fits, out):
+    asked = []
+
+    def identify(*arguments, **options):
+        asked.append((arguments, options))
+        return SimpleNamespace(fits=fits, texts=lambda: [("Fit", "text")])
+
+    monkeypatch.setattr("abhv_mc.search.identify.identify", identify)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "f.csv").write_text("x")
+    campaign = find_input("s_manoeuvre", "campaign")
+    extra = ("-o", out) if out else ()
+    options = ("--parameters", "a,b", "--controller", "c", "--measured", "x=2", *extra)
+    result = invoke("identify", tmp_path / "f.csv", "s_manoeuvre", *options)
+    assert result.exit_code == int(not fits), result.exception
+    ((arguments, further),) = asked
+    assert arguments[0] == campaign and arguments[2:] == (("a", "b"), "c", {"x": 2.0})
+    assert further == {"output": out and Path(out)}
+    assert [line.split() for line in result.stdout.splitlines() if "campaign" in line] == (
+        [["campaign", out]] if out else []
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "is_flights", "valid"),
+    [
+        (["--measured", "a=1"], True, True),
+        ([], True, True),
+        (["--fail-if-worse", "a=1"], True, False),
+        (["--fail-if-loses", "1"], True, False),
+        (["--requirements", "r.yaml"], True, False),
+        (["--measured", "a=1"], False, False),
+        (["--requirements", "r.yaml"], False, True),
+    ],
+)
+def test_options_of_campaigns_and_of_test_flights_are_not_mixed(
+    tmp_path, monkeypatch, options, is_flights, valid
+):
+    called = []
+
+    def call(*arguments):
+        called.append(arguments)
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("abhv_mc.search.place.place_flights", call)
+    monkeypatch.setattr("abhv_mc.report.pages.compare_page.compare_folders", call)
+    monkeypatch.chdir(tmp_path)
+    for name in ("r.yaml", "f.csv"):
+        (tmp_path / name).write_text("x")
+    first = "f.csv" if is_flights else "."
+    error = invoke("compare", first, "s_manoeuvre", *options).exception
+    assert isinstance(error, ZeroDivisionError if valid else InputError) and len(called) == valid

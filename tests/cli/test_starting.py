@@ -1,12 +1,17 @@
 """Tests of the commands new and validate, and of the schemas of input files."""
 
 import json
+import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
+from own_simulators import dive_campaign
 from programs import invoke
 
 import abhv_mc
@@ -15,6 +20,8 @@ from abhv_mc.campaign.file.kinds import find_kind
 from abhv_mc.campaign.file.schema import make_schema
 from abhv_mc.campaign.file.unknowns import unknowns_hint
 from abhv_mc.check_inputs import check_inputs
+from abhv_mc.cli.starting import _print_plan, _records
+from abhv_mc.execution.estimate import Estimate
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.documents import read_document
@@ -257,3 +264,145 @@ def test_the_schema_rejects_wrong_names_and_values():
         "anyOf"
     ]
     assert set(METRIC_INDEX) < set(named["enum"]) and "pattern" in own
+
+
+@pytest.mark.parametrize(
+    ("options", "law", "file"),
+    [
+        ((), None, None),
+        (("--law",), "python", "my_law.py"),
+        (("--law", "c"), "c", "my_law.c"),
+        (("--tune",), None, None),
+        (
+            ("--law", "python", "--tune", "--vehicle", "ghame_x", "--from", "wide"),
+            "python",
+            "my_law.py",
+        ),
+    ],
+)
+def test_next_commands_are_those_for_the_files_written(tmp_path, monkeypatch, options, law, file):
+    written = []
+
+    def write(folder, source, law, **further):
+        written.append((folder, source, law, further))
+        return [folder / "campaign.yaml", folder / "a", folder / "b"]
+
+    monkeypatch.setattr("abhv_mc_vehicle.new_campaign.write_new_campaign", write)
+    result = invoke("new", tmp_path / "x", *options)
+    assert result.exit_code == 0
+    ((folder, source, wanted, further),) = written
+    assert (folder, source, wanted) == (
+        tmp_path / "x",
+        "wide" if "wide" in options else "s_manoeuvre",
+        law,
+    )
+    vehicle = shipped_files("vehicle")["ghame_x"] if "ghame_x" in options else None
+    assert further == {"vehicle": vehicle, "tune": "--tune" in options}
+    first, *lines = result.stdout.splitlines()
+    assert f"{folder / 'campaign.yaml'}, further files: 2" in first
+    assert [line.split()[4] for line in lines] == [
+        *["fly"] * (law is not None),
+        *["tune"] * ("--tune" in options),
+        "run",
+    ]
+    assert law is None or lines[0].endswith(file)
+
+
+def test_a_language_without_a_law_is_refused(tmp_path):
+    error = invoke("new", tmp_path / "x", "c").exception
+    assert isinstance(error, InputError) and error.expected == "--law c"
+
+
+def test_inputs_are_checked_and_written(own_list, tmp_path):
+    limit = [{"metric": "load", "below": 7.0, "probability": "95 %"}]
+    campaign = dive_campaign(tmp_path / "f", requirements=limit)
+    table = tmp_path / "inputs.csv"
+    result = invoke("validate", campaign, "--runs", 1200, "--samples", table)
+    assert result.exit_code == 0
+    check, *_, last = result.stdout.splitlines()
+    assert check.split()[0] == f"{campaign}:" and check.split()[-2] == "campaign"
+    assert last.split()[0] == f"{table}:" and "1200 flights" in last.replace("\u202f", "")
+    assert len(table.read_text("utf-8").splitlines()) == 1201
+    result = invoke("validate", campaign, "--json", "-")
+    assert json.loads(result.stdout) == {} and f"{campaign}:" in result.stderr
+    assert invoke("validate", campaign, campaign).exit_code == 0
+    for option, value in (("--samples", table), ("--output", tmp_path / "o")):
+        error = invoke("validate", campaign, campaign, option, value).exception
+        assert isinstance(error, InputError) and error.file == option and "2" in error.found
+
+
+COST = Estimate(
+    flights=4000,
+    controllers=3,
+    kind="system",
+    workers=2,
+    batch=64,
+    flight_s=0.25,
+    flying_s=1600.0,
+    rows_bytes=3_000_000,
+    histories_bytes=500_000,
+    searched=200,
+    kept=7,
+    envelope_bytes=20_000_000,
+    warnings=(),
+)
+
+
+def plain(text):
+    return text.replace("\u202f", "").replace("\xa0", " ")
+
+
+def test_records_of_a_dry_run_state_cost_and_conditions():
+    def texts(cost, plan, hint=""):
+        records = _records(cost, plan, hint).records
+        return {record.label: plain(record.entries[0].text) for record in records}
+
+    found = texts(COST, None, "hint")
+    assert found["Flights"] == "4000 per system (3)" and found["Unknowns"] == "hint"
+    assert found["Search"].startswith("200 ") and found["Search"].endswith(" 75 s")
+    assert re.findall(r"[\d.]+", found["Time"]) == ["1600", "2", "250.00", "64"]
+    assert re.findall(r"[\d.]+", found["Disk"]) == ["23.5", "3.0", "7", "0.5", "20.0"]
+    assert [*found] == ["Flights", "Search", "Time", "Disk", "Unknowns"]
+    plan = SimpleNamespace(
+        most_points=9, runs=800, search_flights=600, family_risk=0.0525, independent_flights=False
+    )
+    found = texts(replace(COST, searched=0), plan)
+    assert re.findall(r"\d+", found["Points of the unknowns"]) == ["9", "800", "600"]
+    assert "5.2" in found["Any false PASS"] and "Sampling" in found
+    assert not {"Search", "Unknowns"} & found.keys()
+    plan.most_points, plan.family_risk, plan.independent_flights = 1, None, True
+    assert [*texts(COST, plan)] == ["Flights", "Search", "Time", "Disk"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_table_of_a_plan_has_flights_and_chances_at_a_fifth_of_the_allowed_rate(capsys, count):
+    def chance(*pair):
+        return SimpleNamespace(at_some_flight=[0.9, pair[0], 0.1], at_runs=[0.8, pair[1], 0.2])
+
+    band = SimpleNamespace(low=[0.0, 0.5512, 1.0], high=[0.0, 0.6513, 1.0])
+    planned = SimpleNamespace(
+        name="own",
+        runs=1000,
+        rates_over_allowed=np.array([0.1, 0.21, 0.5]),
+        requirements=[
+            SimpleNamespace(
+                words=f"r{k}",
+                probability=0.9,
+                flights_for_failures={str(n): 100 * n + k + 22 for n in range(4)},
+                pass_chance=(chance(0.301, 0.252), chance(0.703, 0.454)),
+            )
+            for k in range(count)
+        ],
+        together=[SimpleNamespace(runs=runs, at_some_flight=band) for runs in (1000, 2000)],
+    )
+    _print_plan(planned)
+    lines = plain(capsys.readouterr().out).replace(" %", "%").splitlines()
+    (head,) = [line for line in lines if line.strip().startswith("requirement")]
+    assert re.findall(r"\d+", head) == ["0", "1", "2", "3", "1000", "2000"]
+    rows = [line.split() for line in lines if re.match(r" *r\d in 90", line)]
+    assert [row[3:] for row in rows] == [
+        [*(str(100 * n + k + 22) for n in range(4)), "30%", "(25%)", "70%", "(45%)"]
+        for k in range(count)
+    ]
+    together = [line.split() for line in lines if line.startswith("All PASS by 1000")]
+    assert [row[-3:] for row in together] == [["55%", "to", "65%"]] * (count > 1)

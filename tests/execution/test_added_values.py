@@ -65,10 +65,13 @@ def test_a_limit_changed_with_the_metrics_leaves_its_trail(flown, tmp_path):
 
 
 @pytest.mark.parametrize("metrics", [("swing",), ()])
-def test_flights_with_other_values_or_without_a_metric_are_rejected(flown, tmp_path, metrics):
+@pytest.mark.parametrize("change", [" - 0.001", " * (1.0 + 1e-12)"])
+def test_flights_with_other_values_or_without_a_metric_are_rejected(
+    flown, tmp_path, metrics, change
+):
     """A changed simulator without added values is another campaign, of which nothing is run."""
     before = (flown / "manifest.json").read_bytes()
-    other = SIMULATOR.replace('abs(inputs["a"])', 'abs(inputs["a"] - 0.001)')
+    other = SIMULATOR.replace('abs(inputs["a"])', f'abs(inputs["a"]{change})')
     with pytest.raises(InputError, match="miss" if metrics else r"different content.*"):
         run_campaign(write_campaign(tmp_path, *metrics, simulator=other))
     assert (flown / "manifest.json").read_bytes() == before
@@ -99,3 +102,12 @@ def test_an_interrupt_keeps_the_stored_folder_and_the_flights_run_again(
     assert np.all(read_flown(flown).flights["first"].flight == np.arange(60))
     assert run_campaign(request).complete and len(blocks) > 2
     assert read_manifest(flown / "manifest.json").earlier_digests
+
+
+def test_values_of_a_simulator_that_rounds_are_repeated_up_to_rounding(tmp_path):
+    noise = "import os, random\nROUND = 1.0 + 1e-12 * random.Random(os.getpid()).random()\n"
+    simulator = noise + SIMULATOR.replace('settings["bias"]', 'settings["bias"] * ROUND')
+    first = run_campaign(write_campaign(tmp_path, simulator=simulator)).manifest
+    assert first.repeatable == "rounding"
+    manifest = run_campaign(write_campaign(tmp_path, "swing", simulator=simulator)).manifest
+    assert manifest.complete and manifest.earlier_digests == (first.digest,)

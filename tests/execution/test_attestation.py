@@ -5,17 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_flight import ENGINE, fly, make_plan, run, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, make_plan, run, write_campaign
 
 from abhv_mc.campaign.file.config import Execution
 from abhv_mc.execution.attestation import Attestation, sign
 from abhv_mc.execution.executor import open_executor
 from abhv_mc.execution.retry import FlightLostError, UnusableError
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.identity import code_hash, this_flyer
 from abhv_mc_vehicle.flight.fly import nominal_parameters
 
 CHECKED = replace(ENGINE, source=code_hash(), checked=True)
 ROWS = nominal_parameters(3)
+ROWS[:, DENSITY] = 0.95, 1.0, 1.05
 
 
 def flown(**changes):
@@ -82,3 +84,31 @@ def test_an_executor_of_an_external_simulator_is_checked_and_may_lose_a_block():
                     executor.fly(plan, ROWS)
             else:
                 assert executor.fly(plan, ROWS).outcome.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("workers", "expected"), [(None, 7), (3, 3)])
+def test_the_number_of_workers_is_that_of_the_scheduler_unless_given(workers, expected):
+    """Losses of an engine that records them are not divided into smaller blocks."""
+    plan, sizes = make_plan("one"), []
+
+    def open_lost(engine, limit):
+        def compute(plan, rows, recorded=None):
+            sizes.append(len(rows))
+            raise FlightLostError("the worker ended")
+
+        opened.append(limit)
+        return SimpleNamespace(fly=compute, workers=7, close=lambda: opened.append("closed"))
+
+    opened, execution = [], Execution(flight_time_limit="5 s")
+    for records_lost, expected_sizes in ((True, [3, 3]), (False, [3, 3, 1, 1, 1, 1, 1, 1])):
+        sizes.clear()
+        engine = replace(ENGINE, records_lost=records_lost)
+        with open_executor(engine, execution, workers, open_lost) as executor:
+            assert executor.workers == expected
+            if records_lost:
+                with pytest.raises(UnusableError, match="the worker ended"):
+                    executor.fly(plan, ROWS)
+            else:
+                assert (executor.fly(plan, ROWS).outcome == Outcome.FAILED_TO_RUN).all()
+        assert sizes[:2] == expected_sizes[:2] and (len(sizes) == 2) == records_lost
+    assert opened == [5.0, "closed"] * 2

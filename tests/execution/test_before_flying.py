@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_flight import ENGINE, SLOW_ENGINE, run, write_campaign
+from own_simulators import write_study
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution import executor
 from abhv_mc.execution.estimate import estimate_campaign
 from abhv_mc.execution.first_flights import make_trials
 from abhv_mc.io.messages import InputError
@@ -77,3 +79,33 @@ def test_the_start_of_a_symmetric_gust_has_an_effect(tmp_path):
     assert (trials[4:, 0] == trials[4, 0]).all()
     assert trials[4, 0] > 0.0
     assert np.array_equal(trials[5:, 1], [5.0, 45.0])
+
+
+def test_envelopes_of_a_custom_simulator_take_the_space_of_their_samples(tmp_path, monkeypatch):
+    """10 s of two channels of 4 bytes have 21 samples at 2 Hz, a quarter of them at 0.5 Hz."""
+    flown = []
+
+    def simulate(campaign, name, rows, *arguments):
+        flown.append((name, len(rows)))
+        return executor.simulate(campaign, name, rows, *arguments)
+
+    monkeypatch.setattr("abhv_mc.execution.estimate.simulate", simulate)
+    source = (
+        "def fly(inputs, settings):\n    time = [0.5 * k for k in range(21)]\n"
+        "    total = inputs['a'] + inputs['b']\n"
+        "    history = {'time': time, 'x': [total] * 21, 'y': [-total] * 21}\n"
+        "    return {'total': total, 'history': history}\n"
+    )
+    changes = {
+        "systems": {name: {} for name in ("one", "two", "three")},
+        "histories": {"x": {"unit": "m"}, "y": {"unit": "m"}},
+        "keep": {
+            "histories": {"flights": [1, 5, "every 10"], "rate": "2 Hz"},
+            "envelopes": {"rate": "0.5 Hz"},
+        },
+    }
+    cost = estimate_campaign(read_campaign(write_study(tmp_path, source, **changes)), workers=2)
+    assert (cost.flights, cost.controllers, cost.kept, cost.searched) == (20, 3, 4, 0)
+    assert cost.envelope_bytes == 4 * round(21 / 4) * 2 * 20 * 3
+    assert flown == [(name, flights) for name in changes["systems"] for flights in (20, 16)]
+    assert cost.histories_bytes % 4 == 0 and cost.histories_bytes > 4 * 3 * 21 * 2

@@ -1,5 +1,8 @@
 """Flights simulated in memory equal those of a campaign with the same samples."""
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +10,9 @@ from fake_flight import ENGINE, run, write_campaign
 
 from abhv_mc.analysis.replay import replay_flight
 from abhv_mc.campaign.file.check import read_campaign
-from abhv_mc.execution.executor import simulate_table
+from abhv_mc.campaign.file.experiment import System
+from abhv_mc.execution import executor
+from abhv_mc.execution.executor import connect, simulate, simulate_table
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.channels import CHANNEL_INDEX
@@ -76,3 +81,34 @@ def test_an_invalid_table_is_rejected(table, options, pattern, tmp_path):
     experiment = read_campaign(write_campaign(tmp_path))
     with pytest.raises(InputError, match=pattern):
         simulate_table(experiment, pd.DataFrame(table), engine=ENGINE, **options)
+
+
+def test_flights_use_the_plan_with_margins_if_asked_and_present():
+    experiment = SimpleNamespace(
+        systems={"a": System("plain", "margins"), "b": System("plain", None)},
+        rows=lambda rows: rows * 2,
+        simulator=SimpleNamespace(engine=SimpleNamespace(fly=lambda *arguments: arguments)),
+    )
+    for name, margins, plan in (
+        *(("a", True, "margins"), ("a", False, "plain"), ("b", True, "plain")),
+    ):
+        assert simulate(experiment, name, 3, 5, margins=margins) == (plan, 6, 5)
+    assert simulate(experiment, "a", 3, None, lambda *arguments: arguments[1]) == 6
+
+
+@pytest.mark.parametrize(
+    ("address", "opened"),
+    [("own://a:1", "own"), ("tcp://a:1", "tcp"), ("a:1", "tcp"), (None, None), ("x://a", "")],
+)
+def test_the_scheme_of_an_address_selects_the_scheduler(monkeypatch, address, opened):
+    entries = {
+        name: SimpleNamespace(load=lambda name=name: lambda given: nullcontext((name, given)))
+        for name in ("own", "tcp")
+    }
+    monkeypatch.setattr(executor, "find_entry_points", lambda group: entries)
+    if opened == "":
+        with pytest.raises(InputError, match=r"'x://a'.*own://.*tcp://"), connect(address):
+            pass
+        return
+    with connect(address) as scheduler:
+        assert scheduler == (opened and (opened, address))

@@ -1,12 +1,14 @@
 """Counts of missed requirements and outcomes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fake_flight import write_campaign
 
 from abhv_mc.campaign.file.check import read_campaign
+from abhv_mc.execution import flight_counts
 from abhv_mc.execution.flight_counts import Completion, count_flights, judge_counts
 from abhv_mc.folder.flights import Digest, FlightRows
 from abhv_mc.folder.manifest import Manifest
@@ -83,3 +85,66 @@ def test_the_manifest_counts_the_flights_of_all_controllers(completion):
     assert count_flights(replace(EMPTY), completion.all_counts, done)[1] == 2
     missing = completion.find_missing({})
     assert [np.flatnonzero(rows).tolist() for rows, _ in missing.values()] == [[], [5]]
+
+
+@pytest.mark.parametrize(
+    ("gapless", "stop", "points", "needed", "goal"),
+    [
+        ((0, 0), 1000, 1, {}, 64),
+        ((0, 0), 50, 1, {}, 50),
+        ((63, 900), 1000, 1, {}, 64),
+        ((64, 900), 1000, 1, {}, 64),
+        ((75, 900), 1000, 1, {}, 75),  # all flights that are there are judged
+        ((100, 900), 1000, 1, {64: [80, 90], 80: [500]}, 160),  # at most twice as many
+        ((100, 900), 1000, 1, {64: [10], 70: [85], 85: [500]}, 170),  # at least a tenth more
+        ((100, 900), 90, 1, {64: [80], 80: [500]}, 90),
+        ((100, 900), 1000, 1, {64: [80], 80: []}, 100),
+        ((200, 900), 1000, 3, {192: [10]}, 210),  # a tenth more is a multiple of the points
+        ((200, 900), 1000, 3, {192: [75, 80]}, 225),
+    ],
+)
+def test_a_campaign_stops_at_numbers_of_flights_that_depend_on_verdicts(
+    monkeypatch, gapless, stop, points, needed, goal
+):
+    """``needed`` are the flights for PASS, at each point, of the verdicts not shown."""
+
+    def judge(counts, campaign, flights):
+        verdicts = [("NOT SHOWN", number, True) for number in needed.get(flights, [])]
+        others = [("PASS", 1, True), ("FAIL", 1, True), ("NOT SHOWN", 1, False)]
+        return [
+            (
+                None,
+                SimpleNamespace(binds=binds),
+                SimpleNamespace(status=status, failures=n, probability=0.5, consumer_risk=0.1),
+                0,
+            )
+            for status, n, binds in (*others, *verdicts)
+        ]
+
+    monkeypatch.setattr(flight_counts, "judge_counts", judge)
+    monkeypatch.setattr(flight_counts, "flights_to_pass", lambda failures, *target: failures)
+    campaign = SimpleNamespace(
+        model=SimpleNamespace(stop="when proven"), unknowns=SimpleNamespace(points=[0] * points)
+    )
+    done = {k: np.arange(stop) < number for k, number in enumerate(gapless)}
+    completion = SimpleNamespace(campaign=campaign, stop=stop, done=done, all_counts=None)
+    assert Completion.goal(completion) == goal
+    campaign.model.stop = None
+    assert Completion.goal(completion) == stop
+
+
+def test_missing_envelopes_are_those_of_computed_and_requested_flights(completion):
+    """The first controller has all flights, of which 4 failed to run; the second lacks flight 5."""
+    covered = np.array([True, False, True, True, False, True])
+    collectors = {name: SimpleNamespace(covered=covered.copy()) for name in ("one", "two")}
+    collectors["two"].covered[5] = False
+    for requested in (("one", "two"), ("one",)):
+        completion.requested = requested
+        missing = completion.find_missing(collectors)
+        found = {k: [np.flatnonzero(mask).tolist() for mask in own] for k, own in missing.items()}
+        rest = [5] if "two" in requested else []
+        assert found == {"one": [[], [1]], "two": [rest, [1, 4, *rest]]}
+    assert completion.find_missing({}) == {}
+    completion.requested = ("one", "two")
+    completion.stop = 5
+    assert completion.find_missing({}) == {} and completion.is_complete()

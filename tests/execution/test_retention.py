@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from abhv_mc.bounds import Bounds
+from abhv_mc.execution import retention
 from abhv_mc.execution.retention import StoredFlights, find_difference, select_flights
+from abhv_mc.flights.blocks import FlightBlock
 from abhv_mc.flights.outcomes import OUTCOMES, Outcome
 
 CAMPAIGN = SimpleNamespace(
@@ -57,3 +59,44 @@ def test_flights_to_store_are_selected_by_number_step_outcome_and_rank():
         ((), []),
     ]:
         assert select_flights(items, 10, counts, worst) == expected
+
+
+@pytest.mark.parametrize(
+    ("changed", "size", "words"),
+    [
+        ({}, 0.0, ""),
+        ({("s", 2): [7.0, 2.5], ("t", 3): [7.0, 3.0 + 3e-12]}, 0.2, "'s' returns range 2 and 2.5"),
+        ({("t", 1): [7.0, 1.0, Outcome.BANK_LIMIT]}, np.inf, "'t' returns outcome ok and bank"),
+        ({("s", 2): [0.0, 0.0, Outcome.FAILED_TO_RUN]}, 0.0, ""),  # lost now, but not before
+    ],
+)
+def test_stored_flights_are_flown_again_in_new_processes(monkeypatch, changed, size, words):
+    """The largest difference is that of all systems."""
+    closed, flown = [], []
+    engine = SimpleNamespace(close=lambda: closed.append("closed"))
+    campaign = SimpleNamespace(**vars(CAMPAIGN) | {"simulator": SimpleNamespace(engine=engine)})
+
+    def simulate(campaign, name, rows, recording, fly):
+        assert closed == ["closed"] and campaign == "proven" and recording is None
+        number = int(rows[0, 0])
+        flown.append((name, number))
+        *metrics, outcome = [*changed.get((name, number), [7.0, float(number)]), 0][:3]
+        return FlightBlock(np.array([outcome]), np.ones(1), np.array([metrics]))
+
+    def prove(campaign, check):
+        assert check == -1
+        return SimpleNamespace(**vars(campaign))
+
+    monkeypatch.setattr(retention, "with_proofs", prove)
+    monkeypatch.setattr(retention, "simulate", lambda campaign, *rest: simulate("proven", *rest))
+    stored = StoredFlights(campaign, (0, 5))
+    for name in "st":
+        number = np.arange(5)
+        values = np.column_stack([np.full(5, 7.0), number, number])
+        codes = ["ok"] * 4 + ["failed_to_run"]
+        stored.add(SimpleNamespace(controller=name, outcome=codes, values=values, flights=number))
+    counts = {name: SimpleNamespace(controller=name, requirements=[]) for name in "st"}
+    samples = SimpleNamespace(rows=lambda first, stop: np.arange(first, stop)[:, None] * 1.0)
+    found = stored.run_again(None, 2, samples, counts)
+    assert sorted(flown) == [(name, number) for name in "st" for number in range(4)]
+    assert found.size == pytest.approx(size) and found.description.startswith(words)

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import signal
 import time
@@ -13,17 +14,22 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from fake_flight import ENGINE, fly, interrupted_after, make_plan, run, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, interrupted_after, make_plan, run, write_campaign
 from golden import compare_report
+from own_simulators import write_study
 from programs import run_python
 
 from abhv_mc.campaign.sampling.samples import full_rows
 from abhv_mc.execution import runner
 from abhv_mc.execution.retention import select_flights
+from abhv_mc.execution.runner import run_campaign
+from abhv_mc.external_simulators.simulator import ExternalSimulator
+from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder import envelope_states as collector
 from abhv_mc.folder.hashes import find_damage
 from abhv_mc.folder.layout import CampaignFolder, StorageFullError
 from abhv_mc.io.messages import InputError
+from abhv_mc.requests import Request
 from abhv_mc_vehicle.flight.metrics import METRIC_INDEX
 from abhv_mc_vehicle.plant.parameters import OURS
 
@@ -406,3 +412,86 @@ def test_endless_first_flights_are_rejected_and_interruptible(tmp_path):
 
 def test_the_numbers_of_run_and_merged_campaigns_are_the_stored_ones(tmp_path):
     assert not compare_report("campaigns", tmp_path)
+
+
+def test_a_lost_history_is_made_by_the_next_run(campaign, reference, tmp_path, capfd):
+    """The flight itself stays; only the file of its controller is written again."""
+    losing = [True]
+
+    def lose(plan, parameters, recorded=None):
+        block = fly(plan, parameters, recorded)
+        is_history = isinstance(recorded, int) and recorded > 0 and 0 < len(parameters) < 7
+        if losing and is_history and plan.controller == "two":
+            block.outcome[stored.index(7)] = Outcome.FAILED_TO_RUN
+        return block
+
+    out = tmp_path / "out"
+    table = pq.read_table(reference.folder / "histories/two-000000.parquet")
+    stored = sorted(set(table["flight"].to_pylist()))
+    first = run(campaign, out, replace(ENGINE, fly=lose)).manifest
+    (message,) = first.not_made
+    assert "flight 7 " in message and "'two'" in message and message in capfd.readouterr().err
+    before = {path.name: path.stat().st_mtime_ns for path in (out / "histories").iterdir()}
+    losing.clear()
+    second = run(campaign, out, replace(ENGINE, fly=lose)).manifest
+    assert second.not_made == () and second.digest == first.digest == reference.manifest.digest
+    after = {path.name: path.stat().st_mtime_ns for path in (out / "histories").iterdir()}
+    assert [name.partition("-")[0] for name in after if after[name] != before[name]] == ["two"]
+    for name in after:
+        tables = [pq.read_table(root / "histories" / name) for root in (out, reference.folder)]
+        assert tables[0].equals(tables[1])
+
+
+def test_a_shard_has_its_flights_and_no_products(campaign, tmp_path):
+    manifest = run(campaign, tmp_path / "out", shard=(2, 3)).manifest
+    assert (manifest.runs_planned, manifest.runs_done, manifest.shard) == (100, 100, (2, 3))
+    assert manifest.requirements == () and manifest.stopped_at is None
+    assert set(flights(tmp_path / "out")["flight"].to_pylist()) == {*range(100, 200)}
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert not names & {"envelopes.parquet", "histories"}
+    assert run(campaign, tmp_path / "out", shard=(2, 3)).manifest == manifest
+
+
+@pytest.mark.parametrize(("seconds", "blocks"), [(0.0, [1, 1, 4, 4, *[5] * 6]), (5.0, [2] * 20)])
+def test_blocks_of_slow_simulators_follow_the_time_of_a_flight(
+    tmp_path, monkeypatch, seconds, blocks
+):
+    """While no flight has been timed, the first of each system is flown alone."""
+    sizes, keep = [], runner._Run._keep
+
+    def note(self, block, flown):
+        sizes.append(block.flights)
+        keep(self, block, flown)
+
+    path = write_study(
+        tmp_path,
+        "def fly(inputs, settings):\n    return {'total': inputs['a'] + inputs['b']}\n",
+        systems={"one": {}, "two": {}},
+        runs=20,
+    )
+    monkeypatch.setattr(runner._Run, "_keep", note)
+    monkeypatch.setattr(ExternalSimulator, "time_of_flight", lambda *_: seconds)
+    manifest = run_campaign(Request(path, tmp_path / "out", workers=1)).manifest
+    assert manifest.complete and manifest.runs_done == 20
+    table = flights(tmp_path / "out")
+    assert table["flight"].to_pylist() == [*range(20)] * 2
+    assert sizes == blocks
+
+
+def test_flights_that_fail_to_run_are_named_and_counted(tmp_path, capfd):
+    def lose(plan, parameters, recorded=None):
+        block = fly(plan, parameters, recorded)
+        if plan.controller == "two" and len(parameters) != 7:  # not the trials
+            block.outcome[parameters[:, DENSITY] > 1.09] = Outcome.FAILED_TO_RUN
+        return block
+
+    keep, limit = "{histories: {flights: []}}", "[]"
+    campaign = write_campaign(tmp_path / "f", runs="60", keep=keep, requirements=limit)
+    result = run(campaign, tmp_path / "out", replace(ENGINE, fly=lose), workers=1)
+    density = pq.read_table(result.folder / "samples.parquet")["atmosphere.density"].to_numpy()
+    lost = np.flatnonzero(density > 1.09).tolist()
+    counts = result.manifest.controllers
+    assert counts["two"].failed_to_run == (*lost,) and counts["one"].failed_to_run is None
+    assert (result.manifest.runs_done, result.manifest.runs_failed) == (60 - len(lost), len(lost))
+    named = re.findall(r"flight (\d+) of controller '(\w+)'", capfd.readouterr().err)
+    assert named == [(str(number), "two") for number in lost] != []

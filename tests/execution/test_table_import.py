@@ -6,6 +6,7 @@ import json
 import re
 import signal
 from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.csv as pc
@@ -19,7 +20,7 @@ from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.campaign.sampling.marginals import ContinuousMarginal, SometimesMarginal
 from abhv_mc.check_inputs import check_inputs
 from abhv_mc.execution.runner import run_campaign
-from abhv_mc.execution.table_import import import_tables, make_column
+from abhv_mc.execution.table_import import _contradictions, import_tables, make_column
 from abhv_mc.folder.flights import write_inputs
 from abhv_mc.folder.flown_campaign import read_flown
 from abhv_mc.folder.tables import export_csv
@@ -29,6 +30,7 @@ from abhv_mc.report.pages.build import build_report
 from abhv_mc.report.pages.compare_page import compare_folders
 from abhv_mc.report.pages.verify import verify_campaign
 from abhv_mc.requests import Request
+from abhv_mc.statistics.table_checks import EqualRows, Level, PairCorrelation, TableFindings
 from abhv_mc.topics.topic import Models
 from abhv_mc_explore.counts import open_flights
 from abhv_mc_explore.server import ExploreServer
@@ -654,3 +656,39 @@ def test_rows_of_two_tables_are_paired_by_line_on_request_or_by_index(key, tmp_p
         table.write_text("".join(json.dumps(row) + "\n" for row in ended[1:]))
         with pytest.raises(InputError, match=r"59 rows.*60"):
             import_tables([inputs, table], campaign, tmp_path / "other")
+
+
+def test_contradictions_state_the_numbers_of_the_table_and_of_the_campaign():
+    """Columns are normal with mean 10 and sigma 2; line numbers are those of the table."""
+    marginals = dict.fromkeys("abcd", ContinuousMarginal("norm", (10.0, 2.0)))
+    parameters = dict.fromkeys("abcd", SimpleNamespace(unit="m"))
+    campaign = SimpleNamespace(marginals=marginals, parameters=parameters)
+    values = np.array([6.0, 7.0, 9.0, 17.0])
+    columns = [SimpleNamespace(values=values + k) for k in range(4)]
+    findings = TableFindings(
+        too_far=(2,),
+        levels=(Level(0, 7.0, 3, 0.125), Level(0, 8.0, 2, 0.25)),
+        correlations=(PairCorrelation((1, 3), 0.75, -0.5),),
+        equal=EqualRows(6, 0.02, (2, 3)),
+        too_close=(),
+        constant=(),
+        missing=((1, 0), (3, 1)),
+    )
+    lines = np.array([2, 4, 6, 9])
+    found = [*_contradictions(findings, campaign, columns, lines)]
+    numbers = [re.findall(r"[+-]?\d[\d.]*", problem.replace("'", "")) for problem, *_ in found]
+    spread = f"{values.std():.4g}"
+    assert numbers == [
+        ["10", "2", "9.75", spread, "7", "3", "4", "12.5"],
+        ["10", "2", "11.75", spread],
+        ["-1.5"],  # the smallest of `b` is 7, the largest of `d` is 20
+        ["+5.0"],
+        ["0.75", "-0.5"],
+        ["6", "6", "9", "0.02"],
+    ]
+    assert [line for *_, line in found] == [1] * 5 + [9]
+    names = [re.findall(r"'([a-d])'", problem) for problem, *_ in found]
+    assert names == [["a"], ["c"], ["b"], ["d"], ["b", "d"], []]
+    few = findings._replace(equal=EqualRows(1, 0.01, (0, 1)), levels=(), too_far=(), missing=())
+    *_, (problem, _, line) = _contradictions(few, campaign, columns, lines)
+    assert line == 4 and "explains none" in problem

@@ -10,6 +10,7 @@ import pytest
 from fake_flight import DENSITY, DRAG, ENGINE, LIFT, fly, make_plan, run, write_campaign
 from own_simulators import dive_campaign
 
+from abhv_mc.bounds import Bounds
 from abhv_mc.campaign.file.check import read_campaign
 from abhv_mc.execution import unknown_points
 from abhv_mc.execution.merge import merge_campaign
@@ -337,3 +338,47 @@ def test_trials_rank_points_by_a_quantile_and_count_failures(tmp_path, monkeypat
     assert trial.severity.tolist() == [[30.0, -1.0], [30.0, np.inf]]
     assert trial.failures.tolist() == [[2, 3], [2, 5]]
     assert trial.largest.tolist() == [[31.0, 0.0], [np.inf, np.inf]]
+
+
+def test_severities_of_a_search_are_order_statistics_at_each_point(monkeypatch):
+    """Four flights at each of two points; NaN fails, and an early end if it is a failure."""
+    values = np.array([[1.0, 5.0, 2.0, 3.0, 7.0, np.nan, 6.0, 8.0], [9.0, *[1.0] * 7]]).T
+    outcome = np.array([0, 0, 0, 3, 0, 0, 0, 0])
+
+    def simulate(campaign, name, rows, recording, fly, *, margins):
+        flown.append((name, rows, fly, margins))
+        return SimpleNamespace(metrics=values, outcome=outcome)
+
+    def requirement(metric, limit, early):
+        limits = Bounds(high=limit)
+        return SimpleNamespace(metric=metric, limits=limits, early_is_failure=early)
+
+    flown, added = [], []
+    campaign = SimpleNamespace(
+        runs_at_point=4,
+        unknowns=SimpleNamespace(values=lambda points: points + 1.0),
+        search_rows=lambda size, points: np.arange(8),
+        margin_flights=0,
+        measured=[SimpleNamespace(name=name) for name in ("a", "b")],
+        requirements=[
+            requirement("a", 6.5, True), requirement("a", 2.5, False), requirement("b", 3.0, True)
+        ],
+    )  # fmt: skip
+    monkeypatch.setattr(unknown_points, "simulate", simulate)
+    monkeypatch.setattr(unknown_points, "SEARCH_QUANTILE", 0.5)
+    executor = SimpleNamespace(fly_parallel="fly")
+    progress = SimpleNamespace(add=added.append)
+    trial = unknown_points._evaluate(campaign, "one", executor, progress, np.zeros((2, 1)))
+    ((name, _, fly, margins),) = flown
+    assert (name, fly, margins, added) == ("one", "fly", False, [8])
+    inf = np.inf
+    severities = [
+        [[1.0, 5.0, 2.0, inf], [7.0, inf, 6.0, 8.0]],
+        [[1.0, 5.0, 2.0, 3.0], [7.0, inf, 6.0, 8.0]],
+        [[9.0, 1.0, 1.0, inf], [1.0] * 4],
+    ]
+    for k, (severity, limit) in enumerate(zip(severities, (6.5, 2.5, 3.0), strict=True)):
+        ordered = np.sort(severity, axis=1)
+        np.testing.assert_array_equal(trial.severity[:, k], ordered[:, 2])  # the higher median
+        np.testing.assert_array_equal(trial.largest[:, k], ordered[:, 3])
+        assert trial.failures[:, k].tolist() == (ordered >= limit).sum(axis=1).tolist()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from fake_flight import ENGINE, fly, make_plan, run, sleep_and_fly, write_campaign
+from fake_flight import DENSITY, ENGINE, fly, make_plan, run, sleep_and_fly, write_campaign
 from programs import run_python
 
 import abhv_mc
@@ -21,7 +21,7 @@ from abhv_mc.campaign.file.config import PROCESSES
 from abhv_mc.custom_code.child import run_in_thread
 from abhv_mc.execution import worker_processes as module
 from abhv_mc.execution.executor import open_threads
-from abhv_mc.execution.retry import FlightLostError
+from abhv_mc.execution.retry import FlightLostError, UnusableError
 from abhv_mc.execution.worker_processes import WorkerPool
 from abhv_mc.interfaces import Engine
 from abhv_mc.io.messages import InputError
@@ -189,3 +189,53 @@ def test_a_flight_may_take_longer_than_its_limit_on_processor_time(monkeypatch):
                 with pytest.raises(FlightLostError) as caught:
                     pool.fly(plan, parameters)
                 assert caught.value.hung
+
+
+def fly_or_end(plan, parameters, record_every=None):
+    """End the process if the plan's gain or a density is negative; -9 is the signal of a kill."""
+    density = parameters[:, DENSITY].min(initial=1.0)
+    if (number := min(plan.gains[0, 0], density)) < 0.0:
+        os.kill(os.getpid(), -int(number))
+    return fly(plan, parameters, record_every)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGABRT])
+def test_a_process_that_ends_in_a_flight_loses_only_its_block(number):
+    rows = nominal_parameters(3)
+    rows[1, DENSITY] = -number
+    describe = lambda process: f" in {process}"  # noqa: E731
+    with contextlib.closing(WorkerPool(fly_or_end, 1, 60.0, describe)) as pool:
+        check_flight(pool)
+        before = find_worker(pool)
+        with pytest.raises(FlightLostError, match=f"in {before}$") as caught:
+            pool.fly(PLAN, rows)
+        assert caught.value.process and not caught.value.hung
+        assert not pool._workers and pool._failed_starts == 0
+        check_flight(pool)
+        assert find_worker(pool) != before
+
+
+@pytest.mark.parametrize(("number", "starts"), [(signal.SIGKILL, 5), (signal.SIGABRT, 2)])
+def test_crashes_before_any_flight_count_four_times(monkeypatch, number, starts):
+    monkeypatch.setattr(module, "_FAILED_STARTS", 4)
+    monkeypatch.setattr(module, "_PAUSE", 0.0)
+    started, make = [], module._Worker.__init__
+
+    def note(self, *arguments):
+        started.append(self)
+        make(self, *arguments)
+
+    monkeypatch.setattr(module._Worker, "__init__", note)
+    plan = replace(make_plan("one", -float(number)))
+    pool = WorkerPool(fly_or_end, 1, 60.0, lambda process: "")
+    with contextlib.closing(pool), pytest.raises(UnusableError, match="isolation: threads"):
+        pool.fly(plan, nominal_parameters(1))
+    assert len(started) == starts
+
+
+def test_a_closed_pool_ends_its_flights_and_starts_none():
+    pool = WorkerPool(sleep_and_fly, 1, 60.0, lambda process: "")
+    threading.Timer(0.25, pool.close).start()
+    for _ in range(2):
+        with pytest.raises(UnusableError, match="stopped"):
+            pool.fly(PLAN, nominal_parameters(1))

@@ -21,6 +21,7 @@ from abhv_mc.folder.flights import (
     DamagedFileError,
     Digest,
     SampleReader,
+    block_path,
     digest_rows,
     make_input_field,
     read_pieces,
@@ -232,3 +233,15 @@ def test_a_path_is_in_a_campaign_only_below_its_own_files(tmp_path):
     assert {path: str(find_in_campaign(path)) for path in inside} == inside
     for outside in (tmp_path, tmp_path / "flights/x", out / "notes/mine.txt"):
         assert find_in_campaign(outside) is None
+
+
+def test_adjacent_files_of_a_controller_with_many_are_joined(tmp_path, monkeypatch):
+    monkeypatch.setattr(flown_blocks, "MANY", 3)
+    monkeypatch.setattr(flown_blocks, "ROWS", 100)
+
+    def paths(name, *ranges):
+        return [block_path(tmp_path, name, *ends) for ends in ranges]
+
+    few = paths("few", (0, 40), (40, 80), (80, 120))
+    many = paths("a-b", (0, 40), (40, 100), (100, 101), (110, 120), (120, 210), (210, 211))
+    assert flown_blocks.find_joins([*many[::-1], *few]) == [many[:2], many[3:5]]

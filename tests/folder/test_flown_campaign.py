@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from report.synthetic import CONTROLLERS, write_campaign
@@ -18,7 +19,16 @@ from abhv_mc.folder import file_columns, flights
 from abhv_mc.folder.controller_flights import read_flights
 from abhv_mc.folder.file_columns import SpooledColumns
 from abhv_mc.folder.flights import SampleReader, write_samples
-from abhv_mc.folder.flown_campaign import FlownCampaign, read_flown, read_histories
+from abhv_mc.folder.flown_campaign import (
+    BANDS,
+    Envelope,
+    FlownCampaign,
+    _read_envelopes,
+    read_flown,
+    read_histories,
+    read_replayed,
+)
+from abhv_mc.folder.histories import QUANTILE_COLUMNS
 from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.messages import InputError
 from abhv_mc_vehicle.flight.metrics import METRICS
@@ -156,3 +166,93 @@ def test_angles_are_turned_to_the_known_part_of_the_envelope():
     assert FlownCampaign.align(results, "b", curves) == curves
     median[:] = np.nan
     assert FlownCampaign.align(results, "a", curves) == curves
+
+
+def test_a_replayed_flight_belongs_to_the_controller_of_its_file(failing_folder, tmp_path):
+    stored = read_histories(failing_folder, "lqr")
+    table = pq.read_table(failing_folder / "histories")
+    for number in sorted(stored)[:2]:
+        rows = pc.and_(pc.equal(table["controller"], "lqr"), pc.equal(table["flight"], number))
+        path = tmp_path / f"lqr-new-{number:06d}.parquet"
+        pq.write_table(table.filter(rows), path)
+        name, flight, history = read_replayed(path)
+        assert (name, flight) == ("lqr-new", number) and history.keys() == stored[number].keys()
+        for key, values in history.items():
+            np.testing.assert_array_equal(values, stored[number][key])
+
+
+def test_the_metrics_of_a_campaign_are_ordered_and_those_compared_include_control_effort():
+    """Margins of only some flights are no metrics."""
+    margin, fault = MARGIN_NAMES[0], MARGIN_FAULTS[0].name
+    groups = {"range": "error", "effort": "usage", "miss": "error", margin: "usage"}
+    metrics = {name: SimpleNamespace(group=group) for name, group in groups.items()}
+    stored = SimpleNamespace(metrics=["miss", "range", "end_time_s", margin, fault, "effort"])
+    campaign = SimpleNamespace(
+        metrics=metrics,
+        asked=("miss", "absent", margin),
+        margin_flights=5,
+        runs=6,
+        controllers=("c", "b", "a"),
+        parameters={name: SimpleNamespace(seed=name == "noise") for name in ("lift", "noise")},
+    )
+    samples = {"lift": np.zeros(2), "noise": np.zeros(2)}
+    parts = None, campaign, None, samples, {"a": stored, "c": stored}, {}, {}, {}
+    results = FlownCampaign(*parts)
+    assert results.controllers == ("c", "a") and list(results.pairs) == [("a", "c")]
+    assert results.dispersed == ("lift",)
+    assert results.metrics == ("miss", "range", "effort") and results.asked == ("miss",)
+    assert results.compared == ("miss", "effort")
+    campaign.margin_flights = 6
+    assert results.metrics == ("miss", margin, "range", "effort")
+    assert results.asked == ("miss", margin) and results.compared == ("miss", margin, "effort")
+
+
+def test_references_are_moved_by_turns_to_the_median_of_their_envelope():
+    """The curve is interpolated where the median exists; other channels stay."""
+    time = np.array([0.0, 1.0, 2.0, 3.0])
+    lower = np.array([350.0, 370.0, np.nan, 374.0])
+    bands = {"q50": lower, "q50_most": lower + 4.0}
+    envelope = Envelope(time, np.ones(4, int), bands)
+    np.testing.assert_array_equal(envelope.median, lower + 2.0)
+    np.testing.assert_array_equal(Envelope(time, time, {"q50": lower}).median, lower)
+    campaign = SimpleNamespace(periods={"heading_deg": 360.0, "height_m": 0.0})
+    cells = {("a", name): envelope for name in ("heading_deg", "height_m")}
+    results = FlownCampaign(None, campaign, None, {}, {}, cells, {}, {})
+    curves = {
+        "time": np.array([0.0, 0.5, 2.0]),
+        "heading_deg_reference": np.array([-5.0, 2.0, 13.0]),
+        "heading_deg": np.array([1.0, 1.0, 1.0]),
+        "height_m": np.array([1.0, 2.0, 3.0]),
+    }
+    aligned = results.align("a", curves)
+    assert aligned["heading_deg_reference"].tolist() == [355.0, 362.0, 373.0]
+    assert aligned["heading_deg"].tolist() == [361.0] * 3
+    assert aligned["height_m"] is curves["height_m"] and aligned["time"] is curves["time"]
+    assert results.align("b", curves) == curves
+
+
+def test_envelopes_are_read_by_controller_and_channel_in_order_of_time(tmp_path):
+    """Each cell is controller, channel and time; the rows of a file may have any order."""
+    names = ("min", *QUANTILE_COLUMNS, "max")
+    rows = [(c, h, t) for c in range(2) for h in range(2) for t in range(3)]
+    numbers = np.array([100.0 * c + 10.0 * h + t for c, h, t in rows])
+    table = pa.table(
+        {
+            "controller": [("one", "two")[c] for c, *_ in rows],
+            "channel": [("a_m", "b")[h] for _, h, _ in rows],
+            "time": [0.5 * t for *_, t in rows],
+            "count": numbers.astype(int),
+            **{name: numbers + 0.1 * k for k, name in enumerate(names)},
+        }
+    )
+    path = tmp_path / "e.parquet"
+    pq.write_table(table.take(np.random.default_rng(0).permutation(12)), path)
+    cells = _read_envelopes(path)
+    assert {*cells} == {(c, h) for c in ("one", "two") for h in ("a_m", "b")}
+    for (controller, channel), cell in cells.items():
+        start = 100.0 * (controller == "two") + 10.0 * (channel == "b")
+        assert cell.time.tolist() == [0.0, 0.5, 1.0]
+        assert cell.count.tolist() == [start, start + 1, start + 2]
+        assert [*cell.bands] == [*BANDS]
+        for k, name in enumerate(names):
+            assert cell.bands[name] == pytest.approx(start + np.arange(3.0) + 0.1 * k)

@@ -9,6 +9,7 @@ from abhv_mc.folder.manifest import (
     FORMAT,
     Manifest,
     add_events,
+    hash_entries,
     join_flyers,
     note_flyers,
     read_manifest,
@@ -46,6 +47,11 @@ def test_events_of_simulators_are_added_by_system():
     assert add_events([first, None, second]) == total and add_events([None]) is None
 
 
+def with_hash(entries):
+    content = {key: value for key, value in entries.items() if key != "manifest_hash"}
+    return content | {"manifest_hash": hash_entries(content)}
+
+
 def test_other_formats_and_damaged_manifests_are_refused(tmp_path):
     path = tmp_path / "manifest.json"
     manifest = Manifest(name="x", state="complete", seed=1, campaign_hash="c", source_hash="s")
@@ -56,6 +62,8 @@ def test_other_formats_and_damaged_manifests_are_refused(tmp_path):
         (entries | {"format": FORMAT - 1}, f"format {FORMAT - 1}"),
         ({key: entries[key] for key in entries if key != "format"}, "number is missing"),
         ([entries], "number is missing"),
+        (with_hash(entries | {"seed": "x", "state": 3}), "invalid entry 'state'"),
+        (with_hash(entries | {"shard": [1, "x"]}), r"invalid entry 'shard\.1'"),
         (entries | {"seed": 2}, "hash differs"),
         ("{", "damaged"),
     ):

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -70,7 +71,18 @@ def test_the_terminal_fits_80_columns(reports, monkeypatch, tmp_path):
     facts = rf"first {own.started[:10]}, 12 flights, .*?, digest {own.digest[:12]} "
     assert re.search(facts, " ".join(output.split()))
     listed = json.loads(invoke("runs", reports, "--json", "-", "-o", tmp_path / "x.html").stdout)
-    assert len(listed) == 4
+    assert len(listed) == 4 and (tmp_path / "x.html").is_file()
+    (tmp_path / "none").mkdir()
+    assert invoke("runs", tmp_path / "none").stdout.split()[:2] == ["no", "campaigns"]
+    assert not any((tmp_path / "none").iterdir())
+
+
+def test_an_incomplete_campaign_is_listed_with_its_state(reports, tmp_path):
+    path = shutil.copytree(reports / "third", tmp_path / "r/third") / "manifest.json"
+    assert "12 flights," in invoke("runs", tmp_path / "r").stdout
+    write_manifest(path, replace(read_manifest(path), state="interrupted"))
+    output = invoke("runs", tmp_path / "r").stdout
+    assert ", interrupted," in output and "12 flights" not in output
 
 
 def test_the_latest_campaign_comes_first_and_other_folders_are_left_out(reports, tmp_path):
