@@ -16,7 +16,7 @@ import pytest
 import typer
 from fake_flight import DENSITY, ENGINE, fly, interrupted_after, run, write_campaign
 
-from abhv_mc.cli.running import finish, print_state
+from abhv_mc.cli.running import exit_by_verdicts, finish, print_state
 from abhv_mc.execution.runner import RunResult
 from abhv_mc.flights.outcomes import Outcome
 from abhv_mc.folder.flown_campaign import read_flown, read_replayed
@@ -351,3 +351,20 @@ def test_verdicts_are_printed_by_requirement_and_controller(monkeypatch, tmp_pat
         ),
         ["2", "of", "4", "verdicts", "NOT", "SHOWN:"],
     ]
+
+
+@pytest.mark.parametrize(
+    ("labels", "code"),
+    [
+        ([("a", "PASS"), ("b", "FAIL, requirement set later")], 1),
+        ([("a", "NOT SHOWN"), ("b", "PASS, after a FAIL")], 0),
+        ([], 0),
+    ],
+)
+def test_a_failed_verdict_decides_the_exit_code(labels, code):
+    if not code:
+        exit_by_verdicts(labels)
+        return
+    with pytest.raises(typer.Exit) as caught:
+        exit_by_verdicts(labels)
+    assert caught.value.exit_code == code

@@ -1,5 +1,6 @@
 """Metrics and histories that are added to stored flights, which are run again."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from own_simulators import write_study
 from abhv_mc.execution import runner
 from abhv_mc.execution.runner import run_campaign
 from abhv_mc.folder.flown_campaign import read_flown
-from abhv_mc.folder.manifest import read_manifest
+from abhv_mc.folder.manifest import read_manifest, write_manifest
 from abhv_mc.io.messages import InputError
 from abhv_mc.requests import Request
 
@@ -111,3 +112,19 @@ def test_values_of_a_simulator_that_rounds_are_repeated_up_to_rounding(tmp_path)
     assert first.repeatable == "rounding"
     manifest = run_campaign(write_campaign(tmp_path, "swing", simulator=simulator)).manifest
     assert manifest.complete and manifest.earlier_digests == (first.digest,)
+
+
+def test_values_are_added_only_to_complete_campaigns_of_the_same_systems(flown, tmp_path):
+    path = flown / "manifest.json"
+    request = write_campaign(tmp_path, "swing")
+    study = tmp_path / "study.yaml"
+    text = study.read_text()
+    study.write_text(json.dumps({**json.loads(text), "systems": {"first": {"bias": 0.0}}}))
+    with pytest.raises(InputError, match="other inputs"):
+        run_campaign(request)
+    study.write_text(text)
+    write_manifest(path, replace(read_manifest(path), state="interrupted"))
+    with pytest.raises(InputError, match="other inputs"):
+        run_campaign(request)
+    write_manifest(path, replace(read_manifest(path), state="complete"))
+    assert run_campaign(request).complete

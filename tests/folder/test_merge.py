@@ -113,5 +113,10 @@ def test_campaigns_of_other_seeds_follow_each_other(tmp_path):
     pool_campaigns([CampaignFolder(d), CampaignFolder(b)], tmp_path / "shorter")
     shorter = read_manifest(tmp_path / "shorter/manifest.json")
     assert shorter.pooled == (Pooled(7, 8), Pooled(6, 20)) and shorter.runs_planned == 28
-    spoil(c, state="interrupted")
+    for folder, changes in ((c, {"state": "interrupted"}), (d, {"search": {"kind": "rare"}})):
+        spoil(folder, **changes)
+        with pytest.raises(InputError, match="incomplete") as caught:
+            check_poolable([a, folder])
+        assert caught.value.file == str(folder)
+    spoil(d, search=None)
     assert "'b' (20 flights" in suggest_merge(a, first)[0]

@@ -1,5 +1,6 @@
 """Verdicts over unknowns: points, search, rule, and risk by a reduced simulation."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -132,6 +133,14 @@ def test_verdict_over_points(failures, uncomputed, status):
     assert joint.status == status
     assert worst == (1 if max(failures) else 0) and joint.failures == max(failures) + uncomputed
     assert joint.E_fail == pytest.approx(sum(verdict.E_fail for verdict in verdicts) / 3)
+
+
+@pytest.mark.parametrize(("evidence", "status"), [(9.99, "NOT SHOWN"), (10.01, "FAIL")])
+def test_the_mean_evidence_of_a_miss_decides_with_the_producers_risk(evidence, status):
+    verdict = judge(5, 1000, *AT)
+    assert verdict.producer_risk == 0.1
+    verdicts = [replace(verdict, E_fail=value) for value in (2.0 * evidence, 0.0)]
+    assert judge_points(verdicts)[0].status == status
 
 
 @pytest.mark.parametrize(

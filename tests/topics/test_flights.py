@@ -65,8 +65,16 @@ def test_outcomes_and_findings_are_counted(flown):
             count = kinds[record.finding]
             high, low = (5.1, 5.0) if record.finding == "cycles" else (0.1, 0.0)
             metrics[name] = np.where(np.arange(80) < count, high, low)
+    records = dict(tlc.records)
+    for name in [
+        name for name, record in records.items() if record.finding in ("saturates", "leaves_tables")
+    ]:
+        metrics[f"other_{name}"] = np.where(np.arange(80) < 1, 1.0, 0.0)
+        records[f"other_{name}"] = replace(records[name], label=f"Other {records[name].label}")
     outcome = np.where(np.arange(80) < 3, 3, 0)
-    changed = replace(tlc, metrics=metrics, outcome=outcome, absent=np.array([80, 81]))
+    changed = replace(
+        tlc, records=records, metrics=metrics, outcome=outcome, absent=np.array([80, 81])
+    )
     manifest = replace(
         results.manifest,
         controllers={
