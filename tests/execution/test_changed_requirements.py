@@ -193,6 +193,15 @@ def test_requirements_changed_before_any_flight_are_not_marked(tmp_path):
     assert len(flown.manifest.requirement_sets) == 2 and not flown.requirement_changes
 
 
+def test_the_flights_known_at_the_first_of_several_changes_are_stated(flown, tmp_path):
+    _, out = flown
+    for name, entry, runs in (("g", TIGHT, "300"), ("h", TIGHT, "320"), ("i", OTHER, "320")):
+        run(write_campaign(tmp_path / name, requirements=entry, keep=KEEP, runs=runs), out)
+    results = read_flown(out)
+    assert [item.flights for item in results.manifest.requirement_sets] == [0, 300, 320]
+    assert results.changed_after == 300 and results.requirement_changes
+
+
 def test_changed_rows_are_another_campaign(flown, tmp_path):
     _, out = flown
     for entries in (

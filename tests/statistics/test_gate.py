@@ -83,3 +83,11 @@ def test_lost_flights_are_worse():
     assert gate.within_low == pytest.approx(beta.ppf(0.05, 970, 31))  # one-sided
     assert judge(np.where(many, np.inf, a), a, 0.0, lost=(many, NONE)).shown
     assert judge(np.full(1000, np.inf), np.full(1000, np.inf), lost=(~NONE, ~NONE)).shown
+
+
+@pytest.mark.parametrize(("more", "loses"), [(0, False), (4, False), (5, True)])
+def test_flights_lost_under_both_do_not_count(more, loses):
+    a, both, own = np.ones(1000), flight < 40, flight < 40 + more
+    gate = judge(np.where(both, np.inf, a), np.where(own, np.inf, a), lost=(both, own))
+    assert gate.loses_more is loses
+    assert judge(a, a, missed=[(both, own)]).misses_more == (0,) * loses
