@@ -74,6 +74,11 @@ def test_a_phase_is_continuous_and_neutral_points_are_marked_where_curves_pass()
     (axes,) = loops.plot_nichols(gains, ("a", "b", "c")).axes
     marks = [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "+"]
     assert marks == [[[-180.0, 0.0]]]
+    omega = np.geomspace(0.01, 10.0, 400)
+    late = np.exp(-1.0j * omega) / (1.0j * omega)  # up to -663 deg at -20 dB
+    (later,) = loops.plot_nichols(late[:, None], ("a",)).axes
+    marks = [line.get_xydata().tolist() for line in later.lines if line.get_marker() == "+"]
+    assert marks == [[[-540.0, 0.0]], [[-180.0, 0.0]]]
     assert axes.lines[1].get_ydata()[0] == pytest.approx(20.0 * np.log10(50.0))
 
 

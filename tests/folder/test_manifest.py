@@ -37,6 +37,12 @@ def test_flights_belong_to_their_last_worker():
     entry, *_ = note_flyers(joined, (second,), "one", 0, 16)
     assert entry.blocks["one"] == ((16, 32), (96, 128))
     assert note_flyers(joined, (first,), "one", 0, 160)[0].blocks == {"one": ((0, 160),)}
+    mixed = note_flyers(note_flyers([], (first,), "one", 0, 64), (first,), "two", 0, 64)
+    moved = note_flyers(join_flyers(mixed), (second,), "two", 0, 64)
+    assert [(entry.host, dict(entry.blocks)) for entry in moved] == [
+        (first.host, {"one": ((0, 64),), "two": ()}),
+        ("node7", {"two": ((0, 64),)}),
+    ]
     shifted, _ = shift_flyers(joined, 10)
     assert shifted == replace(joined[0], blocks={"one": ((10, 42), (106, 138))})
 

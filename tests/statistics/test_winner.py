@@ -17,6 +17,7 @@ from abhv_mc.statistics.winner import (
     log_coin_evidence,
     median_ratio,
     pairing_gain,
+    worse_tails,
 )
 
 NONE = np.zeros(1000, dtype=bool)
@@ -133,3 +134,13 @@ def test_failures_are_cross_counted():
     counts = comparison.both, comparison.only_a, comparison.only_b, comparison.neither
     assert counts == (2, 3, 4, 5) and comparison.p_value == 1.0
     assert compare_failures(a, np.zeros(14, bool)).p_value == 0.0625  # 5 of 5: 2 / 32
+
+
+def test_quantiles_that_few_flights_do_not_bound_are_not_compared():
+    """The outermost quantile that 20 flights bound replaces both."""
+    a, b = np.random.default_rng(1).normal(size=(2, 1000))
+    assert worse_tails(a, b, 0.95) == ((), (0.9973,))
+    outermost = ((0.05 / 4.0) ** 1e-3, (0.05 / 4.0) ** 0.05)
+    assert worse_tails(a, a - 5.0, 0.95) == ((0.95, pytest.approx(outermost[0])), (0.9973,))
+    for rise, worse in ((0.0, ()), (9.0, (pytest.approx(outermost[1]),)), (-9.0, ())):
+        assert worse_tails(a[:20] + rise, b[:20], 0.95) == (worse, (0.95, 0.9973))

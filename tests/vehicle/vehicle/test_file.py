@@ -141,6 +141,19 @@ def test_terms_scales_and_effectors(write):
     assert not fixed["capture_area_ratio"].any()
 
 
+@pytest.mark.parametrize(("last", "is_accepted"), [(150, True), (90, False)])
+def test_a_table_over_the_mass_covers_the_initial_mass(write, tmp_path, last, is_accepted):
+    path = write(SMALL)
+    (tmp_path / "coupling.csv").write_text(f"mass_kg,value\n50,0\n80,0.003\n{last},0.006\n")
+    if is_accepted:
+        vehicle = load_vehicle(path)
+        variables = make_variables(vehicle, mass=115.0)
+        assert evaluate_coefficients(vehicle, variables)[0] == pytest.approx(0.0045)
+    else:
+        with pytest.raises(InputError, match="50 to 90 kg"):
+            load_vehicle(path)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "location", "fragment"),
     [
