@@ -556,7 +556,7 @@ def test_each_asked_metric_is_listed_by_the_result_of_its_comparison(judged):
 )  # fmt: skip
 def test_pairs_are_identical_without_any_difference(better, failures, identical):
     lost = SimpleNamespace(only_a=failures[0], only_b=failures[1], both=9, p_value=1.0)
-    pair = stub_pair({"x": entry(*better)}, any_failure=lost)
+    pair = stub_pair({"x": entry(*better), "y": entry(0, 0)}, any_failure=lost)
     names = SimpleNamespace(label=str, asked=(), metrics={}, campaign=SimpleNamespace(judged=True))
     assert ("Identical" in dict(_pair_texts("T", pair, names, None))) == identical
 

@@ -79,6 +79,23 @@ def test_signs_are_those_of_the_metric_if_small_values_are_bad(results):
     assert lift.parameter == "aero.lift" and 0.9 < lift.srrc[1] <= lift.srrc[0] <= lift.srrc[2]
 
 
+def test_lost_flights_are_the_worst_of_a_metric_whose_small_values_are_bad(results):
+    flights = results.flights["tlc"]
+    records = {**flights.records, METRIC: replace(flights.records[METRIC], bad="low")}
+    outcome = np.where(np.arange(600) % 10 < 3, 3, 0)
+    changed = replace(flights, records=records, outcome=outcome)
+    low = replace(results, flights={**results.flights, "tlc": changed})
+
+    def error(x):
+        return 9.0 + 0.5 * x["atmosphere.density"] - 2.0 * x["aero.lift"]
+
+    entry = changed_drivers(low, error).controllers["tlc"].metrics[METRIC]
+    values = error({name: (column - 1.0) / 0.1 for name, column in results.samples.items()})
+    assert entry.median == pytest.approx(np.median(np.where(outcome, -np.inf, values)), abs=0.02)
+    # The largest coefficient comes first, whatever its sign.
+    assert entry.parameters[0].parameter == "aero.lift"
+
+
 def test_a_driver_has_its_sign_and_a_product_remains_beside_it(results):
     """Regression and residual each have their drivers, in one column of the table."""
 

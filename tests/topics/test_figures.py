@@ -146,6 +146,10 @@ def test_limits_are_drawn_when_they_apply_and_transients_are_shaded(panel, faili
     for drawn in (figure, sheet):
         texts = [text.get_text() for legend in drawn.legends for text in legend.get_texts()]
         assert texts.count("limit") == 1
+    free = replace(panel, limits=())
+    beside = plot_envelopes([EnvelopeRow("y", [panel]), EnvelopeRow("z", [free])], ["A"], [BLUE])
+    texts = [text.get_text() for text in beside.legends[0].get_texts()]
+    assert texts.count("limit") == texts.count("worst flight") == 1
     shade = figure.axes[0].collections[-1].get_paths()[0].vertices
     assert shade[:, 0].min() == 0.0 and 4.7 < shade[:, 0].max() < 5.0
     assert np.array_equal(figure.axes[0].lines[-1].get_ydata(), level, equal_nan=True)
