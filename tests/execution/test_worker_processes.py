@@ -233,8 +233,12 @@ def test_crashes_before_any_flight_count_four_times(monkeypatch, number, starts)
     assert len(started) == starts
 
 
+def hang(plan, parameters, record_every=None):
+    threading.Event().wait()
+
+
 def test_a_closed_pool_ends_its_flights_and_starts_none():
-    pool = WorkerPool(sleep_and_fly, 1, 60.0, lambda process: "")
+    pool = WorkerPool(hang, 1, 600.0, lambda process: "")
     threading.Timer(0.25, pool.close).start()
     for _ in range(2):
         with pytest.raises(UnusableError, match="stopped"):
